@@ -24,7 +24,9 @@ from scipy.stats import qmc
 
 from benchmarks import planted, results
 from benchmarks.planted import REPORTED, World
+from benchmarks.planted_grids import planted_grid
 from tests.planted_tables import drawn_space, planted_table, requirement
+from valerie.analysis.finding_search import find_findings
 from valerie.analysis.verdicts import judge_requirements
 from valerie.statistics.confirmation import find, holm
 from valerie.statistics.contrasts import contrasts
@@ -202,6 +204,31 @@ def _effect(
         "other confirmed (false)": others / repetitions,
         "places needed, median": float(np.median(needed)),
     }
+
+
+def from_tables(repetitions: int) -> Iterator[Row]:
+    """Yield what the analysis of whole runs says: two functions, a long table in, findings out."""
+    for name in ("mild", "piled"):
+        for points in (0.0, 0.2):
+            rng = np.random.default_rng(18)
+            confirmed = others = 0
+            for repetition in range(repetitions):
+                rows = crossed(REPORTED[name], PAPER_SMALL, rng)
+                if points:
+                    rows = lowered(rows, "sun", points, rng, kind="all places a little")
+                second = crossed(REPORTED[name], PAPER_SMALL, rng)
+                table = planted_grid({"lowered": rows.values, "plain": second.values}, rows.factors)
+                items = find_findings(table, seed=repetition).items
+                sun = [item.function == "lowered" and item.steps[0].factor == "sun-1.azimuth" for item in items]
+                confirmed += any(sun)
+                others += any(item.function == "plain" or not points for item in items)
+            yield {
+                "grid": "6 x 8 x 4 x 2 x 3",
+                "world": name,
+                "points of a sun": 100 * points,
+                "sun confirmed": confirmed / repetitions,
+                "others confirmed (false)": others / repetitions,
+            }
 
 
 # Verdicts -----------------------------------------------------------------------------------------------------------------
@@ -447,6 +474,7 @@ def _bin_averages(curve: Callable[[Floats], Floats], lows: tuple[float, ...], at
 PARTS: Final[dict[str, Callable[[int], Iterator[Row]]]] = {
     "false findings": false_findings,
     "true findings": true_findings,
+    "findings of tables": from_tables,
     "verdicts": verdicts,
     "verdicts from tables": table_verdicts,
     "gate": gates,

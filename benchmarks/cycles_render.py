@@ -31,7 +31,7 @@ REFERENCE: Final = PRESETS["paper"].samples
 #: Number of frames whose layer is also rendered by the engine, to show that a window's cut is the engine's layer.
 CHECKED: Final = 2
 #: Light paths between two stored states: about a minute of one core.
-_STRIP: Final = 6e6
+STRIP: Final = 6_000_000
 _PERSON: Final = PERSON.id
 
 
@@ -42,12 +42,16 @@ class Studio:
         parts: the folder.
         holder: of the Blender.
         say: gets a line about each new part.
+        strip: light paths between two stored states.
     """
 
-    def __init__(self, parts: Parts, holder: BlenderHolder, say: Callable[[str], None] = print) -> None:
+    def __init__(
+        self, parts: Parts, holder: BlenderHolder, say: Callable[[str], None] = print, *, strip: int = STRIP
+    ) -> None:
         self._parts = parts
         self._holder = holder
         self._say = say
+        self._strip = strip
         self._truth: TruthPass | None = None
         self._made = 0
 
@@ -129,7 +133,7 @@ class Studio:
         """Render a rectangle, strip by strip where it is large, so that an interruption loses one strip at most."""
         if key in self._parts:
             return
-        settings, strips = _settings(samples, seed), list(strips_of(where, samples))
+        settings, strips = _settings(samples, seed), list(strips_of(where, samples, self._strip))
         for number, strip in enumerate(strips):
 
             def rendered(strip: Rectangle = strip) -> dict[str, NDArray[Any]]:
@@ -165,9 +169,9 @@ class Studio:
         return {"pixels": np.ascontiguousarray(self._denoised(window)["pixels"][core.slices])}
 
 
-def strips_of(where: Rectangle, samples: int) -> Iterator[Rectangle]:
-    """Return full-width parts of a rectangle, from top to bottom, of about `_STRIP` light paths."""
-    count = min(max(round(where.width * where.height * samples / _STRIP), 1), where.height)
+def strips_of(where: Rectangle, samples: int, paths: int = STRIP) -> Iterator[Rectangle]:
+    """Return full-width parts of a rectangle, from top to bottom, of about ``paths`` light paths."""
+    count = min(max(round(where.width * where.height * samples / paths), 1), where.height)
     rows = [where.y + where.height * number // count for number in range(count + 1)]
     for top, bottom in pairwise(rows):
         yield Rectangle(where.x, top, where.width, bottom - top)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from valerie import entry_points, plugins
-
 
 def write_package(
     folder: Path, name: str, *, modules: Mapping[str, str], entry_points: Mapping[str, Mapping[str, str]]
@@ -35,12 +33,6 @@ def write_package(
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source)
     return folder
-
-
-def look_again() -> None:
-    """Forget what was installed and named, so that this process reads both again."""
-    for cached in (entry_points.installed, entry_points.named_packages, plugins.samplers):
-        cached.cache_clear()
 
 
 #: An asset pack: the boxes of `valerie.testing.assets`, in a street of any bearing.

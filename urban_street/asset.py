@@ -64,7 +64,7 @@ from valerie.scene.light.solar import CLOCK
 
 NAME: Final = "urban-street"
 #: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
-REVISION: Final = 4
+REVISION: Final = 5
 
 #: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
@@ -129,7 +129,11 @@ def make_manifest(settings: Settings) -> Manifest:
         gaits=GAITS,
         paints=PAINTS,
         training=TrainingRules(
-            left_out=tuple(path for path in vehicles if path not in TRAINED_ON),
+            # A second outfit of one body would show that body twice as often.
+            left_out=(
+                *(path for path in vehicles if path not in TRAINED_ON),
+                *(f"{path}.yellow-outfit" for path in paths),
+            ),
             poses={"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08},
             worn=("shoe-",),
             skin=("skin-head", "skin-limbs"),

@@ -7,6 +7,7 @@ if the operator names it in ``VALERIE_PLUGINS``; those of this distribution alwa
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -36,16 +37,20 @@ class Offer(NamedTuple):
     package: str
 
 
-@lru_cache
 def installed(group: str) -> tuple[Offer, ...]:
-    """Return the offers of a group; cached, since reading them opens a file of every installed distribution."""
+    """Return the offers of a group."""
+    return _installed(group, tuple(sys.path))
+
+
+@lru_cache
+def _installed(group: str, _path: tuple[str, ...]) -> tuple[Offer, ...]:
+    """Return the offers of a group on a path; cached, since reading them opens a file of every installed distribution."""
     return tuple(
         Offer(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
         for point in entry_points(group=group)
     )
 
 
-@lru_cache
 def named_packages() -> frozenset[str]:
     """Return the distributions that the operator names in ``VALERIE_PLUGINS``.
 
@@ -70,7 +75,8 @@ class PluginKind:
 
     def declared(self) -> dict[str, str]:
         """Return name to target of the allowed plugins that are not built in: this distribution's first, then by name."""
-        allowed = [offer for offer in self._offers() if offer.package in {OWN, *named_packages()}]
+        packages = {OWN, *named_packages()}
+        allowed = [offer for offer in self._offers() if offer.package in packages]
         ordered = sorted(allowed, key=lambda offer: (offer.package != OWN, offer.name))
         targets: dict[str, str] = {}
         for offer in ordered:

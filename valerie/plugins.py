@@ -8,7 +8,6 @@ from there and from nowhere else: nothing in a message or a spec is ever importe
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
 from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -213,7 +212,6 @@ def create_function(name: str, *, threads: int = 1, device: str = "auto") -> Per
     return function
 
 
-@lru_cache(maxsize=1)
 def samplers() -> Mapping[str, SamplerFactory]:
     """Return name to sampler of all designs that draw variants."""
     plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in _SAMPLERS.declared()}

@@ -12,40 +12,14 @@ from typing import Any, Self
 import httpx
 import psutil
 import pyarrow.parquet as pq
-import yaml
 
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
-from valerie.scene.gltf.writer import save_gltf
 from valerie.settings import load_settings
-from valerie.testing.assets import simple_asset
+from valerie.storage.keys import PRODUCTS
+from valerie.storage.store import open_store
 
 ENDED = ("completed", "completed-with-failures", "cancelled", "failed")
-
-
-def write_box_street(folder: Path) -> None:
-    """The asset of boxes as a user's asset folder."""
-    folder.mkdir(parents=True)
-    asset = simple_asset()
-    save_gltf(asset.base, folder / "scene.glb")
-    document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]}
-    (folder / "manifest.yaml").write_text(yaml.safe_dump(document))
-
-
-def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dict[str, Any]:
-    """A run over xs × ys places, two cameras, with the blank engine and function."""
-    return {
-        "name": name,
-        "asset": "box-street",
-        "vary": [
-            ["person-1.pos.x", "HOMOGENEOUS", -3.0, -3.0 + 0.1 * (xs - 1), 0.1],
-            ["person-1.pos.y", "HOMOGENEOUS", 3.0, 3.0 + 0.2 * (ys - 1), 0.2],
-        ],
-        "renderer": "blank",
-        "functions": ["blank"],
-        "resolution": {"width": 64, "height": 36},
-        **more,
-    }
 
 
 class System:
@@ -112,11 +86,9 @@ class System:
 
     def objects(self) -> dict[str, str]:
         """Key to SHA-256 of every stored product."""
-        root = self.settings.data_dir / "artifacts"
-        return {
-            str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in sorted((root / "products").rglob("*.zst"))
-        }
+        store = open_store(self.settings.artifacts_url)
+        keys = sorted(info.key for info in store.list(PRODUCTS.rstrip("/")))
+        return {key: hashlib.sha256(store.get(key)).hexdigest() for key in keys}
 
     def processes(self, service: str) -> list[psutil.Process]:
         """The process of a service and all below it, children first."""

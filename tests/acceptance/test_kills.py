@@ -3,36 +3,69 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Iterator
 
 import psutil
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import System, spec
-from valerie.broker import Broker, create_app
-from valerie.db.engine import open_engine, reading
+from tests.acceptance.system import ENDED, System
+from tests.world.boxes import spec, write_box_street
+from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.db.products import Ready
+from valerie.pipeline.base.context import Context, open_context
+from valerie.pipeline.control import gc
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(480)]
 
 Outcome = tuple[list[dict[str, object]], dict[str, str]]
-DOCUMENT = spec(xs=16, ys=12)
-FRAMES = 16 * 12 * 2
+DOCUMENT = spec(xs=12, ys=8)
+FRAMES = 12 * 8 * 2
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory, assets) -> Outcome:
-    with System(tmp_path_factory.mktemp("undisturbed"), assets) as system:
-        run = system.submit(DOCUMENT)
-        assert system.wait(run) == "completed"
-        return system.rows(run), system.objects()
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """One system for all tests: what was killed works again before the next run."""
+    folder = tmp_path_factory.mktemp("system")
+    write_box_street(folder / "assets" / "box-street")
+    with System(folder / "data", folder / "assets") as system:
+        yield system
 
 
-def outcome(system: System, run: str) -> Outcome:
+@pytest.fixture(scope="module")
+def context(system: System) -> Iterator[Context]:
+    """What a command beside the system works with."""
+    context = open_context(system.supervisor.settings)
+    yield context
+    context.engine.dispose()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(system: System, context: Context) -> tuple[Outcome, set[int]]:
+    """Return results and products of a run in peace, and the numbers of attempts at its products."""
+    run = system.submit(DOCUMENT)
+    assert system.wait(run) == "completed"
+    with reading(context.engine) as connection:
+        attempts = set(connection.scalars(select(Product.attempts)))
+    return outcome(system, context, run), attempts
+
+
+def outcome(system: System, context: Context, run: str) -> Outcome:
+    """Wait for a run and return what it made; the next run makes everything again."""
     assert system.wait(run) == "completed", system.progress(run)
-    return system.rows(run), system.objects()
+    rows, objects = system.rows(run), system.objects()
+    system.client.delete(f"/v1/runs/{run}").raise_for_status()
+    gc.collect(context)
+    assert not system.objects()
+    return rows, objects
+
+
+def begin(system: System) -> str:
+    """Submit the run and return when it is in the middle."""
+    run = system.submit(DOCUMENT)
+    assert system.wait(run, until=under_way) not in ENDED
+    return run
 
 
 def under_way(progress: dict) -> bool:
@@ -48,59 +81,41 @@ def kill(processes: list[psutil.Process]) -> None:
             continue
 
 
-def test_the_undisturbed_run_has_results(undisturbed: Outcome) -> None:
-    rows, objects = undisturbed
+def test_the_undisturbed_run_has_results_and_makes_every_product_once(undisturbed: tuple[Outcome, set[int]]) -> None:
+    (rows, objects), attempts = undisturbed
     assert len(rows) == 2 * FRAMES  # person-2 is absent and says so
     assert len(objects) == 3 + 3 * FRAMES
     assert {row["pacc"] for row in rows if row["undefined_reason"] is None} == {0.0, 1.0}
+    assert attempts == {1}
 
 
 @pytest.mark.parametrize("service", ["render", "infer", "eval", "api", "redis"])
-def test_a_run_survives_kill_9_of(service: str, undisturbed: Outcome, start: Callable[..., System]) -> None:
-    with start(service) as system:
-        run = system.submit(DOCUMENT)
-        system.wait(run, until=under_way)
-        before = system.supervisor.pids()[service]
-        kill(system.processes(service))
-        assert outcome(system, run) == undisturbed
-        assert system.supervisor.pids()[service] != before
+def test_a_run_survives_kill_9_of(
+    service: str, undisturbed: tuple[Outcome, set[int]], system: System, context: Context
+) -> None:
+    run = begin(system)
+    before = system.supervisor.pids()[service]
+    kill(system.processes(service))
+    assert outcome(system, context, run) == undisturbed[0]
+    assert system.supervisor.pids()[service] != before
 
 
 @pytest.mark.parametrize("service", ["render", "infer", "eval"])
 def test_a_run_survives_kill_9_of_the_child_that_computes(
-    service: str, undisturbed: Outcome, start: Callable[..., System]
+    service: str, undisturbed: tuple[Outcome, set[int]], system: System, context: Context
 ) -> None:
-    with start(service) as system:
-        run = system.submit(DOCUMENT)
-        system.wait(run, until=under_way)
-        worker = [
-            p for p in system.processes(service) if p.children() and "multiprocessing" not in " ".join(p.cmdline())
-        ]
-        kill(worker[0].children() if worker else system.processes(service)[:1])
-        assert outcome(system, run) == undisturbed
+    run = begin(system)
+    worker = [p for p in system.processes(service) if p.children() and "multiprocessing" not in " ".join(p.cmdline())]
+    kill(worker[0].children() if worker else system.processes(service)[:1])
+    assert outcome(system, context, run) == undisturbed[0]
 
 
-def test_messages_delivered_twice_change_nothing(undisturbed: Outcome, start: Callable[..., System]) -> None:
-    with start("twice") as system:
-        run = system.submit(DOCUMENT)
-        system.wait(run, until=under_way)
-        engine = open_engine(system.settings.database_url)
-        with reading(engine) as connection:
-            columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
-            everything: list[Ready] = [
-                Ready(*row) for row in connection.execute(select(*columns).where(Product.route != ""))
-            ]
-        engine.dispose()
-        Broker(create_app(system.supervisor.settings)).send_products(everything)
-        assert outcome(system, run) == undisturbed
-
-
-def test_every_product_was_made_once_when_nothing_died(start: Callable[..., System]) -> None:
-    with start("once") as system:
-        run = system.submit(DOCUMENT)
-        assert system.wait(run) == "completed"
-        engine = open_engine(system.settings.database_url)
-        with reading(engine) as connection:
-            attempts = set(connection.scalars(select(Product.attempts)))
-        engine.dispose()
-        assert attempts == {1}
+def test_messages_delivered_twice_change_nothing(
+    undisturbed: tuple[Outcome, set[int]], system: System, context: Context
+) -> None:
+    run = begin(system)
+    with reading(context.engine) as connection:
+        columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
+        everything = [Ready(*row) for row in connection.execute(select(*columns).where(Product.route != ""))]
+    context.broker.send_products(everything)
+    assert outcome(system, context, run) == undisturbed[0]

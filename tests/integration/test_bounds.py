@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.acceptance.system import System, spec, write_box_street
+from tests.acceptance.system import System
 from tests.plugin_package import GREEDY, write_greedy
+from tests.world.boxes import spec, write_box_street
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
 

@@ -14,7 +14,7 @@ import httpx
 import psutil
 import pytest
 
-from tests.acceptance.system import spec, write_box_street
+from tests.world.boxes import spec, write_box_street
 from valerie.embedded import running
 
 ROOT = Path(__file__).parents[2]
@@ -24,8 +24,8 @@ SECONDS = 300.0
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(900)]
 
-#: 200 variants × 2 cameras: small frames, enough of them to be interrupted.
-SPEC = json.dumps(spec(xs=20, ys=10, name="embedded"))
+#: 50 variants × 2 cameras: small frames, enough of them to be interrupted before a worker has started.
+SPEC = json.dumps(spec(xs=10, ys=5, name="embedded"))
 
 
 class Command:
@@ -110,6 +110,18 @@ def _all_gone(processes: Sequence[psutil.Process]) -> bool:
     return not [one for one in processes if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
 
 
+def _nothing_stays(command: Command, signum: signal.Signals) -> None:
+    """End a command whose workers work; check its exit code, and that it leaves no process."""
+    command.workers()
+    # Guards, services and the workers' children, which a busy machine forks late.
+    assert _until(lambda: len(command.descendants()) >= 2 * len(SERVICES) + 2)
+    everything = command.descendants()
+    command.process.send_signal(signum)
+    command.process.wait(SECONDS)
+    assert command.process.returncode == 128 + signum
+    assert _until(lambda: _all_gone(everything), 30)
+
+
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Command]]:
     started: list[Command] = []
@@ -181,17 +193,8 @@ def test_a_worker_may_be_added_by_hand(system: Command) -> None:
     assert _until(lambda: {worker["pid"] for worker in system.workers()} == known)
 
 
-@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_nothing_stays_when_the_command_ends(start: Callable[..., Command], signum: signal.Signals) -> None:
-    command = start("up")
-    command.workers()
-    # Guards, services and the workers' children, which a busy machine forks late.
-    assert _until(lambda: len(command.descendants()) >= 2 * len(SERVICES) + 2)
-    everything = command.descendants()
-    command.process.send_signal(signum)
-    command.process.wait(SECONDS)
-    assert command.process.returncode == (-signum if signum == signal.SIGKILL else 128 + signum)
-    assert _until(lambda: _all_gone(everything), 30)
+def test_nothing_stays_when_the_command_is_ended(system: Command) -> None:
+    _nothing_stays(system, signal.SIGTERM)
 
 
 def test_nothing_stays_when_the_command_is_killed_while_it_starts(start: Callable[..., Command]) -> None:
@@ -215,16 +218,22 @@ def test_an_interrupted_run_is_cancelled_and_the_next_makes_the_rest(start: Call
     assert second.events()[-1]["state"] == "completed"
 
 
-def test_a_run_whose_command_was_killed_goes_on_with_the_next_start(start: Callable[..., Command]) -> None:
+def test_a_run_whose_command_was_killed_leaves_no_process_and_goes_on_with_the_next_start(
+    start: Callable[..., Command],
+) -> None:
     first = start("run", "spec.yaml", "--json")
     url = first.running().url
     assert _until(lambda: bool(_get(url, "/v1/runs").get("items")))
     run_id = _get(url, "/v1/runs")["items"][0]["id"]
+    assert _until(lambda: _get(url, f"/v1/runs/{run_id}/progress")["stages"].get("render", {}).get("done", 0) > 0)
+    everything = first.descendants()
     first.process.kill()
-    first.process.wait()
+    assert first.process.wait(SECONDS) == -signal.SIGKILL
+    assert _until(lambda: _all_gone(everything), 30)
     second = start("up")
     url = second.running().url
     assert _until(lambda: _get(url, f"/v1/runs/{run_id}/progress")["state"] == "completed"), _logs(second.data_dir)
+    _nothing_stays(second, signal.SIGINT)
 
 
 def test_the_command_ends_with_its_parent_where_it_shall(tmp_path: Path) -> None:

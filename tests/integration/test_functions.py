@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.acceptance.system import System, spec, write_box_street
+from tests.acceptance.system import System
+from tests.world.boxes import spec, write_box_street
 from valerie.perception.running.label_png import encode_png
 from valerie.testing.onnx_function import small_onnx
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.plugin_package import write_boxes
 from valerie.cli.main import app
 from valerie.labels import PERSON
 from valerie.perception.shipped import function_card
@@ -20,9 +21,14 @@ def train(*arguments: str) -> str:
 
 @pytest.mark.gl
 @pytest.mark.processes
-def test_a_street_is_rendered_and_learned_from(tmp_path: Path) -> None:
+def test_a_street_is_rendered_and_learned_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(
+        "PYTHONPATH", str(write_boxes(tmp_path / "packages")), prepend=":"
+    )  # for the processes that render
+    monkeypatch.syspath_prepend(str(tmp_path / "packages"))
+    monkeypatch.setenv("VALERIE_PLUGINS", "box-assets")
     folder = tmp_path / "train"
-    small = ["--streets", "1", "--per-street", "4", "--size", "160x96", "--first-seed", "1030"]
+    small = ["--asset", "boxes", "--streets", "1", "--per-street", "4", "--size", "160x96", "--first-seed", "1030"]
     assert "4 frames" in train("frames", str(folder), *small)
     frames = FrameFolder(folder)
     frames.verify()
@@ -41,5 +47,5 @@ def test_a_street_is_rendered_and_learned_from(tmp_path: Path) -> None:
     train(*arguments, "--steps", "2", "--batch", "2", "--precision", "fp32", "--device", "cpu")
     provenance = function_card("semantic-fpn-small", folder=tmp_path).provenance
     assert provenance["frames-digest"] == frames.digest
-    assert provenance["frames-asset"] == "urban-street"
+    assert provenance["frames-asset"] == "boxes"
     assert json.loads(provenance["training-settings"])["steps"] == 2

@@ -15,7 +15,7 @@ import pytest
 import typer.main
 import yaml
 
-from tests.plugin_package import look_again, write_package
+from tests.plugin_package import write_package
 from tools.architecture_picture import PICTURE, layers, picture
 from valerie import plugins
 from valerie.cli.main import app
@@ -212,6 +212,15 @@ def test_named_targets_exist(document: Path) -> None:
     assert named <= targets
 
 
+def test_the_notice_names_every_library_that_the_project_requires() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    lists = [project["dependencies"], *project["optional-dependencies"].values()]
+    required = {re.split(r"[^\w.-]", line)[0].lower().replace("_", "-") for lines in lists for line in lines}
+    notice = (ROOT / "NOTICE").read_text("utf-8").lower().replace("_", "-")
+    named = set(re.findall(r"[a-z0-9][a-z0-9.-]*", notice))
+    assert required - {"valerie"} - named == set()
+
+
 #: How the document of a function begins in the README.
 _FUNCTION = "# my.yaml"
 
@@ -337,14 +346,10 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
     monkeypatch.syspath_prepend(str(write_package(tmp_path, "my-package", modules=modules, entry_points=groups)))
     for variable, value in re.findall(r"^export (VALERIE_PLUGINS)=(\S+)$", EXTENDING, re.MULTILINE):
         monkeypatch.setenv(variable, value)
-    look_again()
-    try:
-        (offered,) = probe_function("dark-is-person")
-        assert (offered.name, offered.revision, offered.numeric_class) == ("dark-is-person", 1, "numpy-uint8")
-        assert "warm" in plugins.renderer_names()
-        assert plugins.declared_engine("warm").shows == EVERYTHING - {Ability.NIGHT}
-        assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
-        manifest, _ = asset_manifest({"name": "boxes", "bearing_deg": 90.0})
-        assert manifest.bearing_deg == 90.0
-    finally:
-        look_again()
+    (offered,) = probe_function("dark-is-person")
+    assert (offered.name, offered.revision, offered.numeric_class) == ("dark-is-person", 1, "numpy-uint8")
+    assert "warm" in plugins.renderer_names()
+    assert plugins.declared_engine("warm").shows == EVERYTHING - {Ability.NIGHT}
+    assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
+    manifest, _ = asset_manifest({"name": "boxes", "bearing_deg": 90.0})
+    assert manifest.bearing_deg == 90.0

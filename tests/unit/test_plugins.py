@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.plugin_package import look_again, write_package
+from tests.plugin_package import write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
@@ -65,12 +65,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         folder = write_package(tmp_path / package, package, modules=modules, entry_points=points)
         monkeypatch.syspath_prepend(str(folder))
         monkeypatch.setenv("VALERIE_PLUGINS", allowed)
-        look_again()
 
     yield install_package
     for module in ("witness", "engine_of_mine", "pictures"):
         sys.modules.pop(module, None)
-    look_again()
 
 
 def test_names_are_listed_without_importing_what_they_name() -> None:

@@ -10,7 +10,10 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from urban_street.human import CHARACTERS, Character, build_character, figure
+from urban_street.human import CHARACTERS, Character, Figure, build_character
+from urban_street.human.catalogue import LOOKS
+from urban_street.human.figure import Model
+from urban_street.human.stances import DEFAULT
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import Mesh
 from valerie.scene.graph.naming import is_cloth
@@ -194,10 +197,8 @@ def test_the_footprint_radius_holds_the_whole_person(character: Character) -> No
 
 
 def test_the_same_name_gives_the_same_bytes(characters: dict[str, Character]) -> None:
-    figure.cache_clear()
-    first, again = characters["yellow-shirt"], build_character("yellow-shirt")
-    assert first.meshes[0] is not again.meshes[0]
-    assert first.materials == again.materials
+    first, again = characters["yellow-shirt"], Figure(Model("yellow-shirt", LOOKS["yellow-shirt"]()), DEFAULT, None)
+    assert first.materials == {name: again.materials[name] for name in first.materials}
     for a, b in zip(first.meshes, again.meshes, strict=True):
         assert a.material == b.material
         for name in ("positions", "normals", "uvs", "faces"):
@@ -224,6 +225,23 @@ def test_the_outfits_have_their_colours(characters: dict[str, Character]) -> Non
     assert blue < 60
     red, green, blue = mean("yellow-shirt", "cloth-jeans")
     assert blue > green > red
+
+
+def test_one_body_wears_both_colours_in_clothes_of_the_same_shape(characters: dict[str, Character]) -> None:
+    black, yellow = characters["black-outfit"], build_character("yellow-outfit")
+    for a, b in zip(black.meshes, yellow.meshes, strict=True):
+        assert a.material.partition("/")[2] == b.material.partition("/")[2]
+        assert a.positions.tobytes() == b.positions.tobytes()
+        assert a.faces.tobytes() == b.faces.tobytes()
+    recoloured = {
+        name.partition("/")[2]
+        for name, texture in black.textures.items()
+        if texture.image.tobytes() != yellow.textures[f"yellow-outfit/{name.partition('/')[2]}"].image.tobytes()
+    }
+    assert recoloured == {"cloth-jacket-color", "cloth-trousers-color"}
+    red, green, blue = yellow.textures["yellow-outfit/cloth-jacket-color"].image.reshape(-1, 3).mean(axis=0)
+    assert min(red, green) > 150
+    assert blue < 60
 
 
 def test_an_unknown_character_lists_near_matches() -> None:

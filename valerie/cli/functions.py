@@ -57,8 +57,8 @@ def import_(
     """
     if file is None and document is None:
         raise InvalidInput("nothing to import", field="FILE", limit="a file, or --document SIDE.yaml, or both")
-    given = {"name": name, "engine": engine, "precision": precision}
-    texts = {field: value for field, value in given.items() if value is not None}
+    options = {"name": name, "engine": engine, "precision": precision}
+    texts = {field: value for field, value in options.items() if value is not None}
     settings = settings_of(data_dir)
     opening = partial(open_registry, settings, url, create=True)
     registered, new = register_file(opening, file, document=document, **texts)
@@ -75,23 +75,23 @@ def import_(
 def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
     """List the functions that a spec may name, every version of registered ones."""
     with open_registry(settings_of(data_dir), url) as registry:
-        found = registry.functions()
+        functions = registry.functions()
     if as_json:
-        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(functions, ensure_ascii=False, indent=1))
         return
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("name", "version", "digest", "kind", "architecture", "engine", "offered"):
         table.add_column(column, no_wrap=column in ("name", "version", "digest"))
-    for one in found:
-        offered = one["problem"] or ("yes" if one["numeric_classes"] else "no living worker")
-        if one["kind"] == "predictions":
+    for entry in functions:
+        offered = entry["problem"] or ("yes" if entry["numeric_classes"] else "no living worker")
+        if entry["kind"] == "predictions":
             offered = "by their uploader"
-        version = "installed" if one["version"] is None else str(one["version"])
-        engine = "" if one["engine"] in ("", "none") else f"{one['engine']} {one['precision']}"
-        digest = one["digest"][:_SHORT]
-        table.add_row(one["name"], version, digest, one["kind"] or "", one["architecture"], engine, offered)
+        version = "installed" if entry["version"] is None else str(entry["version"])
+        engine = "" if entry["engine"] in ("", "none") else f"{entry['engine']} {entry['precision']}"
+        digest = entry["digest"][:_SHORT]
+        table.add_row(entry["name"], version, digest, entry["kind"] or "", entry["architecture"], engine, offered)
     console().print(table)
 
 
@@ -99,11 +99,11 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
 def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the card of a function."""
     with open_registry(settings_of(data_dir), url) as registry:
-        found = registry.function(reference)
+        entry = registry.function(reference)
     if as_json:
-        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(entry, ensure_ascii=False, indent=1))
         return
-    _card(found)
+    _card(entry)
 
 
 @app.command()
@@ -117,12 +117,12 @@ def export(
     import yaml
 
     with open_registry(settings_of(data_dir), url) as registry:
-        found = registry.function(reference)
-        document = found.get("document")
+        entry = registry.function(reference)
+        document = entry.get("document")
         if document is None:
             raise InvalidInput("an installed function has no document in the registry", field="NAME", value=reference)
         payload = document["payload"]
-        data = None if payload is None else registry.function_payload(found["reference"])
+        data = None if payload is None else registry.function_payload(entry["reference"])
     name = document["name"]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def remove(
     say(f"{reference} is removed; its results stay")
 
 
-def _card(found: dict[str, Any]) -> None:
+def _card(entry: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -161,12 +161,12 @@ def _card(found: dict[str, Any]) -> None:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     rows = [
-        ("name", found["name"]),
-        ("version", "" if found.get("version") is None else f"{found['version']}  ({found['reference']})"),
-        *found["card"],
-        ("tried out", _check(found.get("check"))),
-        ("offered as", ", ".join(found["numeric_classes"])),
-        ("problem", found.get("problem")),
+        ("name", entry["name"]),
+        ("version", "" if entry.get("version") is None else f"{entry['version']}  ({entry['reference']})"),
+        *entry["card"],
+        ("tried out", _check(entry.get("check"))),
+        ("offered as", ", ".join(entry["numeric_classes"])),
+        ("problem", entry.get("problem")),
     ]
     for title, text in rows:
         if text:

@@ -65,7 +65,7 @@ def gate(
 
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
-    read = _reader(url, data_dir)
+    read = run_reader(url, data_dir)
     run = read(run_id)
     other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
     result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
@@ -130,7 +130,7 @@ def _write(path: Path, content: bytes) -> None:
     say(f"wrote {path}")
 
 
-def _reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
+def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
     """Return the function that reads a run from a server, or from the data folder."""
     if url is None:
         from valerie.cli.deployment import context_of

@@ -178,7 +178,7 @@ def register_file(
         return registry.register_function(texts, payload, Path(folder))
 
 
-def functions_named(given: str, opening: Opening) -> list[str]:
+def functions_named(value: str, opening: Opening) -> list[str]:
     """Resolve the value of ``--functions``: names of functions and files, with commas between them.
 
     A file is registered, unless it is already, and stands for exactly that version. An item with the suffix of a function's file
@@ -194,7 +194,7 @@ def functions_named(given: str, opening: Opening) -> list[str]:
     from valerie.pipeline.functions.guarded_import import SUFFIXES
 
     references = []
-    for item in filter(None, (part.strip() for part in given.split(","))):
+    for item in filter(None, (part.strip() for part in value.split(","))):
         path = Path(item)
         if "/" not in item and not (path.suffix.lower() in SUFFIXES and path.is_file()):
             references.append(item)

@@ -41,6 +41,9 @@ def run(
         Path | None,
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
     ] = None,
+    claims: Annotated[
+        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on the result.")
+    ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
     end_with_parent: EndWithParent = False,
@@ -51,11 +54,13 @@ def run(
     one worker per queue) that ends with this command. Finished products are
     reused when you run the same spec again, also after Ctrl-C.
     """
+    from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import system_of
     from valerie.cli.display import display_of, print_event
     from valerie.cli.following import exit_code, follow, report_path, show_result
 
     _bind_to_parent(end_with_parent)
+    statements = None if claims is None else read_claims(claims)
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
     require_resolvable(text, settings)
@@ -71,6 +76,8 @@ def run(
         path = report or report_path(settings, run.name, run.id)
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
+        if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
+            show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:

@@ -178,7 +178,7 @@ class _Opened:
         except FileNotFoundError:
             raise NotFound("file", self._path) from None
         except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
-            raise CorruptArtifact(f"{self._path.name} is no readable picture ({error})") from error
+            raise CorruptArtifact(f"{self._path.name} is not a readable picture ({error})") from error
         return self._image
 
     def __exit__(self, *_: object) -> None:

@@ -15,6 +15,7 @@ from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, se
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
+from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
 from valerie.db.models import (
     Evaluation,
     Frame,
@@ -288,10 +289,10 @@ class Finished:
     bytes: int
     pixels: int
     cpu_seconds: float
-    person_views: tuple[dict[str, Any], ...] = ()
-    person_lights: tuple[dict[str, Any], ...] = ()
-    score: dict[str, Any] | None = None
-    person_scores: tuple[dict[str, Any], ...] = ()
+    person_views: tuple[SeenPerson, ...] = ()
+    person_lights: tuple[MeasuredPerson, ...] = ()
+    score: FrameScore | None = None
+    person_scores: tuple[MeasuredPerson, ...] = ()
     part: Part | None = None
 
 
@@ -351,10 +352,14 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         [{"product": p.digest, "size": p.bytes, "area": p.pixels, "cpu": p.cpu_seconds} for p in published],
     )
     _publish_parts(connection, published, now)
-    insert_ignoring(connection, PersonView, [row for p in published for row in p.person_views])
-    insert_ignoring(connection, PersonLight, [row for p in published for row in p.person_lights])
-    insert_ignoring(connection, Score, [p.score for p in published if p.score is not None])
-    insert_ignoring(connection, PersonScore, [row for p in published for row in p.person_scores])
+    views = [{"truth": p.digest, **person.columns} for p in published for person in p.person_views]
+    insert_ignoring(connection, PersonView, views)
+    lights = [{"product": p.digest, **person.columns} for p in published for person in p.person_lights]
+    insert_ignoring(connection, PersonLight, lights)
+    scores = [{"digest": p.digest, **p.score.columns} for p in published if p.score is not None]
+    insert_ignoring(connection, Score, scores)
+    persons = [{"digest": p.digest, **person.columns} for p in published for person in p.person_scores]
+    insert_ignoring(connection, PersonScore, persons)
     return [product.digest for product in published]
 
 

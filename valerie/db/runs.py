@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Set
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
@@ -314,3 +314,16 @@ def variants_page(
     if rejected is not None:
         query = query.where(Variant.rejection.is_not(None) if rejected else Variant.rejection.is_(None))
     return read_all(connection, query, VariantRow)
+
+
+def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, Assignment]:
+    """Read the assignment of each of ``variants`` (indexes) of a run."""
+    if not variants:
+        return {}
+    rows = connection.execute(
+        select(Variant.index, Variant.assignment).where(
+            Variant.run_id == run_id, Variant.index.between(min(variants), max(variants)), Variant.rejection.is_(None)
+        )
+    )
+    # By position: `index` is a method of every row.
+    return {index: assignment for index, assignment in rows if index in variants}

@@ -10,10 +10,12 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from valerie.embedded import guard
 
-_LOG_BYTES = 20_000_000
+#: Size above which a log is put aside when its process starts.
+LOG_BYTES: Final = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,5 +131,5 @@ def python_command(module: str, *arguments: str) -> Sequence[str]:
 
 def _rotate(log: Path) -> None:
     log.parent.mkdir(parents=True, exist_ok=True)
-    if log.exists() and log.stat().st_size > _LOG_BYTES:
+    if log.exists() and log.stat().st_size > LOG_BYTES:
         log.replace(log.with_suffix(".1.log"))

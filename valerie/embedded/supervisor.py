@@ -181,7 +181,7 @@ class Supervisor:
         settings = self._initial_settings
         data_dir = settings.data_dir
         self._prepare_stores()
-        settings = settings.model_copy(update={"api_port": _free_port(settings)})
+        settings = settings.model_copy(update={"api_port": free_port(settings)})
         settings.require_token()
         if "broker_url" not in settings.model_fields_set:
             program = redis_server.find_server(settings)
@@ -295,7 +295,7 @@ def service_environment(name: str, settings: Settings) -> dict[str, str]:
     }
 
 
-def _free_port(settings: Settings) -> int:
+def free_port(settings: Settings) -> int:
     """Return the configured port if it is free; otherwise any free one, unless the user has set the port.
 
     Raises:

@@ -13,7 +13,7 @@ from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
 from valerie.scene.graph.naming import ROOT
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.settings import COUNTING, RANDOM, SensorSetting
 
 _PREFIX: Final = f"{SENSOR_ROOT}."
 
@@ -98,18 +98,12 @@ _OF_FOCAL_LENGTH: Final = {
 }
 #: Effects that need velocities, and the parameters that turn them on.
 _OF_VELOCITY: Final = {"motion blur": ("shutter.exposure_ms",), "a rolling shutter": ("shutter.line_time_us",)}
-_COUNTING: Final = (
-    "noise.shot", "noise.read_electrons", "noise.adc_bits", "pixels.dead_rate", "pixels.hot_rate",
-)  # fmt: skip
-_CHANCE: Final = (
-    "noise.shot", "noise.read_electrons", "pixels.dead_rate", "pixels.hot_rate", "soiling.dirt", "soiling.drops",
-)  # fmt: skip
 #: Parameters that change nothing while all of the others listed are 0.
 _IDLE_WITHOUT: Final = {
     "lens.focus_distance_m": ("lens.f_number",),
-    "noise.full_well_electrons": _COUNTING,
-    "noise.headroom_ev": _COUNTING,
-    "specimen": _CHANCE,
+    "noise.full_well_electrons": COUNTING,
+    "noise.headroom_ev": COUNTING,
+    "specimen": RANDOM,
 }
 
 

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from valerie.measures import MEASURES, OF_FUNCTION, names_from
+from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.runs.documents import RunSpec
 
 #: Columns that are known as soon as the truth is made, without any function.
-METADATA: Final = tuple(measure.name for measure in MEASURES if measure.source not in OF_FUNCTION)
+METADATA: Final = names_from(*WITHOUT_FUNCTION)
 
 
 @dataclass(frozen=True, slots=True)

@@ -204,16 +204,14 @@ def test_a_window_of_many_samples_stands_in_the_mean_of_two_backgrounds(tmp_path
     np.testing.assert_array_equal(frame.noisy[FRAME.window.slices], part(parts, window_key(FRAME, 256, 0)).noisy)
 
 
-def test_work_that_was_ended_goes_on_where_it_stopped(
-    tmp_path: Path, engine: Engine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("benchmarks.cycles_render._STRIP", 64 * 24 * 4)  # backgrounds come in four strips
+def test_work_that_was_ended_goes_on_where_it_stopped(tmp_path: Path, engine: Engine) -> None:
+    strip = 64 * 24 * 4  # backgrounds come in four strips
     engine.fails_at = 3
     with pytest.raises(KeyboardInterrupt):
-        Studio(parts_in(tmp_path, FRAME), engine, str).frame(FRAME)  # type: ignore[arg-type]
+        Studio(parts_in(tmp_path, FRAME), engine, str, strip=strip).frame(FRAME)  # type: ignore[arg-type]
     engine.fails_at = None
     parts = parts_in(tmp_path, FRAME)
-    studio = Studio(parts, engine, str)  # type: ignore[arg-type]
+    studio = Studio(parts, engine, str, strip=strip)  # type: ignore[arg-type]
     assert studio.frame(FRAME)
     # Two backgrounds in four strips, two windows, and four pictures denoised: each once.
     assert engine.calls == 2 * 4 + 2 + 4

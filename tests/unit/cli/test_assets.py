@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+import yaml
 from typer.testing import CliRunner
 
+from tests.world.boxes import write_box_street
 from valerie.cli import assets
 from valerie.cli.main import app
 from valerie.scene.assets.asset import asset_manifest
@@ -31,13 +35,21 @@ def test_what_may_vary_is_told_whole_on_a_narrow_terminal(terminal: int) -> None
         assert set(parameter.choices or ()) <= set(words) | {"auto"}
 
 
-def test_choices_are_named_by_path_where_two_of_one_attribute_differ(terminal: int) -> None:
-    rows = [{"path": path, "choices": choices} for path, choices in (
-        ("scene.car-1.colour", ["red"]), ("scene.bus-1.colour", ["blue"]), ("scene.person-1.pose", ["walking"]),
-        ("scene.person-2.pose", ["walking"]), ("scene.person-1.pos.x", None),
-    )]  # fmt: skip
-    assert assets._choices(rows) == {
-        "scene.car-1.colour": ["red"],
-        "scene.bus-1.colour": ["blue"],
-        "pose": ["walking"],
-    }
+def test_choices_are_named_by_path_where_two_of_one_attribute_differ(terminal: int, tmp_path: Path) -> None:
+    manifest = tmp_path / "boxes" / "manifest.yaml"
+    write_box_street(manifest.parent)
+
+    def shown() -> list[str]:
+        result = CliRunner().invoke(app, ["asset", "show", str(manifest.parent), "--declared"])
+        assert result.exit_code == 0, result.output
+        return [line.rstrip() for line in result.output.splitlines() if " | " in line]
+
+    assert shown() == ["character: red-coat | blue-coat | absent"]
+    document = yaml.safe_load(manifest.read_text())
+    character = next(entry for entry in document["parameters"] if entry["path"] == "scene.person-2.character")
+    character["choices"].remove("red-coat")
+    manifest.write_text(yaml.safe_dump(document))
+    assert shown() == [
+        "scene.person-1.character: red-coat | blue-coat | absent",
+        "scene.person-2.character: blue-coat | absent",
+    ]

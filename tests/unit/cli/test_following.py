@@ -8,10 +8,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from valerie.cli import following
 from valerie.cli.connecting import System
 from valerie.cli.display import JsonDisplay
-from valerie.cli.following import exit_code, failure_lines, follow, report_path, save_report, show_result
+from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, save_report, show_result
 from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
 from valerie.errors import StorageUnavailable, ValerieError
 from valerie.runs.states import RunState
@@ -27,15 +26,13 @@ def _system(answer: Callable[[httpx.Request], httpx.Response], check: Callable[[
     return System(client, owned=False, check=check)
 
 
-@pytest.fixture(autouse=True)
-def _fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(following, "_POLL_SECONDS", 0.0)
+AT_ONCE = Patience(poll=0.0)
 
 
 def test_a_run_is_followed_to_its_end() -> None:
     states = iter(["submitted", "running", "running", "finishing", "completed"])
     system = _system(lambda _: httpx.Response(200, json=_progress(next(states)).model_dump()))
-    assert follow(system, "r1", JsonDisplay("r1")).state == "completed"
+    assert follow(system, "r1", JsonDisplay("r1"), AT_ONCE).state == "completed"
     assert next(states, None) is None
 
 
@@ -43,14 +40,13 @@ def test_a_run_is_followed_to_its_end() -> None:
     ("patience", "reason"), [(60.0, "the workers are starting"), (0.0, "waiting for a render worker")]
 )
 def test_workers_of_an_own_system_may_take_a_while_to_start(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], patience: float, reason: str
+    capsys: pytest.CaptureFixture[str], patience: float, reason: str
 ) -> None:
-    monkeypatch.setattr(following, "_START_SECONDS", patience)
     states = iter(["submitted", "completed"])
     said = _system(
         lambda _: httpx.Response(200, json=_progress(next(states), "waiting for a render worker").model_dump())
     )
-    follow(replace(said, owned=True), "r1", JsonDisplay("r1"))
+    follow(replace(said, owned=True), "r1", JsonDisplay("r1"), Patience(poll=0.0, start=patience))
     assert json.loads(capsys.readouterr().out.splitlines()[0])["reason"] == reason
 
 
@@ -63,17 +59,15 @@ def test_a_server_that_is_started_again_is_waited_for() -> None:
             raise httpx.ConnectError("refused", request=request)
         return httpx.Response(200, json=_progress(state).model_dump())
 
-    assert follow(_system(answer), "r1", JsonDisplay("r1")).state == "completed"
+    assert follow(_system(answer), "r1", JsonDisplay("r1"), AT_ONCE).state == "completed"
 
 
-def test_a_server_that_stays_away_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(following, "_RESTART_SECONDS", 0.0)
-
+def test_a_server_that_stays_away_is_an_error() -> None:
     def answer(request: httpx.Request) -> httpx.Response:
         raise httpx.ConnectError("refused", request=request)
 
     with pytest.raises(ServerUnavailableError):
-        follow(_system(answer), "r1", JsonDisplay("r1"))
+        follow(_system(answer), "r1", JsonDisplay("r1"), Patience(poll=0.0, restart=0.0))
 
 
 def test_a_process_that_was_given_up_ends_the_wait() -> None:
@@ -81,7 +75,7 @@ def test_a_process_that_was_given_up_ends_the_wait() -> None:
         raise ValerieError("the infer process ended 5 times")
 
     with pytest.raises(ValerieError, match="infer"):
-        follow(_system(lambda _: httpx.Response(500), check), "r1", JsonDisplay("r1"))
+        follow(_system(lambda _: httpx.Response(500), check), "r1", JsonDisplay("r1"), AT_ONCE)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +144,7 @@ def test_the_last_json_line_holds_state_exit_code_summary_and_report(
             return httpx.Response(200, json={"summary": {"rows": []}, "findings": {}})
         return httpx.Response(200, content=b"<html>")
 
-    progress = _progress("completed-with-failures", "1 products failed for good")
+    progress = _progress("completed-with-failures", "1 product failed for good")
     show_result(_system(answer).client, "r1", progress, tmp_path / "report.html", json_lines=True)
     event = json.loads(capsys.readouterr().out)
     assert event["event"] == "finished"

@@ -11,7 +11,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner, Result
 
-from tests.box_frames import box_frames
+from tests.world.training import box_frames
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.importing.function_file import read_header

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from valerie.embedded.process import Command, GuardedProcess
+from valerie.embedded.process import LOG_BYTES, Command, GuardedProcess
 
 pytestmark = pytest.mark.processes
 
@@ -169,9 +169,11 @@ def test_nothing_stays_when_the_supervisor_is_killed(tmp_path: Path, signum: sig
     assert _until(lambda: all(_gone(pid) for pid in [guard, *pids]))
 
 
-def test_a_long_log_is_put_aside(tmp_path: Path, lock_fd: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("valerie.embedded.process._LOG_BYTES", 10)
-    (tmp_path / "family.log").write_text("more than ten bytes")
+def test_a_long_log_is_put_aside(tmp_path: Path, lock_fd: int) -> None:
+    log = tmp_path / "family.log"
+    log.write_text("old")
+    os.truncate(log, LOG_BYTES + 1)  # a hole, which takes no space
     GuardedProcess(_command(tmp_path, "-c", "print('new')"), lock_fd=lock_fd).end()
-    assert (tmp_path / "family.1.log").read_text() == "more than ten bytes"
-    assert "more" not in (tmp_path / "family.log").read_text()
+    with (tmp_path / "family.1.log").open() as aside:
+        assert aside.read(3) == "old"
+    assert "old" not in log.read_text()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from valerie.embedded.process import Command
-from valerie.embedded.supervisor import Service, _free_port, service_environment
+from valerie.embedded.supervisor import Service, free_port, service_environment
 from valerie.errors import Conflict, InvalidInput
 from valerie.settings import load_settings
 
@@ -115,7 +115,7 @@ def test_the_configured_port_is_taken_when_it_is_free() -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    assert _free_port(load_settings(api_port=port)) == port
+    assert free_port(load_settings(api_port=port)) == port
 
 
 def test_a_port_in_use_that_was_asked_for_is_refused_by_number() -> None:
@@ -124,7 +124,7 @@ def test_a_port_in_use_that_was_asked_for_is_refused_by_number() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(Conflict, match=f"port {port} .*VALERIE_API_PORT"):
-            _free_port(load_settings(api_port=port))
+            free_port(load_settings(api_port=port))
 
 
 def test_a_default_port_in_use_gives_way_to_a_free_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,17 +136,17 @@ def test_a_default_port_in_use_gives_way_to_a_free_one(monkeypatch: pytest.Monke
             pass  # somebody else's has it: as good
         else:
             taken.listen()
-        port = _free_port(load_settings())
+        port = free_port(load_settings())
     assert port not in (0, 8700)
 
 
 def test_port_0_is_any_free_one() -> None:
-    assert _free_port(load_settings(api_port=0)) > 0
+    assert free_port(load_settings(api_port=0)) > 0
 
 
 def test_a_name_that_is_no_address_is_refused() -> None:
     with pytest.raises(InvalidInput, match="VALERIE_API_HOST"):
-        _free_port(load_settings(api_host="no.such.host.invalid"))
+        free_port(load_settings(api_host="no.such.host.invalid"))
 
 
 def test_a_service_gets_the_settings_and_as_many_threads_as_its_work_can_use(monkeypatch: pytest.MonkeyPatch) -> None:

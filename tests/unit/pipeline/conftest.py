@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.acceptance.system import write_box_street
 from tests.world.blank import Pipeline
+from tests.world.boxes import write_box_street
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie import plugins
 from valerie.errors import TransientError
 from valerie.storage.keys import PRODUCTS

@@ -10,14 +10,16 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.pipeline.functions.probe import probe_engine, probe_function
-from valerie.rendering.cycles.blender import process_blender
+from valerie.rendering.cycles.blender import BlenderHolder
+from valerie.rendering.cycles.renderer import numeric_class
 from valerie.runs.pins import Offer
 from valerie.runs.states import Stage, route_of
+from valerie.settings import load_settings
 
 FAKE = Path(__file__).parents[1] / "rendering" / "cycles" / "fake_blender.py"
 SMALL = {**spec(xs=2, ys=1), "renderer": {"name": "cycles", "samples": 2}, "resolution": {"width": 24, "height": 16}}
@@ -29,28 +31,26 @@ def with_blender(
 ) -> Iterator[Callable[[str], Pipeline]]:
     """Makes a pipeline whose worker offers Cycles with a fake Blender."""
 
+    holders: list[BlenderHolder] = []
+
     def make(behaviour: str) -> Pipeline:
         python = tmp_path / "python"
         python.write_text(f'#!/bin/sh\nexec {sys.executable} {FAKE} "{behaviour}" "$@"\n')
         python.chmod(0o755)
         monkeypatch.setenv("TMPDIR", str(tmp_path))
-        monkeypatch.setenv("VALERIE_CYCLES_PYTHON", str(python))
-        monkeypatch.setenv("VALERIE_CYCLES_SILENCE_SECONDS", "0.6")
-        process_blender.cache_clear()
+        holders.append(BlenderHolder(load_settings({}, cycles_python=python, cycles_silence_seconds=0.6)))
+        monkeypatch.setattr("valerie.rendering.cycles.renderer.process_blender", lambda _: holders[-1])
         pipeline = pipelines(workers=False)
-        numeric_class = "bpy-9.9.9-cpu-avx2"
-        route = route_of(Stage.RENDER, "cycles", numeric_class)
-        cycles = Offer(stage=Stage.RENDER, name="cycles", numeric_class=numeric_class, revision=1, route=route)
-        monkeypatch.setattr("valerie.rendering.cycles.renderer._instruction_set", lambda: "avx2")
+        known_as = numeric_class("9.9.9 LTS", "CPU", "")  # as the fake introduces itself
+        route = route_of(Stage.RENDER, "cycles", known_as)
+        cycles = Offer(stage=Stage.RENDER, name="cycles", numeric_class=known_as, revision=1, route=route)
         truth = (offer for offer in probe_engine("blank") if offer.name == "truth")
         pipeline.offer("w", cycles, *truth, *probe_function("blank"))
         return pipeline
 
     yield make
-    import os
-
-    process_blender(os.getpid()).close()
-    process_blender.cache_clear()
+    for holder in holders:
+        holder.close()
 
 
 def products(pipeline: Pipeline, kind: str) -> list[Any]:

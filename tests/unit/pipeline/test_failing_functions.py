@@ -13,9 +13,9 @@ import orjson
 import pytest
 from numpy.typing import NDArray
 
-from tests.acceptance.system import spec
 from tests.unit.label_server import Server
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
@@ -83,7 +83,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         assert lost.error.message.endswith(": no answer within 2 s")
 
         row = pipeline.row(run_id)
-        assert row.reason.startswith("1 products failed for good")
+        assert row.reason.startswith("1 product failed for good;")
         assert row.progress.stages[Stage.INFER].failed == 1
         assert row.progress.stages[Stage.INFER].done == 7
         summary = orjson.loads(pipeline.context.store.get(run_key(run_id, "summary.json")))

@@ -28,10 +28,15 @@ class Freed:
     bytes: int
 
 
-def collect(context: Context, *, dry_run: bool = False) -> Freed:
+def collect(context: Context, *, dry_run: bool = False, now: datetime | None = None) -> Freed:
     """Remove products that no run links to and objects that belong to nothing.
 
     Rows go first: a killed collector leaves objects that the next one finds, never rows without objects.
+
+    Args:
+        context: of the deployment.
+        dry_run: remove nothing.
+        now: the moment that the age of objects is counted from (default: that of the call).
     """
     removed = 0
     while True:
@@ -46,7 +51,7 @@ def collect(context: Context, *, dry_run: bool = False) -> Freed:
         if dry_run or not batch:
             break
     objects = size = 0
-    limit = datetime.now(UTC) - _GRACE
+    limit = (now or datetime.now(UTC)) - _GRACE
     orphans: list[str] = []
     keys: dict[str, str] = {}
     for info in context.store.list(PRODUCTS.rstrip("/")):

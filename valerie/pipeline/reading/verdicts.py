@@ -9,14 +9,14 @@ from sqlalchemy import Connection
 
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.verdicts import RequirementVerdict, judge_requirements
-from valerie.db import results
+from valerie.db import long_table
 from valerie.db.engine import reading
-from valerie.db.links import key_of
 from valerie.labels import PERSON
+from valerie.measures import TableRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun
-from valerie.pipeline.reading.selection import evaluated_rows, values_of
-from valerie.pipeline.reading.tables import TableRow, character_of, frame_columns, person_columns
+from valerie.pipeline.reading.selection import evaluated_persons, values_at
+from valerie.pipeline.reading.tables import character_of, frame_columns, person_columns
 from valerie.scene.assets.attributes import ABSENT
 
 
@@ -34,8 +34,8 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
     regional = [requirement for requirement in resolved.requirements if requirement.where is not None]
     with reading(context.engine) as connection:
         held = [
-            [requirement.holds(row) for requirement in regional]
-            for _, row in (evaluated_rows(connection, run) if regional else ())
+            [requirement.holds(person.row) for requirement in regional]
+            for person in (evaluated_persons(connection, run) if regional else ())
         ]
         lost = list(_lost_rows(connection, run))
     inside = np.array(held, np.bool_).reshape(-1, len(regional))
@@ -55,19 +55,19 @@ def _lost_rows(connection: Connection, run: StoredRun) -> Iterator[TableRow]:
     spec = resolved.spec
     nodes = [person.rpartition("-")[2] for person in resolved.manifest.persons]
     instances = [PERSON.id * 1000 + int(number) for number in nodes]
-    for row in results.lost_rows(connection, run.id):
+    for row in long_table.lost_rows(connection, run.id):
         common = {
-            **values_of(row, run),
-            **frame_columns(key_of(run.id, row), row.assignment, resolved),
+            **values_at(row.frame, row.assignment, resolved),
+            **frame_columns(row.frame, row.assignment, resolved),
             "sensor": spec.sensors[row.sensor_index].name,
             "function": spec.functions[row.function_index],
         }
         if row.instance_id is not None:
-            yield {**common, **person_columns(row, row.assignment, resolved)}
+            yield {**common, **person_columns(row.instance_id, row.measures, row.assignment, resolved)}
             continue
         characters = {instance: character_of(instance, row.assignment, resolved) for instance in instances}
         present = [instance for instance, character in characters.items() if character != ABSENT]
-        unknown = dict.fromkeys(("pixel_area", "undefined_reason"))
+        unknown: TableRow = dict.fromkeys(("pixel_area", "undefined_reason"))
         yield from ({**common, **unknown, "instance_id": n, "character": characters[n]} for n in present)
         if not present:
             yield {**common, **unknown, "instance_id": None, "character": None, "undefined_reason": ABSENT}

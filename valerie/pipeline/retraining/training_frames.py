@@ -43,8 +43,6 @@ from valerie.sensing.sensor import Shot, develop
 #: Frames of a street that share camera, light and weather, and so their background.
 _TAKES: Final = 2
 _TRIES: Final = 10
-#: Scenes drawn at most for one frame that must lie in a region; most of them cost 6 CPU-ms.
-_TARGET_DRAWS: Final = 5_000
 
 
 class FrameSettings(BaseModel):
@@ -169,7 +167,12 @@ class Draws:
 
 
 def frames_of(
-    asset: SceneAsset, seed: int, settings: FrameSettings, draws: Draws | None = None
+    asset: SceneAsset,
+    seed: int,
+    settings: FrameSettings,
+    draws: Draws | None = None,
+    *,
+    most_draws: int = 5_000,
 ) -> Iterator[TrainingFrame]:
     """Render the frames of one street, one after the other, in this process's GL context.
 
@@ -178,6 +181,7 @@ def frames_of(
         seed: of the street and of all draws.
         settings: number and size of frames.
         draws: counts the scenes.
+        most_draws: number of scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
 
     Raises:
         RenderingError: no usable image after several draws.
@@ -195,7 +199,7 @@ def frames_of(
         for number in range(settings.per_street):
             target = Target(settings.region) if settings.region is not None and settings.is_targeted(number) else None
             unusable = 0
-            for attempt in range(_TRIES if target is None else _TARGET_DRAWS):
+            for attempt in range(_TRIES if target is None else most_draws):
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
                 setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
                 as_made = AS_MADE if target is None else target.as_made
@@ -218,7 +222,7 @@ def frames_of(
             else:
                 raise InvalidInput(
                     f"no drawn scene of street {seed} lies in the region", field="region",
-                    value=str(settings.region), limit=f"one of {_TARGET_DRAWS:,} draws",
+                    value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
             image = renderer.layer(drawn.scene, view).over(background)
             picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))

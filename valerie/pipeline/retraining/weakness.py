@@ -18,7 +18,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
-from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
+from valerie.pipeline.reading.selection import evaluated_persons, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.spec import ResolvedRun
 
@@ -129,12 +129,15 @@ def _region(context: Context, run: StoredRun, where: str, function: str) -> tupl
     condition = run_where(where, resolved)
     index = function_index(function, resolved)
     with reading(context.engine) as connection:
-        rows = [row for _, row in evaluated_rows(connection, run, function=index) if row["undefined_reason"] != ABSENT]
-    selected = [row for row in rows if condition.holds(row)]
+        evaluated = evaluated_persons(connection, run, function=index)
+        persons = [person for person in evaluated if person.row["undefined_reason"] != ABSENT]
+    selected = [person for person in persons if condition.holds(person.row)]
     if not selected:
-        raise InvalidInput(f"selects none of {len(rows)} rows of {function}", field="where", value=where)
-    everything = [run_values(row, resolved) for row in rows]
-    return region_of((run_values(row, resolved) for row in selected), everything, quantities(resolved)), len(rows)
+        raise InvalidInput(f"selects none of {len(persons)} rows of {function}", field="where", value=where)
+    inside, everything = (
+        [run_values(person.instance_id, person.row, resolved) for person in some] for some in (selected, persons)
+    )
+    return region_of(inside, everything, quantities(resolved)), len(persons)
 
 
 def _function(resolved: ResolvedRun, function: str | None) -> str:

@@ -63,7 +63,8 @@ def finish_run(context: Context, run_id: str) -> None:
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
             state = RunState.COMPLETED_WITH_FAILURES
-            reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
+            products = "product" if len(roots) == 1 else "products"
+            reason = f"{len(roots)} {products} failed for good; see the report or `valerie status`"
     except ValerieError as error:
         log.exception("finish.failed", run=run_id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
@@ -92,6 +93,7 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
         threshold=resolved.spec.detection_threshold,
         seed=resolved.spec.seed,
+        spec=resolved.spec,
     )
     verdicts = read_verdicts(context, stored, table)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):

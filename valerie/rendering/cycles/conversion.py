@@ -1,4 +1,4 @@
-""".blend files to glTF, once, by Blender in its own process (docs/assets.md)."""
+"""Convert .blend files to glTF in a Blender process of their own (docs/assets.md)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ from valerie.settings import Settings
 
 _MAGIC: Final = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # plain, gzip (before 3.0), zstd
 #: Longest time for one file, seconds.
-_LONGEST_S: Final = 1800.0
 _LOOK_SECONDS: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """The result of a converted .blend file.
+    """The result of converting a .blend file.
 
     Attributes:
         path: the glTF file.
-        version: version of Blender.
-        notes: the omitted parts, in words.
+        version: the version of Blender.
+        notes: one sentence for each part that was left out.
     """
 
     path: Path
@@ -37,18 +36,19 @@ class Conversion:
     notes: tuple[str, ...]
 
 
-def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
-    """Convert a .blend file to one binary glTF file. No script of the file is run.
+def convert_blend(source: Path, target: Path, settings: Settings, *, seconds: float = 1800.0) -> Conversion:
+    """Convert a .blend file to one binary glTF file without running any of its scripts.
 
     Args:
         source: the .blend file.
         target: the .glb file to write.
-        settings: where Blender is, and how much memory it may take.
+        settings: Blender's interpreter and its memory limit.
+        seconds: longest time that it may take.
 
     Raises:
-        MissingDependency: there is no Blender environment (``make cycles`` makes it).
-        InvalidInput: no .blend file, or Blender cannot read it.
-        RenderingError: Blender crashed, took too long or too much memory.
+        MissingDependency: there is no Blender environment (``make cycles`` installs it).
+        InvalidInput: the file is no .blend file, or Blender cannot read it.
+        RenderingError: Blender crashed, took too long or used too much memory.
     """
     try:
         with source.open("rb") as file:
@@ -62,14 +62,14 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
         output, report_path = Path(folder, "scene.glb"), Path(folder, "report.json")
         command = blender_program(python, "inside.convert", str(source.resolve()), str(output), str(report_path))
         with Path(folder, "log").open("w+b") as log:
-            _run(command, log, settings.cycles_max_memory_mb * 1_000_000)
+            _run(command, log, settings.cycles_max_memory_mb * 1_000_000, seconds)
             log.seek(0)
             last = log.read().decode(errors="replace").strip().splitlines()[-1:]
         if not report_path.is_file():
             raise RenderingError(f"Blender ended while it converted {source.name}: {' '.join(last) or 'no message'}")
         report = json.loads(report_path.read_text("utf-8"))
         if "error" in report or not output.is_file():
-            raise InvalidInput(f"Blender cannot convert it: {report.get('error', last)}", field=source.name)
+            raise InvalidInput(f"Blender cannot convert the file: {report.get('error', last)}", field=source.name)
         try:
             target.write_bytes(output.read_bytes())
         except OSError as error:
@@ -77,13 +77,13 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
     return Conversion(target, str(report["version"]), tuple(map(str, report["notes"])))
 
 
-def _run(command: list[str], log: Any, memory: int) -> None:
+def _run(command: list[str], log: Any, memory: int, seconds: float) -> None:
     """Run a command to its end.
 
     Raises:
-        RenderingError: It needs too much memory or time.
+        RenderingError: the command exceeds its memory or its time.
     """
-    until = time.monotonic() + _LONGEST_S
+    until = time.monotonic() + seconds
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=blender_environment()
     )
@@ -93,18 +93,18 @@ def _run(command: list[str], log: Any, memory: int) -> None:
                 process.wait(_LOOK_SECONDS)
                 return
             except subprocess.TimeoutExpired:
-                _require_modesty(process.pid, memory, until)
+                _require_modesty(process.pid, memory)
+                if time.monotonic() > until:
+                    raise RenderingError(f"Blender did not finish within {seconds:g} s") from None
     finally:
         process.kill()
         process.wait()
 
 
-def _require_modesty(pid: int, memory: int, until: float) -> None:
+def _require_modesty(pid: int, memory: int) -> None:
     try:
         used = psutil.Process(pid).memory_info().rss
     except psutil.Error:
-        return  # it has just ended
+        return  # the process has just ended
     if used > memory:
         raise RenderingError(f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")
-    if time.monotonic() > until:
-        raise RenderingError(f"Blender did not finish within {_LONGEST_S:g} s")

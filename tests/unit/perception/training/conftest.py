@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from tests.box_frames import box_frames
+from tests.world.training import box_frames
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.acceptance.system import spec
 from tests.unit.pipeline.test_batches import Batches
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function

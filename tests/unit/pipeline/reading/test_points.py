@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.points import plot_axes, read_points
 from valerie.pipeline.reading.tables import read_table

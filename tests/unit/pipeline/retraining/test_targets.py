@@ -107,8 +107,7 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
 
 
 @pytest.mark.gl
-def test_a_region_that_no_scene_shows_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("valerie.pipeline.retraining.training_frames._TARGET_DRAWS", 30)
+def test_a_region_that_no_scene_shows_is_told() -> None:
     settings = FrameSettings(per_street=1, width=96, height=54, region=region(distance_m=Range(low=500, high=600)))
     with pytest.raises(InvalidInput, match=r"street 1000 .*distance_m 500 … 600"):
-        next(frames_of(simple_asset(), 1000, settings))
+        next(frames_of(simple_asset(), 1000, settings, most_draws=30))

@@ -1,4 +1,4 @@
-"""Converting without Blender: what is refused before it starts, and what becomes of one that misbehaves."""
+"""Conversion without Blender: files that are refused before it starts, and a fake Blender that misbehaves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from valerie.errors import InvalidInput, MissingDependency, RenderingError
-from valerie.rendering.cycles import conversion
 from valerie.rendering.cycles.conversion import convert_blend
 from valerie.settings import Settings, load_settings
 
@@ -31,7 +30,7 @@ def blend(tmp_path: Path) -> Path:
 
 
 def pretending(tmp_path: Path, program: str) -> Settings:
-    """Settings of an interpreter that runs ``program`` instead of what it is given."""
+    """Return settings with an interpreter that runs ``program`` instead of its own."""
     script, python = tmp_path / "program.py", tmp_path / "python"
     script.write_text(program)
     python.write_text(f'#!/bin/sh\nexec {sys.executable} {script} "$@"\n')
@@ -40,9 +39,9 @@ def pretending(tmp_path: Path, program: str) -> Settings:
 
 
 def test_blenders_output_is_written_with_its_notes(blend: Path, tmp_path: Path) -> None:
-    made = convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, WORK))
-    assert made.path.read_bytes() == b"glTF"
-    assert (made.version, made.notes) == ("9.9.9", ("material paint: baked",))
+    conversion = convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, WORK))
+    assert conversion.path.read_bytes() == b"glTF"
+    assert (conversion.version, conversion.notes) == ("9.9.9", ("material paint: baked",))
 
 
 def test_another_kind_of_file_is_refused_before_blender_starts(tmp_path: Path) -> None:
@@ -71,10 +70,9 @@ def test_a_file_that_blender_refuses_is_an_invalid_input(blend: Path, tmp_path: 
         convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, REFUSE))
 
 
-def test_a_hang_is_ended(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversion, "_LONGEST_S", 0.5)
+def test_a_hang_is_ended(blend: Path, tmp_path: Path) -> None:
     with pytest.raises(RenderingError, match=r"did not finish within 0\.5 s"):
-        convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, HANG))
+        convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, HANG), seconds=0.5)
 
 
 def test_a_file_that_takes_too_much_memory_is_ended(blend: Path, tmp_path: Path) -> None:

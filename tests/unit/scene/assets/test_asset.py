@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.plugin_package import look_again, write_boxes, write_package
+from tests.plugin_package import write_boxes, write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, MissingDependency, UnknownName
 from valerie.scene.assets.asset import asset_manifest, asset_names, is_generated, load_asset
@@ -22,11 +22,9 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
     folder = write_boxes(tmp_path / "boxes")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("VALERIE_PLUGINS", "box_assets")
-    look_again()
     yield folder
     sys.modules.pop("boxes", None)
     monkeypatch.undo()
-    look_again()
 
 
 @pytest.mark.usefixtures("installed")
@@ -46,7 +44,6 @@ class TestAPackOfAnotherDistribution:
 
     def test_is_refused_where_the_operator_does_not_name_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("VALERIE_PLUGINS", "another-package")
-        look_again()
         sys.modules.pop("boxes", None)
         assert "boxes" not in asset_names()
         offered = "asset boxes: offered by the package box-assets, which VALERIE_PLUGINS does not name"
@@ -62,14 +59,12 @@ class TestAPackOfAnotherDistribution:
         points = {"valerie.assets": {"urban-street": "boxes"}}
         monkeypatch.syspath_prepend(str(write_package(tmp_path / "other", "taker", modules={}, entry_points=points)))
         monkeypatch.setenv("VALERIE_PLUGINS", "box-assets, taker")
-        look_again()
         assert asset_manifest("urban-street")[0].title == "Urban street"
 
     def test_says_what_it_needs_and_is_not_there(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         points = {"valerie.assets": {"lost": "no_such_module"}}
         monkeypatch.syspath_prepend(str(write_package(tmp_path / "other", "lost", modules={}, entry_points=points)))
         monkeypatch.setenv("VALERIE_PLUGINS", "lost")
-        look_again()
         with pytest.raises(MissingDependency, match="asset 'lost' needs what is not installed"):
             asset_manifest("lost")
 

@@ -131,5 +131,5 @@ class InferMaker:
 
 def _look(job: Job) -> Look:
     if job.look is None:
-        raise InferenceError(f"product {job.digest} is no prediction")
+        raise InferenceError(f"product {job.digest} is not a prediction")
     return job.look

@@ -1,5 +1,6 @@
-// Position at another moment of the surface point under a pixel centre: pixels from the left and the top; its present depth along
-// the optical axis; and its label and instance, negative if the object is absent or the point not in front of the camera then.
+// Optical flow of the surface point at a pixel centre: its position in the image at another moment, pixels from the left and the
+// top; its present depth along the optical axis; and its label and instance, negative if the object is absent then or the point
+// is not in front of the camera.
 #include "surface.glsl"
 in vec3 elsewhere;
 uniform mat4 clip_from_elsewhere;

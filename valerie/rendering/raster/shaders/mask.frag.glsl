@@ -1,4 +1,4 @@
-// One for every pixel that an object covers when it is rendered alone.
+// Writes 1 to every pixel that an object covers when it is rendered alone.
 #include "surface.glsl"
 layout(location = 0) out float out_mask;
 

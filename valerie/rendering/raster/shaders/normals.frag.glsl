@@ -1,4 +1,4 @@
-// The surface's direction in the world, one point sample per pixel centre, in step with the truth pass.
+// Surface normal in the world, one point sample per pixel centre, aligned with the truth pass.
 #include "octahedron.glsl"
 #include "surface.glsl"
 layout(location = 0) out ivec2 out_normal;

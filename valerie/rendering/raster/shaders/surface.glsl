@@ -25,9 +25,9 @@ void cut_by_alpha(float alpha) {
 #endif
 
 #ifdef CLEAR
-// A pane covers some of a pixel's 2 × 2 samples, what is behind it the others; the filter that makes pixels of samples
-// blends them: exactly for a half, within 7 % of the difference for other shares. The pattern is mirrored from one column of
-// cells to the next, so that the first sample of a cell, which stands for it in coarser maps, is not always the pane's.
+// A pane covers some of a pixel's 2 × 2 samples; the background shows in the others. The resolve filter blends them, exactly for
+// a share of one half and within 7 % of the difference for others. The pattern is mirrored in every other column of cells.
+// Otherwise the first sample of a cell, which represents the cell in coarser maps, would always be the pane's.
 void see_through() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     int x = (s.x ^ (s.x / 4)) & 1, y = s.y & 1;

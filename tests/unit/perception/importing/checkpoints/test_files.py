@@ -201,7 +201,7 @@ class ChangedLater:
 
     def __reduce__(self):
         arguments = (torch.zeros(1).storage(), 0, (1,), (1,), False, {})
-        return torch._utils._rebuild_tensor_v2, arguments, {"shape": (1 << 40,)}
+        return torch._utils._rebuild_tensor_v2, arguments, {"shape": (1 << 40,)}  # noqa: SLF001 # the name in every checkpoint
 
 
 def test_a_tensor_cannot_be_changed_after_it_was_checked(save) -> None:

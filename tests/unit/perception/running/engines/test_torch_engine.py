@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import save
+from torch import nn
 
 from valerie.errors import InferenceError, InvalidInput, MissingDependency
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.perception.networks.architectures import build_network
+from valerie.perception.running.engine_function import EngineFunction
+from valerie.perception.running.engines.modules import open_module
+from valerie.perception.running.engines.torch_engine import TorchEngine
 from valerie.perception.running.opening import open_function
 from valerie.perception.shipped import file_document
 from valerie.testing.perception import PerceptionContract
@@ -63,13 +67,36 @@ def test_arrays_that_are_not_pictures_are_refused(write_function, shape: tuple[i
         opened(write_function()).predict(np.zeros(shape, np.uint8))
 
 
-def test_a_failure_inside_torch_becomes_an_inference_error(write_function, monkeypatch) -> None:
-    function = opened(write_function())
+class Watched(nn.Module):
+    """A network that remembers the sizes of its batches, or fails."""
 
-    def fail(_: torch.Tensor) -> torch.Tensor:
-        raise RuntimeError("could not allocate")
+    def __init__(self, network: nn.Module, *, fails: bool = False) -> None:
+        super().__init__()
+        self.network, self.fails = network, fails
+        self.batches: list[int] = []
 
-    monkeypatch.setattr(function._engine._module, "forward", fail)
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        if self.fails:
+            raise RuntimeError("could not allocate")
+        self.batches.append(x.shape[0])
+        logits: torch.Tensor = self.network(x)
+        return logits
+
+
+def watched(
+    path: Path, *, batch_size: int = 1, fails: bool = False, **changes: object
+) -> tuple[EngineFunction, Watched]:
+    """Return the function of a file that takes as many pictures at once as on some GPU, and its network."""
+    document = file_document("f", path)
+    document = document.model_copy(update={"input": document.input.model_copy(update=changes)})
+    network = Watched(open_module(document, path), fails=fails)
+    engine = TorchEngine(network, document, threads=1, device="cpu")
+    engine.batch_size = batch_size
+    return EngineFunction(document, engine, digest=document.digest), network
+
+
+def test_a_failure_inside_torch_becomes_an_inference_error(write_function) -> None:
+    function, _ = watched(write_function(), fails=True)
     with pytest.raises(InferenceError, match=r"f: torch failed.*could not allocate"):
         function.predict(np.zeros((8, 8, 3), np.uint8))
 
@@ -83,11 +110,7 @@ def pictures(count: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("taken", [{}, {"size": (64, 32), "mode": "tile", "multiple_of": 1, "overlap": 8}])
 def test_pictures_have_the_same_labels_together_and_alone(write_function, taken: dict) -> None:
-    path = write_function()
-    document = file_document("f", path)
-    document = document.model_copy(update={"input": document.input.model_copy(update=taken)})
-    function = open_function(document, path)
-    function._engine.batch_size = 4
+    function, _ = watched(write_function(), batch_size=4, **taken)
     given = pictures(5)
     together = function.predict_many(given)
     assert len(together) == 5
@@ -104,19 +127,10 @@ def test_no_pictures_have_no_labels(write_function) -> None:
     assert opened(write_function()).predict_many([]) == []
 
 
-def test_an_incomplete_batch_is_filled_so_that_the_kernels_stay_the_same(write_function, monkeypatch) -> None:
-    function = opened(write_function())
-    function._engine.batch_size = 4
-    seen = []
-    forward = function._engine._module.forward
-
-    def remember(x: torch.Tensor) -> torch.Tensor:
-        seen.append(x.shape[0])
-        return forward(x)
-
-    monkeypatch.setattr(function._engine._module, "forward", remember)
+def test_an_incomplete_batch_is_filled_so_that_the_kernels_stay_the_same(write_function) -> None:
+    function, network = watched(write_function(), batch_size=4)
     function.predict_many(pictures(5))
-    assert seen == [4, 4]
+    assert network.batches == [4, 4]
 
 
 def test_a_missing_gpu_is_named(write_function, monkeypatch) -> None:
