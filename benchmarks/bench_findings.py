@@ -26,6 +26,7 @@ from benchmarks import planted, results
 from benchmarks.planted import REPORTED, World
 from benchmarks.planted_grids import planted_grid
 from tests.planted_tables import drawn_space, planted_table, requirement
+from valerie.analysis.design import Design
 from valerie.analysis.finding_search import find_findings
 from valerie.analysis.verdicts import judge_requirements
 from valerie.statistics.confirmation import find, holm
@@ -332,7 +333,9 @@ def _table_verdicts(
             }
             for variant, far in zip(variants[gone].tolist(), distance[gone].tolist(), strict=True)
         ]
-        (verdict,) = judge_requirements([required], table, space, regions={"R": distance[~gone] < 20}, lost=rows)
+        (verdict,) = judge_requirements(
+            [required], table, Design(((design, count),)), regions={"R": distance[~gone] < 20}, lost=rows
+        )
         outcomes[verdict.outcome] += 1
     false = (outcomes[Outcome.MET] + outcomes[Outcome.NOT_MET]) / repetitions
     # With 1,000 repetitions, 5 % is exceeded by 2.3 points once in 1,000.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from tests.planted_tables import X, drawn_space, planted_table, requirement
+from tests.planted_tables import X, drawn, planted_table, requirement
 from valerie.analysis.gate import GateRun, gate
 from valerie.analysis.junit import junit_xml
 from valerie.analysis.verdicts import RequirementVerdict, judge_requirements
@@ -49,6 +49,7 @@ def run(
         np.concatenate(list(scores.values())),
         np.tile(np.arange(count), len(scores)),
         function=np.repeat(list(scores), count).tolist(),
+        design=drawn(more.get("design", "random"), count),
         frame_id=[f"{name}.{variant}.0.0" for variant in range(count)] * len(scores),
         **{key: np.tile(column, len(scores)) for key, column in dict(columns).items()},
     )
@@ -162,7 +163,7 @@ def test_what_cannot_be_compared_is_refused_by_name() -> None:
 
 
 def verdicts() -> tuple[RequirementVerdict, ...]:
-    table, space = planted_table([0.9] * 12, range(12)), drawn_space("random", 12)
+    table, space = planted_table([0.9] * 12, range(12)), drawn("random", 12)
     required = [
         requirement("mean(pacc) >= 0.2", id="MET", text="good \x07 & <fine>"),
         requirement("mean(pacc) <= 0.2", id="NOT"),
