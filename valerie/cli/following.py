@@ -9,6 +9,7 @@ from typing import Final
 
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
+from valerie.cli.folder import Folder
 from valerie.cli.shell import Exit, console
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
@@ -112,16 +113,16 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         out.print(f"\nReport    {path}")
 
 
-def show_verdicts(client: Client, run_id: str, progress: Progress) -> None:
+def show_verdicts(source: Client | Folder, run_id: str, progress: Progress) -> None:
     """Show the verdicts on the requirements of an ended run; nothing for one without results or requirements."""
-    summary = _summary(client, run_id, progress)
+    summary = _summary(source, run_id, progress)
     if summary is not None:
         _print_verdicts(summary)
 
 
-def _summary(client: Client, run_id: str, progress: Progress) -> RunSummary | None:
+def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSummary | None:
     has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
-    return client.summary(run_id) if has_results else None
+    return source.summary(run_id) if has_results else None
 
 
 def _print_verdicts(summary: RunSummary) -> None:
@@ -140,13 +141,13 @@ def report_path(settings: Settings, name: str, run_id: str) -> Path:
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
 
 
-def save_report(client: Client, run_id: str, path: Path) -> Path:
-    """Fetch a run's report into a file, and return its path as people would type it.
+def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
+    """Write a run's report to a file, and return its path as people would type it.
 
     Raises:
         StorageUnavailable: the file cannot be written.
     """
-    content = client.report(run_id)
+    content = source.report(run_id)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
