@@ -104,7 +104,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.summary_text import summary_renderable
 
         out.print()
-        _print_verdicts(summary)
+        _print_first(summary)
         numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
@@ -114,10 +114,10 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
 
 
 def show_verdicts(source: Client | Folder, run_id: str, progress: Progress) -> None:
-    """Show the verdicts on the requirements of an ended run; nothing for one without results or requirements."""
+    """Show the warnings and the verdicts of an ended run; nothing for one without results."""
     summary = _summary(source, run_id, progress)
     if summary is not None:
-        _print_verdicts(summary)
+        _print_first(summary)
 
 
 def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSummary | None:
@@ -125,12 +125,16 @@ def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSum
     return source.summary(run_id) if has_results else None
 
 
-def _print_verdicts(summary: RunSummary) -> None:
+def _print_first(summary: RunSummary) -> None:
+    """Print what stands before all other results: warnings, then verdicts."""
+    from valerie.analysis.summary import Summary
+    from valerie.analysis.summary_text import warnings_renderable
     from valerie.analysis.verdict_text import verdicts_renderable
     from valerie.analysis.verdicts import from_json
 
+    out = console()
+    out.print(warnings_renderable(Summary.from_json(summary.summary)), end="")
     if summary.verdicts:
-        out = console()
         out.print(verdicts_renderable(from_json(summary.verdicts)))
         out.print()
 
