@@ -86,8 +86,9 @@ def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
-    if word == "renderer" and _PROGRAMS.get(name) in known:
-        return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
+    engine = _PROGRAMS.get(name) if word == "renderer" else None
+    if engine is not None and engine in known:
+        return InvalidInput(f"unknown renderer {name!r}; did you mean {engine}?", field=field)
     if word == "function" and PurePath(name).suffix in _FUNCTION_FILES:
         return InvalidInput(
             f"unknown function {name!r}",

@@ -306,3 +306,12 @@ def test_a_per_cent_sign_stays_with_its_number(html):
 )
 def test_a_picture_states_its_type(start, kind):
     assert data_url(start).startswith(f"data:image/{kind};base64,")
+
+
+def test_warnings_stand_before_everything_else(source):
+    warning = "12 of 24 pictures are black (frames a, b, c, …)."
+    summary = dataclasses.replace(source.summary, warnings=(warning,))
+    page = build_report(dataclasses.replace(source, summary=summary))
+    main = page[page.index("<main>") :]
+    assert main.index(warning) < main.index("<section")
+    assert Page(page).words.count(warning) == 1

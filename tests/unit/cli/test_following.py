@@ -160,3 +160,16 @@ def test_a_cancelled_run_shows_why_and_asks_for_no_results(capsys: pytest.Captur
 
     show_result(_system(answer).client, "r1", _progress("cancelled", "on request"), None, json_lines=False)
     assert "The run is cancelled: on request" in capsys.readouterr().err
+
+
+def test_warnings_come_before_the_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    searched = {"comparisons": 0, "level": 0.95, "places_searched": 0, "places_confirming": 0}
+    findings = {"items": [], "candidates": [], **searched}
+    numbers = {"threshold": 0.5, "frames": 0, "rows": [], "occlusion": [], "empty": [], "warnings": ["net is silent."]}
+
+    def answer(_: httpx.Request) -> httpx.Response:
+        return httpx.Response(200, json={"summary": numbers, "findings": findings, "verdicts": []})
+
+    show_result(_system(answer).client, "r1", _progress("completed"), None, json_lines=False)
+    told = capsys.readouterr().out
+    assert told.index("Warning: net is silent.") < told.index("No person was evaluated.")

@@ -11,6 +11,7 @@ import yaml
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
+from valerie.analysis.summary import summarize
 from valerie.db import frames, measured, results
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson
@@ -237,3 +238,18 @@ def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: P
     assert any("motion blur changes nothing" in text for text in warnings)
     pipeline.run(pipeline.submit(still))
     assert pipeline.made() == {}
+
+
+def test_the_grey_levels_of_each_picture_are_kept_behind_its_own_sensor(tmp_path: Path) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    pipeline = Pipeline(tmp_path / "data", tmp_path / "assets")
+    dark = {"name": "dark", "exposure_ev": -16}
+    run = pipeline.submit(spec(xs=2, ys=1, sensors=[{"name": "day"}, dark]))
+    assert pipeline.run(run) == "completed"
+    stored = read_run(pipeline.context, run)
+    table = read_table(pipeline.context.engine, stored)
+    means = {name: table.numbers("picture_mean")[table.codes("sensor").where(name)] for name in ("day", "dark")}
+    assert means["day"].min() > 50
+    assert means["dark"].max() < 2
+    (warning,) = [text for text in summarize(table).warnings if "black" in text]
+    assert warning.startswith("4 of 8 pictures are black (frames ")
