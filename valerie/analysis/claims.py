@@ -393,10 +393,9 @@ def _contrast(
 
 
 def _level(factor: Factor, name: str, field: str) -> int:
-    names = [level.text for level in factor.levels]
-    if name not in names:
-        raise UnknownName(f"level of {factor.name}", name, names, field=field)
-    return names.index(name)
+    if name not in factor.levels:
+        raise UnknownName(f"level of {factor.name}", name, factor.levels, field=field)
+    return factor.levels.index(name)
 
 
 def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:
