@@ -7,7 +7,9 @@ from typer.testing import CliRunner
 
 from valerie.cli import assets
 from valerie.cli.main import app
+from valerie.parameters.definitions import Affects, ParameterType
 from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.variation.traverse import PathEntry
 
 
 @pytest.fixture
@@ -32,12 +34,19 @@ def test_what_may_vary_is_told_whole_on_a_narrow_terminal(terminal: int) -> None
 
 
 def test_choices_are_named_by_path_where_two_of_one_attribute_differ(terminal: int) -> None:
-    rows = [{"path": path, "choices": choices} for path, choices in (
-        ("scene.car-1.colour", ["red"]), ("scene.bus-1.colour", ["blue"]), ("scene.person-1.pose", ["walking"]),
-        ("scene.person-2.pose", ["walking"]), ("scene.person-1.pos.x", None),
-    )]  # fmt: skip
-    assert assets._choices(rows) == {
-        "scene.car-1.colour": ["red"],
-        "scene.bus-1.colour": ["blue"],
-        "pose": ["walking"],
+    paths = (
+        ("scene.car-1.colour", ("red",)),
+        ("scene.bus-1.colour", ("blue",)),
+        ("scene.person-1.pose", ("walking",)),
+        ("scene.person-2.pose", ("walking",)),
+        ("scene.person-1.pos.x", ()),
+    )
+    entries = [
+        PathEntry(path, ParameterType.CATEGORICAL, "", None, None, choices, "", declared=True, affects=Affects.GEOMETRY)
+        for path, choices in paths
+    ]
+    assert assets._choices(entries) == {
+        "scene.car-1.colour": ("red",),
+        "scene.bus-1.colour": ("blue",),
+        "pose": ("walking",),
     }
