@@ -11,9 +11,7 @@ from typer.testing import CliRunner
 from tests.world.boxes import write_box_street
 from valerie.cli import assets
 from valerie.cli.main import app
-from valerie.parameters.definitions import Affects, ParameterType
 from valerie.scene.assets.asset import asset_manifest
-from valerie.scene.variation.traverse import PathEntry
 
 
 @pytest.fixture
