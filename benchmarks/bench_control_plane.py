@@ -21,7 +21,8 @@ from typing import Any
 import psutil
 
 from benchmarks import results
-from tests.acceptance.system import System, write_box_street
+from tests.acceptance.system import System
+from tests.world.boxes import write_box_street
 from valerie.db import runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate

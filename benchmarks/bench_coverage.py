@@ -290,7 +290,7 @@ def measure(
     truth = planted.truth(world, design, weigh)
     methods = OF_SHARES if quantity == "share" else OTHERS
     tallies = {other: Tally() for other in methods}
-    replicate = replicates(units) if design in EVEN and quantity != "one piece" else None
+    replicate = np.sort(replicates(units)) if design in EVEN and quantity != "one piece" else None
     own, refused, estimand = Tally(), 0, ""
     for start in range(0, repetitions, CHUNK):
         draws = planted.draw(

@@ -7,8 +7,8 @@
   grey levels and pACC. Compares qualities with many samples: error, pACC, CPU seconds. Needs no Blender; networks may be newer.
 * ``reach``: measures the change of indirect light around a pedestrian by distance in body heights, beside the noise.
 
-Without a step, all three run at a small size. The validation of docs/cycles.md takes hours; `benchmarks.cycles_frames` explains
-its windows and samples:
+Without a step, all three run at a small size. The validation in docs/benchmarks.md takes hours; `benchmarks.cycles_frames`
+explains its windows and samples:
 ``render score --width 960 --height 540 --frames 100 --presets 10``.
 """
 

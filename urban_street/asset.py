@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import Field
@@ -52,7 +52,7 @@ from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
-from valerie.scene.assets.asset import PackSettings
+from valerie.scene.assets.asset import AssetArguments, PackSettings
 from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest, TrainingRules
 from valerie.scene.assets.objects import classified
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
@@ -64,7 +64,7 @@ from valerie.scene.light.solar import CLOCK
 
 NAME: Final = "urban-street"
 #: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
-REVISION: Final = 4
+REVISION: Final = 5
 
 #: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
@@ -129,7 +129,11 @@ def make_manifest(settings: Settings) -> Manifest:
         gaits=GAITS,
         paints=PAINTS,
         training=TrainingRules(
-            left_out=tuple(path for path in vehicles if path not in TRAINED_ON),
+            # A second outfit of one body would show that body twice as often.
+            left_out=(
+                *(path for path in vehicles if path not in TRAINED_ON),
+                *(f"{path}.yellow-outfit" for path in paths),
+            ),
             poses={"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08},
             worn=("shoe-",),
             skin=("skin-head", "skin-limbs"),
@@ -169,7 +173,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     )
 
 
-def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
+def draw_arguments(rng: np.random.Generator) -> AssetArguments:
     """Draw the arguments of a training street, except its seed; all choices come from ``rng``."""
 
     def pick(shares: Mapping[str, float]) -> str:

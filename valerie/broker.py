@@ -1,7 +1,7 @@
 """All messages of the system: the Celery app, the names of the tasks, and how messages are sent.
 
 The database is the queue of record; a message is a doorbell: a short list of product digests that share a warm cache. A
-message may be lost, doubled or late without harm: workers claim products by compare-and-set, the sweeper sends it again.
+message may be lost, duplicated or late without harm: workers claim products by compare-and-set, and the sweep rings again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: E
 
 #: Products per message: large enough to spread overhead, small enough that a killed worker loses little.
 CHUNK: Final = 24
-#: Kinds with another number: a background takes as long as many layers; 8 predictions are two batches of a GPU.
+#: Exceptions: a background takes as long as many layers; 8 predictions are two batches of a GPU.
 _CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
 
 
@@ -53,7 +53,7 @@ def create_app(settings: Settings) -> Celery:
         result_backend=None,
         task_ignore_result=True,
         task_store_errors_even_if_ignored=False,
-        # A message is acknowledged when its work is done, and handed back when the process that did it died.
+        # A message is acknowledged when its work is done, and returned when the process dies.
         task_acks_late=True,
         task_reject_on_worker_lost=True,
         task_default_queue=EVAL_QUEUE,
@@ -67,15 +67,15 @@ def create_app(settings: Settings) -> Celery:
         worker_enable_remote_control=False,
         worker_send_task_events=False,
         worker_hijack_root_logger=False,
-        # A worker that loses the broker ends and starts anew (see `valerie.pipeline.work.workers.serve`).
+        # A worker that loses the broker ends and is restarted (see `valerie.pipeline.work.workers.serve`).
         broker_connection_retry=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         worker_cancel_long_running_tasks_on_connection_loss=False,
         broker_transport_options={
-            # Longer than any task: a message that outlives it is doubled, which the claim makes harmless.
+            # Longer than any task. A message that outlives it is delivered twice, which the claim makes harmless.
             "visibility_timeout": settings.visibility_timeout_seconds,
-            # kombu's own cadence restores about every 100 s; a killed worker's messages shall be back in seconds.
+            # By default kombu restores a killed worker's messages after about 100 s; here within seconds.
             "unacked_restore_interval": 1,
             "unacked_restore_throttle": 1,
             "unacked_restore_limit": 1000,
@@ -90,7 +90,7 @@ def create_app(settings: Settings) -> Celery:
     return app
 
 
-#: How every message is sent. The texts for people in its header are given: making them costs as much as the rest.
+#: Options of every message. The readable texts in its header are constant: building them costs as much as the rest.
 _SENDING: Final[dict[str, Any]] = {
     "ignore_result": True,
     "kwargsrepr": "{}",

@@ -7,11 +7,19 @@ is one entry here, the code that computes it, and a migration.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from valerie.errors import UnknownName
+
+#: A value in a row; None: empty.
+Cell = str | int | float | None
+#: Values of measures by name. A mapping, since measures are data: a new one is an entry of `MEASURES`, not a field.
+Measures = Mapping[str, Cell]
+#: A row of the long table: its measures, and one column for each parameter that its run varies.
+TableRow = dict[str, Cell]
 
 
 class ColumnType(StrEnum):
@@ -56,6 +64,8 @@ class Source(StrEnum):
 OF_PERSON: Final = (Source.PLACE, Source.PIXELS, Source.LIGHT)
 #: Sources that depend on the function under test.
 OF_FUNCTION: Final = (Source.FUNCTION, Source.PERSON_SCORE, Source.FRAME_SCORE)
+#: Sources of the values that are known before any function looks.
+WITHOUT_FUNCTION: Final = tuple(source for source in Source if source not in OF_FUNCTION)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,108 +31,112 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", env_ignore_empty=True)
 
-    # Where things are kept
+    # Storage
     data_dir: Path = Field(Path("var/valerie"), description="database, artifacts, logs and sockets of this machine")
     database_url: str = Field("", description="sqlite:///path or postgresql://…; empty: a SQLite file in data_dir")
     artifacts_url: str = Field(
         "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"
     )
     s3_endpoint: str | None = Field(None, description="URL of an S3-compatible server other than AWS")
-    asset_dir: Path = Field(Path(), description="folder of the user's own assets; empty: the folder assets in data_dir")
-    min_free_mb: int = Field(200, ge=0, description="runs pause when the artifact folder has less space than this")
+    asset_dir: Path = Field(Path(), description="folder of your own assets; empty: the folder assets in data_dir")
+    min_free_mb: int = Field(200, ge=0, description="free space of the artifact folder below which runs pause")
 
     # Broker
     broker_url: str = Field(
-        "redis://127.0.0.1:6379/0", description="Redis of the queues; the one-machine mode has its own"
+        "redis://127.0.0.1:6379/0", description="Redis of the queues; unless set, the one-machine mode starts its own"
     )
     redis_server: Path | None = Field(
-        None, description="redis-server program of the one-machine mode; empty: looked for"
+        None, description="redis-server program of the one-machine mode; empty: search for one"
     )
     visibility_timeout_seconds: int = Field(
-        3600, ge=5, description="a message not acknowledged for so long is delivered again; longer than any task"
+        3600, ge=5, description="time after which an unacknowledged message is delivered again; longer than any task"
     )
 
     # API
     api_host: str = Field(
-        "127.0.0.1", min_length=1, description="address to listen on; any but loopback needs api_token"
+        "127.0.0.1", min_length=1, description="address to listen on; any other than loopback needs api_token"
     )
     api_port: int = Field(8700, ge=0, le=65_535, description="port to listen on; 0: any free one")
     api_token: SecretStr | None = Field(None, description="bearer token that every request must carry")
-    max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body that is read")
+    max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body")
 
     # Functions under test
     max_function_mb: int = Field(
-        1_024, ge=1, le=8_192, description="longest file of a function that is taken; checked before it is read"
+        1_024, ge=1, le=8_192, description="largest file of a function; checked before it is read"
     )
     import_memory_mb: int = Field(
-        8_192, ge=0, description="private memory of the process that converts and checks such a file; 0: no limit"
+        8_192, ge=0, description="private memory of the process that converts and checks a function; 0: no limit"
     )
-    import_seconds: Seconds = Field(600.0, description="time that converting and checking may take")
+    import_seconds: Seconds = Field(600.0, description="time limit of converting and checking")
     import_programs: bool = Field(
-        False, description="also take programs of torch (.pt2, .torchscript), which run code of whoever made them"
+        False, description="also accept programs of torch (.pt2, .torchscript), which execute their author's code"
     )
-    function_cache_mb: int = Field(4_096, ge=1, description="files of functions that a machine keeps in data_dir")
+    function_cache_mb: int = Field(4_096, ge=1, description="function files that a machine keeps in data_dir")
     predictions_hours: float = Field(
-        168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for uploaded predictions"
+        168.0, gt=0, le=87_600, allow_inf_nan=False, description="time that a run waits for uploaded predictions"
     )
 
     # Plug-ins
     plugins: str = Field(
         "",
         description="installed packages whose engines, functions and samplers may be used, as my-package,other; "
-        "they run as part of VALERIE; empty: none",
+        "they run with VALERIE's rights; empty: none",
     )
 
     # Runs
-    max_variants: int = Field(1_000_000, ge=1, description="largest run that is accepted")
-    feed_window: int = Field(4_000, ge=1, description="unfinished products that are written ahead of the workers")
-    sweep_seconds: Seconds = Field(2.0, description="pause between two turns of the control loop")
+    max_variants: int = Field(1_000_000, ge=1, description="largest run")
+    feed_window: int = Field(4_000, ge=1, description="unfinished products written ahead of the workers")
+    sweep_seconds: Seconds = Field(2.0, description="pause between two sweeps of the control loop")
     resend_seconds: Seconds = Field(
-        20.0, description="a product that is ready and unanswered for so long is rung for again"
+        20.0, description="time after which the message for a ready, unclaimed product is sent again"
     )
-    max_attempts: int = Field(4, ge=1, le=100, description="tries of one product before it has failed for good")
+    max_attempts: int = Field(4, ge=1, le=100, description="attempts of a product before it fails permanently")
 
     # Workers
-    lease_seconds: Seconds = Field(60.0, description="a product whose worker gives no sign for so long is taken back")
-    heartbeat_seconds: Seconds = Field(5.0, description="pause between two signs of life; at most a third of the lease")
-    shutdown_seconds: Seconds = Field(5.0, description="a worker that is told to stop may go on for so long")
-    worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is renewed")
-    worker_max_memory_mb: int = Field(4_096, ge=256, description="a worker process that outgrows this is renewed")
+    lease_seconds: Seconds = Field(60.0, description="time after which the product of a silent worker is taken back")
+    heartbeat_seconds: Seconds = Field(5.0, description="pause between two heartbeats; at most a third of the lease")
+    shutdown_seconds: Seconds = Field(5.0, description="time that a worker has to stop")
+    worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is replaced")
+    worker_max_memory_mb: int = Field(4_096, ge=256, description="memory above which a worker process is replaced")
     render_engines: str = Field(
-        "raster,pyrender,cycles", description="engines that a render worker offers when they work on its machine"
+        "raster,pyrender,cycles", description="engines that a render worker offers if they work on its machine"
     )
-    infer_functions: str = Field("", description="functions that an inference worker offers; empty: all that are known")
+    infer_functions: str = Field("", description="functions that an inference worker offers; empty: all")
     cycles_python: Path = Field(
-        Path(".venv-cycles/bin/python"), description="python of the environment that has Blender (`make cycles`)"
+        Path(".venv-cycles/bin/python"), description="Python of the environment with Blender (`make cycles`)"
     )
     cycles_device: Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"] = Field(
-        "auto", description="what Cycles computes on; auto: a graphics card where there is one"
+        "auto", description="device of Cycles; auto: a graphics card if there is one"
     )
     cycles_threads: int = Field(0, ge=0, le=1024, description="threads of Cycles; 0: one per core of the machine")
-    cycles_silence_seconds: Seconds = Field(300.0, description="a Blender that shows no progress for so long is ended")
-    cycles_max_memory_mb: int = Field(8_192, ge=512, description="a Blender that outgrows this is ended")
+    cycles_silence_seconds: Seconds = Field(300.0, description="time without progress after which Blender is ended")
+    cycles_max_memory_mb: int = Field(8_192, ge=512, description="memory above which Blender is ended")
     infer_engines: str = Field(
         "",
         description="engines for registered functions that an inference worker offers, as torch/fp32,openvino/bf16; "
         "empty: all that work on its machine; none: no registered functions",
     )
     infer_device: str = Field(
-        "auto", pattern=r"^(auto|cpu|cuda(:[0-9]+)?)$", description="where torch runs: auto, cpu, cuda, cuda:1"
+        "auto", pattern=r"^(auto|cpu|cuda(:[0-9]+)?)$", description="device of torch: auto, cpu, cuda, cuda:1"
+    )
+    infer_precision: Literal["auto", "fp32", "bf16"] = Field(
+        "auto",
+        description="precision of the shipped functions; auto: bf16 where the processor multiplies it, else fp32",
     )
     infer_memory_mb: int = Field(
         16_384,
         ge=0,
-        description="private memory of the process that runs a function; beyond it allocations fail; 0: no limit",
+        description="private memory of the process that runs a function; larger allocations fail; 0: no limit",
     )
     infer_seconds: float = Field(
         600.0,
         ge=0,
         le=86_400,
         allow_inf_nan=False,
-        description="longest time to open a function or for one picture; 0: any",
+        description="longest time to open a function, and for one picture; 0: no limit",
     )
     http_functions: str = Field(
-        "", description="where functions behind HTTP may be, as models.example:8000,10.1.0.0/16; empty: nowhere"
+        "", description="permitted addresses of functions behind HTTP, as models.example:8000,10.1.0.0/16; empty: none"
     )
     testing_engines: bool = Field(False, description="accept the blank engine and function of benchmarks and tests")
     infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")

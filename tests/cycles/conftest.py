@@ -13,14 +13,14 @@ from valerie.settings import Settings, load_settings
 
 @pytest.fixture(scope="session")
 def deployment() -> Settings:
-    """Settings with the environment of `make cycles`, or the one that VALERIE_TEST_CYCLES_PYTHON names."""
-    found = load_settings({}, cycles_python=os.environ.get("VALERIE_TEST_CYCLES_PYTHON"), cycles_device="cpu")
-    interpreter(found)
-    return found
+    """Return settings with the environment of `make cycles`, or the one that VALERIE_TEST_CYCLES_PYTHON names."""
+    settings = load_settings({}, cycles_python=os.environ.get("VALERIE_TEST_CYCLES_PYTHON"), cycles_device="cpu")
+    interpreter(settings)
+    return settings
 
 
 @pytest.fixture(scope="session")
 def holder(deployment: Settings) -> Iterator[BlenderHolder]:
-    found = BlenderHolder(deployment)
-    yield found
-    found.close()
+    blenders = BlenderHolder(deployment)
+    yield blenders
+    blenders.close()

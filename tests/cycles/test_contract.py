@@ -1,4 +1,4 @@
-"""Cycles keeps the contract of every engine; and what only a path tracer has: noise, seeds, a denoiser."""
+"""The contract of all engines for Cycles, and properties of a path tracer: noise, seeds, a denoiser."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def test_without_denoiser_a_layer_is_the_part_of_the_frame_bit_for_bit(holder: B
 
 def test_with_denoiser_a_layer_is_the_part_of_the_frame_within_the_noise(holder: BlenderHolder) -> None:
     scene = apply(POSES[1], simple_asset())
-    made, other = engine(holder, samples=8, denoise=True), engine(holder, samples=8, denoise=True, seed=1)
-    layer = made.layer(scene, VIEW)
-    joined = layer.over(made.background(scene, VIEW))
-    assert_within_noise(joined, made.full(scene, VIEW), other.full(scene, VIEW), layer.rectangle)
+    first, other = engine(holder, samples=8, denoise=True), engine(holder, samples=8, denoise=True, seed=1)
+    layer = first.layer(scene, VIEW)
+    joined = layer.over(first.background(scene, VIEW))
+    assert_within_noise(joined, first.full(scene, VIEW), other.full(scene, VIEW), layer.rectangle)
 
 
 @pytest.mark.parametrize(
@@ -57,13 +57,13 @@ def test_with_denoiser_a_layer_is_the_part_of_the_frame_within_the_noise(holder:
     [
         (VIEW, Rectangle(53, 31, 40, 37)),
         (VIEW, Rectangle(0, 80, 160, 10)),
-        # In single precision 28/270 of 270 pixels are less than 28, and so are the others.
+        # In single precision 28/270 of 270 pixels are less than 28, and the other edges round down likewise.
         (View("camera-1", 270, 54), Rectangle(28, 7, 190, 46)),
         (View("camera-1", 270, 54), Rectangle(20, 7, 36, 22)),
         (View("camera-1", 270, 54), Rectangle(28, 25, 28, 29)),
     ],
 )
-def test_a_border_shows_the_pixels_of_the_whole_picture_bit_for_bit(
+def test_a_border_shows_the_pixels_of_the_whole_image_bit_for_bit(
     holder: BlenderHolder, view: View, border: Rectangle
 ) -> None:
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
@@ -73,14 +73,14 @@ def test_a_border_shows_the_pixels_of_the_whole_picture_bit_for_bit(
         np.testing.assert_array_equal(pixels, getattr(whole, name)[border.slices], err_msg=name)
 
 
-def test_guides_leave_the_picture_as_it_is(holder: BlenderHolder) -> None:
+def test_guides_do_not_change_the_image(holder: BlenderHolder) -> None:
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4, denoise=False).inputs()
     plain = translation.render(holder.get(), scene, VIEW, settings)
     np.testing.assert_array_equal(translation.guided(holder.get(), scene, VIEW, settings).noisy, plain)
     np.testing.assert_array_equal(translation.render(holder.get(), scene, VIEW, settings), plain)
 
 
-def test_denoising_afterwards_is_denoising_at_once(holder: BlenderHolder) -> None:
+def test_denoising_afterwards_gives_the_image_of_denoising_at_once(holder: BlenderHolder) -> None:
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
     at_once = translation.render(holder.get(), scene, VIEW, settings)
     inputs = translation.guided(holder.get(), scene, VIEW, settings)
@@ -88,32 +88,32 @@ def test_denoising_afterwards_is_denoising_at_once(holder: BlenderHolder) -> Non
     assert np.abs(inputs.noisy - at_once).max() > 0.05
 
 
-def test_the_denoiser_takes_the_pixels_of_a_window_together_as_it_takes_those_of_the_whole_picture(
+def test_the_denoiser_pools_the_pixels_of_a_window_like_those_of_the_whole_image(
     holder: BlenderHolder,
 ) -> None:
     scene, view = apply(POSES[0], simple_asset()), View("camera-1", 320, 180)
     inputs = translation.guided(holder.get(), scene, view, CyclesSettings(samples=8).inputs())
-    whole, wanted = translation.denoised(holder.get(), inputs), reached_rectangle(scene, view)
+    whole, rectangle = translation.denoised(holder.get(), inputs), reached_rectangle(scene, view)
 
     def error(window: Rectangle) -> float:
         part = translation.Guided(*(np.ascontiguousarray(layer[window.slices]) for layer in inputs))
-        made = np.zeros_like(whole)
-        made[window.slices] = translation.denoised(holder.get(), part)
-        return float(np.sqrt(((made - whole)[wanted.slices] ** 2).mean()))
+        image = np.zeros_like(whole)
+        image[window.slices] = translation.denoised(holder.get(), part)
+        return float(np.sqrt(((image - whole)[rectangle.slices] ** 2).mean()))
 
-    aligned = denoised_window(wanted, view)
+    aligned = denoised_window(rectangle, view)
     assert not aligned.empty
-    # As much as `aligned` shows around, or more, but not from where the whole picture's blocks begin.
+    # This window has a margin at least as wide as `aligned`, but its edges are not on the blocks of the whole image.
     shifted = Rectangle(aligned.x - 4, aligned.y - 4, aligned.width + 8, aligned.height + 8).clipped(320, 180)
     assert error(aligned) < 0.75 * error(shifted)
 
 
 def test_a_denoised_image_has_the_same_bytes_every_time(holder: BlenderHolder) -> None:
-    made = engine(holder, denoise=True)
+    cycles = engine(holder, denoise=True)
     scene = simple_asset().base
-    first = made.full(scene, VIEW)
+    first = cycles.full(scene, VIEW)
     engine(holder).background(scene, View("camera-2", 64, 40))
-    assert_same(made.full(scene, VIEW), first)
+    assert_same(cycles.full(scene, VIEW), first)
 
 
 def test_another_number_of_threads_gives_the_same_bytes(holder: BlenderHolder, deployment) -> None:
@@ -131,8 +131,8 @@ def test_more_samples_and_the_denoiser_each_bring_the_image_nearer_to_the_refere
     reference = engine(holder, samples=512, seed=9).background(scene, view).pixels.astype(np.float64)
 
     def error(**settings: object) -> float:
-        made = engine(holder, **settings).background(scene, view).pixels
-        return float(np.sqrt(((made.astype(np.float64) - reference) ** 2).mean()))
+        pixels = engine(holder, **settings).background(scene, view).pixels
+        return float(np.sqrt(((pixels.astype(np.float64) - reference) ** 2).mean()))
 
     few, many, cleaned = error(samples=4), error(samples=64), error(samples=4, denoise=True)
     assert many < few / 2
@@ -147,7 +147,7 @@ def test_a_seed_changes_the_noise_and_nothing_else(holder: BlenderHolder) -> Non
     assert abs(means[0] / means[1] - 1) < 0.02
 
 
-def test_settings_of_the_picture_before_leave_no_trace(holder: BlenderHolder) -> None:
+def test_settings_of_the_previous_image_leave_no_trace(holder: BlenderHolder) -> None:
     scene = simple_asset().base
     first = engine(holder).background(scene, VIEW)
     before: tuple[dict[str, object], ...] = (
@@ -165,12 +165,12 @@ def test_settings_of_the_picture_before_leave_no_trace(holder: BlenderHolder) ->
 
 
 def test_earlier_images_leave_no_trace(holder: BlenderHolder) -> None:
-    made, asset = engine(holder), simple_asset()
-    first = made.full(asset.base, VIEW)
+    cycles, asset = engine(holder), simple_asset()
+    first = cycles.full(asset.base, VIEW)
     with pytest.raises(RenderingError):
-        made.background(apply({"scene.sun-1.irradiance": 0.0}, asset), VIEW)
-    made.layer(apply({"scene.person-1.character": "blue-coat", "scene.person-2.character": "red-coat"}, asset), VIEW)
+        cycles.background(apply({"scene.sun-1.irradiance": 0.0}, asset), VIEW)
+    cycles.layer(apply({"scene.person-1.character": "blue-coat", "scene.person-2.character": "red-coat"}, asset), VIEW)
     few = replace(asset.base, nodes={path: node for path, node in asset.base.nodes.items() if "car" not in path})
-    made.background(few, VIEW)
-    layer = made.layer(asset.base, VIEW)
+    cycles.background(few, VIEW)
+    layer = cycles.layer(asset.base, VIEW)
     np.testing.assert_array_equal(layer.pixels, first.pixels[layer.rectangle.slices])

@@ -1,4 +1,4 @@
-"""A .blend file to an asset: its shapes, names and lights arrive, and nothing that it brings is run."""
+"""A .blend file as an asset: shapes, names and lights are converted, and none of the file's code is run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.scene.checks.manifest_draft import draft_manifest
 from valerie.scene.checks.shapes import object_boxes
 from valerie.settings import Settings
 
-#: Makes a small street, and in it a text block that registers itself and a driver with Python: each writes a file if it is run.
+#: Builds a small street with a text block that registers itself and a driver with Python. Each writes a file if it is run.
 AUTHOR = """
 import math, os, sys, bpy
 path, marker = sys.argv[1:]
@@ -101,7 +101,7 @@ def test_no_script_of_the_file_is_run(
 ) -> None:
     assert ran(place, "ran-while-made") == set()
     assert any("scripts of the file are not run" in note for note in converted[1])
-    # The same file, opened by somebody who trusts it, does both: the markers would show it.
+    # The same file runs both if its scripts are trusted, so the markers would show it.
     run(deployment, TRUSTING, blend)
     assert ran(place, "ran-while-made") == {".text", ".driver"}
 
@@ -130,6 +130,6 @@ def test_the_converted_file_is_an_asset_as_it_was_modelled(converted: tuple[Path
 def test_a_file_that_blender_cannot_read_is_a_clear_error(deployment: Settings, tmp_path: Path) -> None:
     broken = tmp_path / "broken.blend"
     broken.write_bytes(b"BLENDER-v405" + b"\0" * 100)
-    with pytest.raises(InvalidInput, match=r"broken\.blend: Blender cannot convert it"):
+    with pytest.raises(InvalidInput, match=r"broken\.blend: Blender cannot convert the file"):
         convert_blend(broken, tmp_path / "broken.glb", deployment)
     assert not (tmp_path / "broken.glb").exists()

@@ -1,4 +1,4 @@
-"""A real Blender that is killed or stopped in the middle of a picture: an error to try again, and then it works again."""
+"""A real Blender that is killed or stopped while it renders: the error is transient, and the next image is right."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ VIEW = View("camera-1", 96, 54)
 
 @pytest.fixture
 def own(deployment: Settings) -> Iterator[BlenderHolder]:
-    found = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": 30.0}))
-    yield found
-    found.close()
+    blenders = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": 30.0}))
+    yield blenders
+    blenders.close()
 
 
 def endless(holder: BlenderHolder) -> CyclesRenderer:
-    """Renders for minutes, with signs of life."""
+    """Return an engine that renders for minutes, with signs of life."""
     return CyclesRenderer(CyclesSettings(samples=65_536, denoise=False), holder)
 
 
 def in_the_middle(holder: BlenderHolder, what: signal.Signals) -> int:
-    """Send Blender a signal once it has worked on a picture for a second; its process id."""
+    """Send Blender a signal after a second of rendering, and return its process id."""
     pid = holder.get().pid
     start = psutil.Process(pid).cpu_times().user
 
@@ -52,7 +52,7 @@ def in_the_middle(holder: BlenderHolder, what: signal.Signals) -> int:
     return pid
 
 
-def test_a_killed_blender_is_a_transient_error_and_the_next_picture_is_right(own: BlenderHolder) -> None:
+def test_a_killed_blender_is_a_transient_error_and_the_next_image_is_right(own: BlenderHolder) -> None:
     quick = CyclesRenderer(CyclesSettings(samples=1, denoise=False), own)
     before = quick.background(SCENE, VIEW).pixels
     pid = in_the_middle(own, signal.SIGKILL)
@@ -62,14 +62,14 @@ def test_a_killed_blender_is_a_transient_error_and_the_next_picture_is_right(own
     assert own.get().pid != pid
 
 
-def test_a_stopped_blender_is_taken_for_hung_and_ended(own: BlenderHolder) -> None:
+def test_a_stopped_blender_counts_as_hung_and_is_ended(own: BlenderHolder) -> None:
     pid = in_the_middle(own, signal.SIGSTOP)
     with pytest.raises(TransientError, match="no sign of life for 30 s"):
         endless(own).background(SCENE, VIEW)
     assert not psutil.pid_exists(pid)
 
 
-def test_blender_gives_signs_of_life_while_it_works_on_a_long_picture(
+def test_blender_gives_signs_of_life_while_it_renders_for_long(
     own: BlenderHolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pid, receive, signs = own.get().pid, Wire.receive, []

@@ -1,4 +1,4 @@
-"""The same scene document means the same in Cycles as in the raster engine: exposure, sun, sky, materials."""
+"""Scenes in Cycles against the raster engine: exposure, sun, sky, materials."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from valerie.testing.assets import box_mesh
 pytestmark = pytest.mark.gl
 
 WHITE = Material("ground", (1.0, 1.0, 1.0), roughness=1.0, specular=0.0)
-#: Looks down on the ground from 6 m.
+#: A camera that looks down on the ground from 6 m.
 DOWN = Camera("scene.camera-1", camera_transform((0, 0, 6), 0, -90, 0), focal_length_mm=50.0)
 VIEW = View("camera-1", 48, 32)
 
 
 def ground(material: Material, *, sun: Sun, extra: tuple[Node, ...] = (), **scene: object) -> Scene:
-    """A large plane of one material, seen from above."""
+    """Return a large plane of one material, seen from above."""
     nodes = (
         Node("scene", np.eye(4)),
         Node("scene.road-1", np.eye(4), (box_mesh((-300, -300, -1), (300, 300, 0), "ground"),)),
     )
     materials = {"ground": replace(material, name="ground")}
     environment = Environment(sky_strength=float(scene.pop("sky_strength", 1.0)))  # type: ignore[arg-type]
-    given = {"textures": {}, "cameras": {"camera-1": DOWN}, **scene}
-    return Scene({n.path: n for n in (*nodes, *extra)}, materials, sun=sun, environment=environment, **given)  # type: ignore[arg-type]
+    parts = {"textures": {}, "cameras": {"camera-1": DOWN}, **scene}
+    return Scene({n.path: n for n in (*nodes, *extra)}, materials, sun=sun, environment=environment, **parts)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
 def raster() -> Iterator[RasterRenderer]:
-    found = RasterRenderer()
-    yield found
-    found.close()
+    engine = RasterRenderer()
+    yield engine
+    engine.close()
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def cycles(holder: BlenderHolder) -> CyclesRenderer:
 
 
 def mean(engine: CyclesRenderer | RasterRenderer, scene: Scene, view: View = VIEW) -> NDArray[np.float64]:
-    """(3,) mean of the picture."""
+    """Return the mean colour of the image, (3,)."""
     pixels: NDArray[np.float64] = engine.full(scene, view).pixels.astype(np.float64)
     return pixels.mean(axis=(0, 1))
 
@@ -105,24 +105,24 @@ def test_the_sky_of_the_scene_looks_as_in_the_raster_engine(holder: BlenderHolde
     engine = CyclesRenderer(CyclesSettings(samples=8, denoise=False, sky="scene"), holder)
     for azimuth in (50.0, 140.0, 290.0):
         scene = ground(WHITE, sun=Sun(math.radians(azimuth), math.radians(30)), cameras=up)
-        # A lens sees neither half of a sun's disc: both pictures without the pixels around it.
+        # The engines sample the sun's disc differently, so the comparison leaves out the pixels around it.
         ours, theirs = (e.full(scene, VIEW).pixels[:24].astype(np.float64).mean(axis=2) for e in (engine, raster))
         away = theirs < 3 * np.median(theirs)
         np.testing.assert_allclose(ours[away], theirs[away], rtol=0.2)
 
 
 @pytest.mark.parametrize("sky", ["nishita", "scene"])
-def test_brighter_toward_the_sun_in_the_sky(holder: BlenderHolder, sky: str) -> None:
+def test_the_sky_is_brighter_towards_the_sun(holder: BlenderHolder, sky: str) -> None:
     cycles = CyclesRenderer(CyclesSettings(samples=16, denoise=False, sky=sky), holder)  # type: ignore[arg-type]
     level = Camera("scene.camera-1", camera_transform((0, 0, 2), 0, 10, 0), focal_length_mm=16.0)
-    seen = {}
+    means = {}
     for azimuth in (0.0, 90.0, 180.0, 270.0):
         scene = ground(WHITE, sun=Sun(math.radians(azimuth), math.radians(20)), cameras={"camera-1": level})
         pixels = cycles.full(scene, VIEW).pixels.astype(np.float64)[:8]
-        seen[azimuth] = pixels.mean(), pixels[:, :16].mean(), pixels[:, -16:].mean()
-    assert seen[0.0][0] > 1.3 * seen[180.0][0]
-    assert seen[90.0][2] > 1.1 * seen[90.0][1]  # the world's +x is to the right
-    assert seen[270.0][1] > 1.1 * seen[270.0][2]
+        means[azimuth] = pixels.mean(), pixels[:, :16].mean(), pixels[:, -16:].mean()
+    assert means[0.0][0] > 1.3 * means[180.0][0]
+    assert means[90.0][2] > 1.1 * means[90.0][1]  # the world's +x is to the right
+    assert means[270.0][1] > 1.1 * means[270.0][2]
 
 
 def test_the_bearing_of_the_street_turns_sun_and_sky(cycles: CyclesRenderer) -> None:
@@ -142,7 +142,7 @@ def test_emission_is_radiance_of_the_image(cycles: CyclesRenderer) -> None:
     np.testing.assert_allclose(pixels.mean(axis=(0, 1)), lamp.emissive, rtol=0.02)
 
 
-def test_a_lamp_lights_what_is_around_it(cycles: CyclesRenderer) -> None:
+def test_an_emissive_surface_lights_its_surroundings(cycles: CyclesRenderer) -> None:
     lamp = Material("lamp", (0.0, 0.0, 0.0), emissive=(5.0, 5.0, 5.0))
     lit, dark = (
         cycles.full(with_lamp(replace(lamp, emissive=(e, e, e))), VIEW).pixels[14:18, 34:38].astype(np.float64).mean()
@@ -162,7 +162,7 @@ def test_texels_below_the_cutoff_let_light_through(cycles: CyclesRenderer) -> No
     assert pixels[:, 14:20].mean() > 10 * pixels[:, 28:34].mean()
 
 
-def test_what_is_cut_away_does_not_catch_the_haze(cycles: CyclesRenderer) -> None:
+def test_cut_out_texels_do_not_add_haze(cycles: CyclesRenderer) -> None:
     image = np.full((8, 8, 4), 255, np.uint8)
     image[..., 3] = 0
     material = Material("sheet", base_color_texture="none", alpha_cutoff=0.5, double_sided=True)
@@ -182,17 +182,17 @@ def test_the_camera_sees_through_back_faces_of_one_sided_materials_as_in_the_ras
     cycles: CyclesRenderer, raster: RasterRenderer
 ) -> None:
     box = box_mesh((-0.6, -0.6, 0.05), (0.6, 0.6, 0.8), "red")
-    open_box = replace(box, faces=box.faces[:10])  # without its lid: five faces, of which the camera sees the insides
+    open_box = replace(box, faces=box.faces[:10])  # without its lid: the camera sees the insides of five faces
     for double_sided in (False, True):
         red = Material("red", (0.9, 0.02, 0.02), specular=0.0, double_sided=double_sided)
         scene = ground(WHITE, sun=Sun(0.0, math.radians(70)), extra=(Node("scene.pole-1", place(0, 0), (open_box,)),))
         scene = replace(scene, materials={**scene.materials, "red": red})
-        seen = [e.full(scene, VIEW).pixels[8:24, 14:34].astype(np.float64) for e in (cycles, raster)]
-        reddish = [float((p[..., 0] > 2 * p[..., 2]).mean()) for p in seen]
+        images = [e.full(scene, VIEW).pixels[8:24, 14:34].astype(np.float64) for e in (cycles, raster)]
+        reddish = [float((p[..., 0] > 2 * p[..., 2]).mean()) for p in images]
         assert (reddish[0] > 0.5) == (reddish[1] > 0.5) == double_sided
 
 
-def test_metallic_roughness_and_tint_change_what_they_should(cycles: CyclesRenderer) -> None:
+def test_metallic_roughness_and_tint_change_the_colour(cycles: CyclesRenderer) -> None:
     red = Material("ground", (0.8, 0.1, 0.1), roughness=0.5)
     scenes = {
         "plain": red,
@@ -201,14 +201,14 @@ def test_metallic_roughness_and_tint_change_what_they_should(cycles: CyclesRende
         "strong": replace(red, specular=2.0, roughness=0.2),
         "tinted": replace(red, specular=2.0, roughness=0.2, specular_tint=1.0),
     }
-    seen = {name: mean(cycles, with_texture(ground(m, sun=Sun(0.0, math.radians(60))))) for name, m in scenes.items()}
+    colors = {name: mean(cycles, with_texture(ground(m, sun=Sun(0.0, math.radians(60))))) for name, m in scenes.items()}
 
     def redness(color: NDArray[np.float64]) -> float:
         return float(color[0] / color[2])
 
-    assert redness(seen["metallic"]) > 1.1 * redness(seen["plain"])
-    assert redness(seen["strong"]) < redness(seen["tinted"])
-    assert not np.allclose(seen["metallic"], seen["rough"], rtol=0.02)
+    assert redness(colors["metallic"]) > 1.1 * redness(colors["plain"])
+    assert redness(colors["strong"]) < redness(colors["tinted"])
+    assert not np.allclose(colors["metallic"], colors["rough"], rtol=0.02)
 
 
 def test_a_sheared_object_keeps_its_shape(cycles: CyclesRenderer, raster: RasterRenderer) -> None:
@@ -238,7 +238,7 @@ def test_distant_things_fade_into_the_haze_as_in_the_raster_engine(
     assert ours == pytest.approx(theirs, rel=0.1)
 
 
-def test_under_clouds_and_in_fog_the_ground_is_as_bright_as_sun_and_sky_make_it(cycles: CyclesRenderer) -> None:
+def test_under_clouds_and_in_fog_the_ground_has_the_light_of_sun_and_sky(cycles: CyclesRenderer) -> None:
     asphalt = Material("ground", (0.12, 0.12, 0.12), roughness=1.0, specular=0.0)
     clear = with_texture(ground(asphalt, sun=Sun(2.0, math.radians(40))))
     for environment in (Environment(cloud_cover=1.0), Environment(visibility=80.0)):
@@ -264,14 +264,14 @@ def test_an_overcast_sky_casts_no_sharp_shadow(cycles: CyclesRenderer) -> None:
 
 
 def with_texture(scene: Scene) -> Scene:
-    """With a small dark thing in a corner, so that the picture is not constant."""
+    """Return the scene with a small dark thing in a corner, so that the image is not constant."""
     post = Node("scene.pole-1", place(1.9, 1.2), (box_mesh((-0.05, -0.05, 0), (0.05, 0.05, 0.01), "dark"),))
     dark = Material("dark", (0.1, 0.1, 0.1), specular=0.0)
     return replace(scene, nodes={**scene.nodes, post.path: post}, materials={**scene.materials, "dark": dark})
 
 
 def under_a_lamp(light: Light, height: float, *, lens: bool = False) -> Scene:
-    """A grey ground by night, with a lamp above the middle of the picture, above the camera; perhaps with a glowing lens."""
+    """Return grey ground at night with a lamp above the middle of the image, above the camera, and with a glowing lens if any."""
     grey = Material("ground", (0.5, 0.5, 0.5), roughness=1.0, specular=0.0)
     lamp = Node("scene.pole-1", Pose((0, 0, height), (270, 0, 0)).matrix(), light=light, label_id=17)
     plate = Node("scene.pole-2", place(0, 0, height + 0.1), (box_mesh((-0.2, -0.2, 0), (0.2, 0.2, 0.02), "lens"),))
@@ -292,7 +292,7 @@ def test_a_lamp_in_candela_lights_the_ground_by_inverse_squares(cycles: CyclesRe
 def test_a_dipped_beam_is_that_of_the_formula_and_of_the_raster_engine(
     cycles: CyclesRenderer, raster: RasterRenderer
 ) -> None:
-    # From 8 m down; above its cut-off is the upper half of the picture.
+    # The lamp shines down from 8 m. The upper half of the image is above its cut-off.
     scene = under_a_lamp(Light(intensity=12_000.0, inner=1.0, outer=1.2, beam="dipped"), 8.0)
     x, y = np.meshgrid((np.arange(48) - 23.5) / 48 * 36 / 50 * 6.0, (15.5 - np.arange(32)) / 48 * 36 / 50 * 6.0)
     expected = 0.5 * 12_000.0 * LUX * DIPPED.share(x / 8.0, y / 8.0) * 8.0 / np.sqrt(x**2 + y**2 + 64.0) ** 3
@@ -302,7 +302,7 @@ def test_a_dipped_beam_is_that_of_the_formula_and_of_the_raster_engine(
         np.testing.assert_allclose(pixels[clear], expected[clear], rtol=0.06, atol=0.005 * expected.max())
 
 
-def test_what_stands_before_a_vehicle_throws_the_same_shadow_in_the_raster_engine(
+def test_posts_in_front_of_a_vehicle_cast_the_same_shadows_as_in_the_raster_engine(
     cycles: CyclesRenderer, raster: RasterRenderer
 ) -> None:
     grey = Material("ground", (0.5, 0.5, 0.5), roughness=1.0, specular=0.0)
@@ -325,16 +325,16 @@ def test_what_stands_before_a_vehicle_throws_the_same_shadow_in_the_raster_engin
     assert (shadows[0] != shadows[1]).mean() < 0.15 * shadows[1].mean()
 
 
-def test_a_lens_glows_and_gives_no_light_beside_its_lamps(cycles: CyclesRenderer) -> None:
+def test_a_lens_glows_and_adds_no_light_to_its_lamps(cycles: CyclesRenderer) -> None:
     light = Light((1.0, 1.0, 1.0), 1000.0, inner=1.1, outer=1.2, glowing=("lens",), luminance=50_000.0)
     bare, with_lens = (cycles.full(under_a_lamp(light, 4.0, lens=lens), VIEW).pixels for lens in (False, True))
-    shown = with_lens[15:17, 23:25].astype(np.float64).mean()
-    assert shown > 0.8 * math.pi * 50_000.0 * LUX
+    glow = with_lens[15:17, 23:25].astype(np.float64).mean()
+    assert glow > 0.8 * math.pi * 50_000.0 * LUX
     edge = np.s_[:, :8]
     np.testing.assert_allclose(with_lens[edge].astype(float).mean(), bare[edge].astype(float).mean(), rtol=0.1)
 
 
-def test_from_dusk_to_night_the_ground_is_as_bright_as_sun_and_sky_make_it(cycles: CyclesRenderer) -> None:
+def test_from_dusk_to_night_the_ground_has_the_light_of_sun_and_sky(cycles: CyclesRenderer) -> None:
     for elevation in (1.0, -5.0, -15.0):
         scene = with_texture(ground(WHITE, sun=Sun(0.4, math.radians(elevation))))
         sky = sky_of(scene)
@@ -344,14 +344,14 @@ def test_from_dusk_to_night_the_ground_is_as_bright_as_sun_and_sky_make_it(cycle
 
 
 def with_lamp(material: Material) -> Scene:
-    """A cube of 1 m on the ground, at night."""
+    """Return a cube of 1 m on the ground, at night."""
     cube = Node("scene.pole-1", place(0, 0), (box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 1.0), "lamp"),))
     scene = ground(WHITE, sun=Sun(0.0, math.radians(30), irradiance=0.0), extra=(cube,))
     return replace(scene, materials={**scene.materials, "lamp": replace(material, name="lamp")})
 
 
 def sheet_above(material: str) -> Node:
-    """A square of 2 m, 4 m above the ground and facing up, its texture's first column at −x."""
+    """Return a square of 1.2 m, 3 m above the ground, that faces up, with its texture's first column at −x."""
     mesh = Mesh(
         positions=np.array([[-0.6, -0.6, 0], [0.6, -0.6, 0], [0.6, 0.6, 0], [-0.6, 0.6, 0]], np.float32),
         normals=np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)),
@@ -362,7 +362,7 @@ def sheet_above(material: str) -> Node:
     return Node("scene.pole-1", place(0, 0, 3.0), (mesh,))
 
 
-#: Water is mirror enough to be seen along the ground only.
+#: A camera that looks along the ground, where water reflects visibly.
 ALONG: Camera = Camera("scene.camera-1", camera_transform((0, 0, 3), 0, -25, 0), focal_length_mm=20.0)
 WET = Environment(cloud_cover=1.0, rain=3.0)
 
@@ -373,22 +373,22 @@ def wet_ground(environment: Environment) -> Scene:
     return replace(scene, environment=environment)
 
 
-def test_a_wet_road_darkens_below_and_mirrors_the_sky_far_away_in_patches_as_in_the_raster_engine(
+def test_a_wet_road_is_darker_nearby_and_mirrors_the_sky_far_away_in_the_raster_engines_patches(
     holder: BlenderHolder, raster: RasterRenderer
 ) -> None:
     cycles = CyclesRenderer(CyclesSettings(samples=64), holder)
     view = View("camera-1", 120, 80)
 
-    def seen(engine: CyclesRenderer | RasterRenderer, environment: Environment) -> NDArray[np.float64]:
+    def image_in(engine: CyclesRenderer | RasterRenderer, environment: Environment) -> NDArray[np.float64]:
         pixels: NDArray[np.float64] = engine.full(wet_ground(environment), view).pixels.astype(np.float64)
         return pixels.mean(axis=2)
 
-    wet, dry = (seen(cycles, environment) for environment in (WET, Environment(cloud_cover=1.0)))
+    wet, dry = (image_in(cycles, environment) for environment in (WET, Environment(cloud_cover=1.0)))
     far, near = ((wet / dry)[rows].mean() for rows in (slice(44, 50), slice(70, 80)))
     assert near < 0.9 < far
-    # Puddles, and streaks of rain, lie at the same places in both engines.
-    patches = [one[46:66] / one[46:66].mean(axis=1, keepdims=True) for one in (wet, seen(raster, WET))]
-    same, other = (np.corrcoef(patches[0].ravel(), one.ravel())[0, 1] for one in (patches[1], patches[1][:, ::-1]))
+    # Puddles and rain streaks are at the same places in both engines.
+    patches = [image[46:66] / image[46:66].mean(axis=1, keepdims=True) for image in (wet, image_in(raster, WET))]
+    same, other = (np.corrcoef(patches[0].ravel(), p.ravel())[0, 1] for p in (patches[1], patches[1][:, ::-1]))
     assert same > 0.7 > 0.2 + other
 
 
@@ -402,7 +402,7 @@ def test_a_wet_wall_keeps_its_colour_and_a_dry_scene_has_no_water_left(cycles: C
     wall = Node("scene.wall-1", place(0, 8), (box_mesh((-50, 0, -1), (50, 1, 50), "ground"),))
     level = Camera("scene.camera-1", camera_transform((0, 0, 8), 0, 8, 0), focal_length_mm=80.0)
     colours = []
-    for rain in (0.0, 0.4):  # the road is wet, hardly a drop is in the air
+    for rain in (0.0, 0.4):  # at 0.4 mm/h the road is wet, with hardly any drops in the air
         scene = wet_ground(replace(WET, rain=rain))
         scene = replace(scene, nodes={**scene.nodes, wall.path: wall}, cameras={"camera-1": level})
         colours.append(mean(cycles, scene))

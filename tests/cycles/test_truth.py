@@ -1,8 +1,8 @@
 """The raster truth pass against Cycles' own object index: poses, cameras, occluders; boxes and the street.
 
-The paper's pictures and masks came from one engine. Here truth comes from another engine than the image, so that it is in
-step with the image has to be shown: person masks differ by at most 2 pixels, every other differing pixel lies within a
-pixel of a silhouette, and these are at most 1 % of the silhouettes' pixels.
+The paper's images and masks came from one engine. Here, truth and image come from different engines, so these tests show that
+they are aligned: person masks differ by at most 2 pixels, every other differing pixel lies within a pixel of a silhouette, and
+these pixels are at most 1 % of those at silhouettes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl
 
-#: Scenes of the simple asset: free, behind the car, cut by the border, one person before another, on the pavement.
+#: Scenes of the simple asset: free, behind the car, across the border, one person in front of another, on the pavement.
 BOXES: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2},
     {"scene.person-1.pos.x": 2.2, "scene.person-1.pos.y": 12.0},
@@ -43,7 +43,7 @@ STREET: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.pos.x": 3.6, "scene.person-1.pos.y": 16.0, "scene.person-1.heading": 90.0},
     {"scene.person-1.pos.x": 0.3, "scene.person-1.pos.y": 30.0},
 )
-#: All that may move at once: two persons one partly behind the other, an umbrella and a bag, vehicles in traffic, a rider.
+#: Many movables at once: two persons, one partly behind the other, an umbrella and a bag, vehicles in traffic, a rider.
 CROWDED: Mapping[str, float | str] = {
     "scene.person-1.character": "striped-boy",
     "scene.person-1.pos.x": 1.6,
@@ -63,13 +63,13 @@ CROWDED: Mapping[str, float | str] = {
 
 @pytest.fixture(scope="module")
 def truth_pass() -> Iterator[TruthPass]:
-    found = TruthPass()
-    yield found
-    found.close()
+    raster = TruthPass()
+    yield raster
+    raster.close()
 
 
 def traced(holder: BlenderHolder, scene: Scene, view: View) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-    """(class map, instance map) from Cycles' object index."""
+    """Return class map and instance map from Cycles' object index."""
     index, items = translation.object_index(holder.get(), scene, view, CyclesSettings().inputs())
     labels = np.array([SKY.id, *(item.node.label_id for item in items)], np.uint8)
     instances = np.array([0, *(item.node.instance_id for item in items)], np.uint16)
@@ -77,7 +77,7 @@ def traced(holder: BlenderHolder, scene: Scene, view: View) -> tuple[NDArray[np.
 
 
 def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Pixels of which a neighbour (of 8) has another label."""
+    """Return the pixels of which one of the eight neighbours has another label."""
     edges: NDArray[np.bool_] = maximum_filter(labels, 3) != minimum_filter(labels, 3)
     return edges
 
@@ -87,18 +87,18 @@ def assert_in_step(holder: BlenderHolder, truth_pass: TruthPass, scene: Scene, v
     classes, instances = traced(holder, scene, view)
     assert (instances == 24001).any() == (truth.instance_map == 24001).any()
     for person in truth.persons:
-        drawn, seen = truth.instance_map == person.instance_id, instances == person.instance_id
-        assert (drawn != seen).sum() <= 2, f"person {person.instance_id}"
-    for drawn, seen in ((truth.class_map, classes), (truth.instance_map, instances)):
-        silhouettes = near_edges(drawn) | near_edges(seen)
-        wrong = drawn != seen
+        mask, cycles_mask = truth.instance_map == person.instance_id, instances == person.instance_id
+        assert (mask != cycles_mask).sum() <= 2, f"person {person.instance_id}"
+    for labels, cycles_labels in ((truth.class_map, classes), (truth.instance_map, instances)):
+        silhouettes = near_edges(labels) | near_edges(cycles_labels)
+        wrong = labels != cycles_labels
         assert not (wrong & ~silhouettes).any()
         assert wrong.sum() <= 0.01 * silhouettes.sum()
 
 
 @pytest.mark.parametrize("pose", BOXES)
 def test_boxes_are_in_step(holder: BlenderHolder, truth_pass: TruthPass, pose: Mapping[str, float | str]) -> None:
-    # An even height: with an odd one the middle row looks exactly along the top of the coats, which is as high as the camera.
+    # The height is even: with an odd one, the middle row looks exactly along the top of the coats, at the camera's height.
     assert_in_step(holder, truth_pass, apply(pose, simple_asset()), View("camera-1", 321, 180))
 
 
@@ -115,7 +115,7 @@ def test_any_camera_is_in_step(
 
 @pytest.fixture(scope="module")
 def street() -> SceneAsset:
-    """Built once: equal meshes are sent to Blender once."""
+    """Return the street. It is built once, so that equal meshes are sent to Blender once."""
     return load_asset("urban-street")
 
 
@@ -135,6 +135,6 @@ def test_all_that_moves_is_in_step_for_any_camera_in_the_street(
     moved = camera_transform((1.1, 4.0, 2.3), yaw, pitch, roll)
     camera = replace(scene.cameras["camera-1"], transform=moved, focal_length_mm=32.0)
     scene, view = replace(scene, cameras={"camera-1": camera}), View("camera-1", 480, 270)
-    seen = set(np.unique(truth_pass.truth(scene, view).class_map))
-    assert {BY_NAME[name].id for name in ("person", "rider", "car", "motorcycle")} <= seen
+    visible = set(np.unique(truth_pass.truth(scene, view).class_map))
+    assert {BY_NAME[name].id for name in ("person", "rider", "car", "motorcycle")} <= visible
     assert_in_step(holder, truth_pass, scene, view)

@@ -10,6 +10,7 @@ from sqlalchemy import Engine, select
 
 from valerie.db import products, sweeping, totals
 from valerie.db.engine import open_engine, writing
+from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Finished, Wanted
@@ -89,9 +90,9 @@ def test_a_failure_is_passed_on_and_counted(engine: Engine) -> None:
 
 
 def test_a_product_freed_after_its_lease_was_lost_harms_no_other(engine: Engine) -> None:
-    view = {"truth": digest("l"), "instance_id": 24001, "pixel_area": 5, "pixel_area_percent": 0.1}
+    measures = {"pixel_area": 5, "pixel_area_percent": 0.1, "pixel_area_amodal": 5}
     finished = [Finished(digest(name), bytes=1, pixels=1, cpu_seconds=0.5) for name in "bl"]
-    finished[1] = replace(finished[1], person_views=({**view, "pixel_area_amodal": 5},))
+    finished[1] = replace(finished[1], person_views=(SeenPerson(24001, measures, None, None),))
     with writing(engine) as connection:
         products.want(connection, WANTED[:2], 0.0)
         connection.execute(Product.__table__.update().values(state="running", lease_owner="w"))

@@ -212,6 +212,15 @@ def test_named_targets_exist(document: Path) -> None:
     assert named <= targets
 
 
+def test_the_notice_names_every_library_that_the_project_requires() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    lists = [project["dependencies"], *project["optional-dependencies"].values()]
+    required = {re.split(r"[^\w.-]", line)[0].lower().replace("_", "-") for lines in lists for line in lines}
+    notice = (ROOT / "NOTICE").read_text("utf-8").lower().replace("_", "-")
+    named = set(re.findall(r"[a-z0-9][a-z0-9.-]*", notice))
+    assert required - {"valerie"} - named == set()
+
+
 #: How the document of a function begins in the README.
 _FUNCTION = "# my.yaml"
 

@@ -8,9 +8,9 @@ import pytest
 
 from valerie.analysis.table import schema_of
 from valerie.datasets.index import COLUMNS
-from valerie.db import results
+from valerie.db import long_table
 from valerie.errors import UnknownName
-from valerie.measures import MEASURES, OF_FUNCTION, OF_PERSON, Source, measure_of, names_from
+from valerie.measures import MEASURES, OF_FUNCTION, OF_PERSON, WITHOUT_FUNCTION, Source, measure_of, names_from
 from valerie.metrics.instances import InstanceCounts
 from valerie.rendering.person_light import PersonLight
 from valerie.rendering.visibility import Visibility
@@ -30,15 +30,15 @@ def test_every_measure_of_a_person_is_computed() -> None:
     assert set(names_from(Source.PLACE, Source.PIXELS)) <= visibility
     assert {*names_from(Source.LIGHT), "instance_id"} == {field.name for field in fields(PersonLight)}
     assert set(names_from(Source.CONDITIONS)) == {*Conditions._fields, "time_s"}
-    assert InstanceCounts(24001, 3, 1).columns == {"tp": 3, "fn": 1, "pacc": 0.75}
+    assert InstanceCounts(24001, 3, 1).measures == {"tp": 3, "fn": 1, "pacc": 0.75}
 
 
 def test_every_table_has_the_measures_that_belong_to_it() -> None:
     assert schema_of({}).names == [measure.name for measure in MEASURES]
     stored = set(names_from(*OF_PERSON, Source.PERSON_SCORE, Source.FRAME_SCORE))
-    assert stored <= set(results.COLUMNS)
-    known = {measure.name for measure in MEASURES if measure.source not in OF_FUNCTION}
-    assert known <= {name for name, _, _ in COLUMNS}
+    assert stored <= set(long_table.COLUMNS)
+    assert set(names_from(*WITHOUT_FUNCTION)) <= {name for name, _, _ in COLUMNS}
+    assert not set(names_from(*WITHOUT_FUNCTION)) & set(names_from(*OF_FUNCTION))
 
 
 def test_examples_fit_type_and_bounds() -> None:

@@ -21,7 +21,7 @@ from services.render_worker import tasks as rendering
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
 from valerie.broker import create_app
-from valerie.db import blocks, functions, processes, results, runs
+from valerie.db import blocks, frames, functions, processes, results, runs
 from valerie.db.engine import open_engine, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Base, Product
@@ -122,9 +122,9 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
         assert run.pins is not None
         assert [pin.kind for pin in run.pins.functions.values()] == ["predictions", None]
         assert blocks.closed_counts(connection, run.id)[0].frames == 4
-        frame = results.frame(connection, FrameKey(run.id, 0, 0))
+        frame = frames.get(connection, FrameKey(run.id, 0, 0))
         assert len(results.frame_evaluations(connection, frame.key)) == 2
-        assert set(results.frame_annotations(connection, frame.key)) == {"light"}
+        assert set(frames.annotation_links(connection, frame.key)) == {"light"}
         assert {link.kind for link in results.failures(connection, run.id)} == {
             ProductKind.PREDICTION,
             ProductKind.EVALUATION,

@@ -227,6 +227,23 @@ def test_the_outfits_have_their_colours(characters: dict[str, Character]) -> Non
     assert blue > green > red
 
 
+def test_one_body_wears_both_colours_in_clothes_of_the_same_shape(characters: dict[str, Character]) -> None:
+    black, yellow = characters["black-outfit"], build_character("yellow-outfit")
+    for a, b in zip(black.meshes, yellow.meshes, strict=True):
+        assert a.material.partition("/")[2] == b.material.partition("/")[2]
+        assert a.positions.tobytes() == b.positions.tobytes()
+        assert a.faces.tobytes() == b.faces.tobytes()
+    recoloured = {
+        name.partition("/")[2]
+        for name, texture in black.textures.items()
+        if texture.image.tobytes() != yellow.textures[f"yellow-outfit/{name.partition('/')[2]}"].image.tobytes()
+    }
+    assert recoloured == {"cloth-jacket-color", "cloth-trousers-color"}
+    red, green, blue = yellow.textures["yellow-outfit/cloth-jacket-color"].image.reshape(-1, 3).mean(axis=0)
+    assert min(red, green) > 150
+    assert blue < 60
+
+
 def test_an_unknown_character_lists_near_matches() -> None:
     with pytest.raises(UnknownName, match="yellow-shirt"):
         build_character("yelow-shirt")

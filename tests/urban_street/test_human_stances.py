@@ -169,7 +169,7 @@ def test_no_covered_skin_comes_through_anybodys_clothes_at_the_first_instant(any
 
 def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
     """Compare bare bodies that stand alike, from the front: only the bodies differ, not clothes or step."""
-    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
+    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS if name != "yellow-outfit"}
     assert len(silhouettes) == 12
     for (first, a), (second, b) in combinations(silhouettes.items(), 2):
         assert (a ^ b).sum() > 0.1 * (a | b).sum(), (first, second)

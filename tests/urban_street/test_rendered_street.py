@@ -1,4 +1,4 @@
-"""The generated street at a small size: labels by its names against rays, layers against frames from scratch."""
+"""The generated street in small images: labels by node names against rays, layers against frames rendered from scratch."""
 
 from dataclasses import replace
 
@@ -18,17 +18,18 @@ from valerie.testing.rendering import assert_same
 
 pytestmark = pytest.mark.gl
 
-#: Label ids of Cityscapes (cityscapesScripts, labels.py) by the first part of a node's name, and which have instances.
+#: Label ids of Cityscapes (cityscapesScripts, labels.py) by the first part of a node's name.
 IDS = {
     "static": 4, "dynamic": 5, "ground": 6, "road": 7, "sidewalk": 8, "parking": 9, "building": 11, "wall": 12, "fence": 13,
     "guard-rail": 14, "pole": 17, "traffic-light": 19, "traffic-sign": 20, "vegetation": 21, "terrain": 22, "sky": 23,
     "person": 24, "rider": 25, "car": 26, "truck": 27, "bus": 28, "motorcycle": 32, "bicycle": 33,
 }  # fmt: skip
+#: Label ids with instances.
 COUNTED = range(24, 34)
-#: Those that networks are evaluated on, but for the train (31).
+#: Label ids that evaluations use, except the train (31).
 EVALUATED = {7, 8, 11, 12, 13, 17, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 32, 33}
 
-#: Places with a good view of each class: that of a driver, and four further along.
+#: Places with a good view of each class: a driver's, and four farther along the street.
 CAMERAS = {
     "as a driver": ((2.5, -12.0, 1.4), 0.0, 50.0),
     "walls and heavy vehicles": ((2.5, 80.0, 2.0), 0.0, 35.0),
@@ -63,7 +64,7 @@ EVENING: dict[str, Value] = {
 
 
 def named(scene: Scene) -> Scene:
-    """The scene with the labels that its names say: of the last part of a path that begins with a class."""
+    """Return the scene with labels by names: by the last part of a path that begins with a class."""
     nodes = {}
     for path, node in scene.nodes.items():
         label = instance = 0
@@ -76,12 +77,12 @@ def named(scene: Scene) -> Scene:
     return replace(scene, nodes=nodes)
 
 
-def test_every_class_but_the_train_is_seen_with_the_label_and_number_of_its_name(
+def test_every_class_except_the_train_is_visible_with_the_label_and_number_of_its_name(
     asset: SceneAsset, truth_pass: TruthPass
 ) -> None:
     scene = apply({}, asset)
     triangles = triangles_of(named(scene))
-    seen: dict[int, int] = {}
+    largest: dict[int, int] = {}
     for position, yaw, focal_length in CAMERAS.values():
         camera = Camera("scene.camera-1", camera_transform(position, yaw, 0.0, 0.0), focal_length)
         view = View("camera-1", *SIZE)
@@ -90,9 +91,9 @@ def test_every_class_but_the_train_is_seen_with_the_label_and_number_of_its_name
         assert_agrees(truth, classes, instances, depth)
         sure = (truth.class_map == classes) & (truth.instance_map == instances)
         for label, count in zip(*np.unique(truth.class_map[sure], return_counts=True), strict=True):
-            seen[int(label)] = max(seen.get(int(label), 0), int(count))
-    assert seen.keys() >= EVALUATED
-    assert all(seen[label] >= 20 for label in EVALUATED), seen
+            largest[int(label)] = max(largest.get(int(label), 0), int(count))
+    assert largest.keys() >= EVALUATED
+    assert all(largest[label] >= 20 for label in EVALUATED), largest
 
 
 @pytest.mark.parametrize(
@@ -103,17 +104,17 @@ def test_every_class_but_the_train_is_seen_with_the_label_and_number_of_its_name
 def test_the_layer_over_the_background_is_the_frame_of_the_street_bit_for_bit(
     asset: SceneAsset, raster: RasterRenderer, light: dict[str, Value]
 ) -> None:
-    # The frame from scratch knows of no rectangles: everything is drawn and lit.
+    # A frame rendered from scratch uses no rectangles: everything is drawn and lit.
     scene, view = apply(CROWDED | light, asset), View("camera-1", 160, 90)
     layer = raster.layer(scene, view)
     area = layer.rectangle.width * layer.rectangle.height
     assert area > 0
-    assert area < 160 * 90 or light is NIGHT  # when the head lamps of what moves reach the whole image
+    assert area < 160 * 90 or light is NIGHT  # at night, the head lamps of movables reach the whole image
     assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
 
 
 def one_piece(scene: Scene) -> Scene:
-    """The same things, none of which moves: the engine draws all in one piece and knows of no rectangles."""
+    """Return the scene without movables: the engine draws everything in one piece and uses no rectangles."""
     return replace(scene, nodes={path: replace(node, movable=False) for path, node in scene.nodes.items()})
 
 
@@ -123,13 +124,13 @@ def test_truth_of_the_street_in_layers_is_that_of_one_piece(asset: SceneAsset, t
     np.testing.assert_array_equal(layered.class_map, whole.class_map)
     np.testing.assert_array_equal(layered.instance_map, whole.instance_map)
     assert [person.instance_id for person in layered.persons] == [24001, 24002]
-    for one, other in zip(layered.persons, whole.persons, strict=True):
-        np.testing.assert_array_equal(one.amodal, other.amodal)
-        assert one.padded_pixels == other.padded_pixels
+    for person, other in zip(layered.persons, whole.persons, strict=True):
+        np.testing.assert_array_equal(person.amodal, other.amodal)
+        assert person.padded_pixels == other.padded_pixels
     hit = np.isfinite(whole.depth)
     np.testing.assert_array_equal(np.isfinite(layered.depth), hit)
-    # Statics come to the card in world coordinates, movables with a matrix: their vertices are rounded otherwise, in the last
-    # places of float32: two of the vertex and two of the interpolation between vertices.
+    # Statics are uploaded in world coordinates, movables with a matrix. Their vertices are rounded differently in the last places
+    # of float32: two of the vertex and two of the interpolation between vertices.
     difference = np.abs(layered.depth[hit].astype(np.float64) - whole.depth[hit])
     assert (difference <= 4 * np.spacing(whole.depth[hit])).all()
     moves = np.isin(whole.instance_map, [24001, 24002, 26101, 33101, 25101])

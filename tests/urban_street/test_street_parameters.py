@@ -7,6 +7,7 @@ from unittest.mock import ANY
 
 import pytest
 
+from urban_street.human import CHARACTERS
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.scene.assets.asset import SceneAsset, asset_manifest
 from valerie.scene.graph.model import Scene
@@ -133,7 +134,7 @@ def held(name: str, *, already: str = "") -> Expected:
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
         characters = [path for path in below(thing, name, before) if path != f"{thing}.{already}"]
-        assert len(characters) == (11 if already else 12)
+        assert len(characters) == len(CHARACTERS) - bool(already)
         return {f"{path} {name}": value for path in characters} | {f"{path} meshes": ANY for path in characters}
 
     return expected
@@ -147,7 +148,7 @@ def worn(name: str) -> Expected:
         clothes = [
             fact for fact in before if fact.startswith(start) and "/cloth-" in fact and fact.endswith(f" {name}")
         ]
-        assert len(clothes) >= 24  # one part for the legs and one for the body of each of twelve
+        assert len(clothes) >= 2 * len(CHARACTERS)  # one part for the legs and one for the body of each
         return {fact: near(value) for fact in clothes}
 
     return expected

@@ -52,7 +52,7 @@ class DrawnWorld(World):
             FunctionOffer(
                 stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1,
                 route=route_of(Stage.INFER, infer_class), digest=digest,
-                card=FunctionCard(name, digest, name, "fp32", "drawn", {}),
+                card=FunctionCard(name, digest, name, "fp32", "torch", {}),
             )
             for name in FUNCTIONS if (digest := function_card(name).digest)
         )  # fmt: skip

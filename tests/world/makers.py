@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,12 @@ from numpy.typing import NDArray
 from tests.world.street import Street
 from valerie.db import runs
 from valerie.db.engine import reading
+from valerie.db.measured import SeenPerson
 from valerie.db.products import Finished, Job
 from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
-from valerie.pipeline.reading.person_views import no_person, view_row
+from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.visibility import measure_pixels
@@ -41,7 +41,7 @@ class DrawingMaker:
         size = resolved.spec.resolution
         view = View(resolved.cameras[job.frame.key.camera], size.width, size.height)
         street = Street(values, view)
-        rows: tuple[dict[str, Any], ...] = ()
+        persons: tuple[SeenPerson, ...] = ()
         if job.kind == "background":
             data = codecs.encode_image(street.background())
         elif job.kind == "layer":
@@ -49,7 +49,7 @@ class DrawingMaker:
         elif job.kind == "truth":
             truth = street.truth()
             data = codecs.encode_truth(truth)
-            rows = tuple(_view_rows(job.digest, street, truth)) or (no_person(job.digest),)
+            persons = tuple(_seen_persons(street, truth)) or (NO_PERSON,)
         else:
             assert job.look is not None
             truth = self._reader.truth(job.frame.products.truth)
@@ -58,7 +58,7 @@ class DrawingMaker:
                 predict(truth, job.look.function, min(distances, default=20.0), seed=int(job.digest[:8], 16))
             )
         self._context.store.put(product_key(job.kind, job.digest), data)
-        return Finished(job.digest, len(data), view.width * view.height, CPU_SECONDS[job.kind], person_views=rows)
+        return Finished(job.digest, len(data), view.width * view.height, CPU_SECONDS[job.kind], person_views=persons)
 
 
 def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> NDArray[np.uint8]:
@@ -81,9 +81,9 @@ def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) 
     return seen
 
 
-def _view_rows(digest: str, street: Street, truth: GroundTruth) -> list[dict[str, Any]]:
+def _seen_persons(street: Street, truth: GroundTruth) -> list[SeenPerson]:
     measured = zip(street.persons(), truth.persons, strict=True)
     return [
-        view_row(digest, replace(measure_pixels(of_truth, truth), distance_m=person.distance_m, depth_m=person.depth_m))
+        seen_person(replace(measure_pixels(of_truth, truth), distance_m=person.distance_m, depth_m=person.depth_m))
         for person, of_truth in measured
     ]

@@ -1,4 +1,4 @@
-"""The catalogue of characters: twelve people who differ in sex, age, build, skin, hair and clothes."""
+"""The catalogue of characters: twelve people who differ in sex, age, build, skin, hair and clothes, one in two outfits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urban_street.human.clothing import Cut
 from urban_street.human.drape import Fabric
 from urban_street.human.hair import HairCut
 from urban_street.human.hats import Hat
-from urban_street.human.outfits import Garment, Look, black_outfit, yellow_shirt
+from urban_street.human.outfits import Garment, Look, black_outfit, yellow_outfit, yellow_shirt
 from urban_street.human.pose import Gait
 from urban_street.human.shoes import ShoeCut
 from urban_street.human.skin import Face
@@ -558,5 +558,6 @@ LOOKS: Final[Mapping[str, Callable[[], Look]]] = MappingProxyType(
         "green-parka": _green_parka,
         "navy-coat": _navy_coat,
         "orange-workwear": _orange_workwear,
+        "yellow-outfit": yellow_outfit,
     }
 )

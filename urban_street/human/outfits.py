@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from urban_street.human import textures
@@ -146,6 +146,19 @@ def black_outfit() -> Look:
             (214, 166, 141), (181, 110, 99), (40, 29, 22), (70, 48, 30), (46, 34, 27), beard=0.45, hairline=hairline
         ),
         seed=1,
+    )
+
+
+def yellow_outfit() -> Look:
+    """Return the person of `black_outfit` in the colours of `yellow_shirt`: the same body, step and cut of the clothes."""
+    look = black_outfit()
+    trousers, jacket = look.garments
+    return replace(
+        look,
+        garments=(
+            replace(trousers, texture=partial(textures.trousers, (60, 82, 118), 11)),
+            replace(jacket, texture=partial(textures.jacket, (246, 196, 16), (250, 240, 205), 12)),
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""All statistics of a finished run: summary, trends and findings from the same bootstrap draws."""
+"""All statistics of a finished run: summary, trends and findings."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from valerie.analysis.all_classes import AllClasses
-from valerie.analysis.findings import Findings, find_findings
-from valerie.analysis.intervals import Resampler
+from valerie.analysis.finding_search import find_findings
+from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary, summarize
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends, find_trends
+from valerie.runs.documents import RunSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +30,23 @@ def analyze(
     precisions: Mapping[str, str] | None = None,
     threshold: float = 0.5,
     seed: int = 0,
-    resamples: int = 2000,
+    spec: RunSpec | None = None,
 ) -> Analysis:
     """Return summary, trends and findings of a run; equal input gives equal numbers.
 
     Args:
         table: the run's evaluations.
         classes: their scores over all classes, for the summary.
-        precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.incomparable`.
+        precisions: function to the precision that it ran in; see `valerie.analysis.finding_search.incomparable`.
         threshold: detection threshold t, 0 < t ≤ 1.
-        seed: of the bootstrap draws and the cross-validation folds.
-        resamples: number of bootstrap draws.
+        seed: of everything that is drawn: places that search, folds, bands.
+        spec: of the run; its findings then propose a run that examines them.
 
     Raises:
         InvalidInput: the threshold is out of bounds.
     """
-    resampler = Resampler(table.situations, seed=seed, resamples=resamples)
-    summary = summarize(table, classes=classes, threshold=threshold, resampler=resampler)
-    trends = find_trends(table, resampler=resampler, seed=seed, threshold=threshold)
-    return Analysis(summary, trends, find_findings(table, trends, resampler=resampler, precisions=precisions))
+    return Analysis(
+        summarize(table, classes=classes, threshold=threshold),
+        find_trends(table, seed=seed, threshold=threshold),
+        find_findings(table, seed=seed, precisions=precisions, spec=spec),
+    )

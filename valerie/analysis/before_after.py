@@ -1,7 +1,7 @@
 """Several versions of a function on the same frames: scores side by side, and what became better or worse.
 
-All versions looked at the same frames, so differences are paired: rows are matched, and intervals draw whole situations
-(`valerie.analysis.intervals`). Every score is given as frame mean and pooled.
+All versions looked at the same frames, so rows are paired and judged by whole places, all groups together
+(`valerie.statistics.gates`). Every score is given as frame mean and pooled.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from valerie.analysis.binning import bin_edges
 from valerie.analysis.frame_counts import characters, frame_counts, present
-from valerie.analysis.intervals import Interval, Resampler
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.metrics.collection import CollectionScores
+from valerie.statistics.gates import SliceComparison, compare_versions
 
 _DISTANCE_BIN_M: Final = 10.0
 _OCCLUSION: Final = (
@@ -27,6 +27,8 @@ _OCCLUSION: Final = (
     ("occluded 5–50 %", 0.05, 0.5),
     ("occluded > 50 %", 0.5, 1.0),
 )
+#: Largest expected share of false ones among the groups named better, and among those named worse.
+_FALSE_DISCOVERIES: Final = 0.025
 #: Smallest change of a pooled score that counts as better or worse: one percentage point.
 _CLASS_STEP: Final = 0.01
 
@@ -53,6 +55,27 @@ class Side:
 
 
 @dataclass(frozen=True, slots=True)
+class Difference:
+    """Mean pACC of a later version minus that of the first, on one group of persons.
+
+    Attributes:
+        mean: mean over places of the mean difference of their persons.
+        low, high: 95 % interval of it alone, by place; None with fewer than two places.
+        places: number of places.
+        lost, gained: persons that were detected and now are not; that were not and now are.
+        judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    places: int
+    lost: int
+    gained: int
+    judgement: Literal["better", "worse", ""]
+
+
+@dataclass(frozen=True, slots=True)
 class GroupComparison:
     """One group of persons under all versions.
 
@@ -61,14 +84,14 @@ class GroupComparison:
         persons: number of persons in frames with a defined pACC.
         frames: number of frames that show them.
         sides: per version, in order; the first is "before".
-        differences: mean pACC of each later version minus the first's, with a 95 % interval where situations suffice.
+        differences: of each later version to the first.
     """
 
     name: str
     persons: int
     frames: int
     sides: tuple[Side, ...]
-    differences: tuple[tuple[float, Interval | None], ...]
+    differences: tuple[Difference, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +103,7 @@ class Change:
         name: of the group, the class or the score.
         before, after: of the first and the later version, in [0, 1].
         step: their difference; above 0 the later version is better.
-        interval: 95 % interval of the difference; groups only.
+        difference: by place, with its interval; groups only.
     """
 
     kind: Literal["group", "class", "score"]
@@ -88,7 +111,7 @@ class Change:
     before: float | None
     after: float | None
     step: float
-    interval: Interval | None = None
+    difference: Difference | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,14 +144,14 @@ class Comparison:
     def changes(self, version: int) -> tuple[Change, ...]:
         """Return what became better or worse with one later version, the largest change first.
 
-        A group changed where the interval of its difference leaves out 0; a class or a score of the class person
-        changed where it moved by a percentage point or more.
+        A group changed where it is judged so; a class or a score of the class person changed where it moved by a
+        percentage point or more.
         """
         changes = [
-            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, step, interval)
+            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
             for group in self.groups
-            for step, interval in (group.differences[version - 1],)
-            if interval is not None and (interval.low > 0 or interval.high < 0)
+            for own in (group.differences[version - 1],)
+            if own.judgement
         ]
         for name, sides in self.classes.items():
             before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
@@ -138,7 +161,7 @@ class Comparison:
             one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
             if one is not None and other is not None:
                 changes.append(Change("score", name, one, other, other - one))
-        clear = (change for change in changes if change.interval is not None or abs(change.step) >= _CLASS_STEP)
+        clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
     def as_document(self) -> dict[str, Any]:
@@ -164,7 +187,6 @@ def compare(
     numeric_classes: Sequence[str] = (),
     more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
     threshold: float = 0.5,
-    seed: int = 0,
 ) -> Comparison:
     """Compare versions of a function on the same frames.
 
@@ -175,7 +197,6 @@ def compare(
         more_groups: name to (N,) bool over the first table's rows; added to the groups by distance, occlusion, character
             and camera.
         threshold: of the detection rate.
-        seed: of the bootstrap.
 
     Raises:
         InvalidInput: fewer than two versions, tables of other rows, or scores of other classes.
@@ -187,12 +208,12 @@ def compare(
     for name, table in zip(versions, tables, strict=True):
         if row_keys(table) != row_keys(first):
             raise InvalidInput("rows of other frames or persons", field=name)
-    resampler = Resampler(first.situations, seed=seed)
-    masks = {"all persons": present(first), **(more_groups or {}), **_parts(first)}
+    defined = np.isfinite(first.numbers("pacc"))  # the same in all versions: visibility alone decides it
+    parts = {**(more_groups or {}), **_parts(first)}
+    masks = {"all persons": present(first), **{name: mask for name, mask in parts.items() if (mask & defined).any()}}
+    differences = [_differences(masks, first, table, threshold) for table in tables[1:]]
     groups = [
-        group
-        for name, mask in masks.items()
-        if (group := _group(name, mask, tables, resampler, threshold)).persons or name == "all persons"
+        _group(name, mask, tables, tuple(own[name] for own in differences), threshold) for name, mask in masks.items()
     ]
     scores = [scores for _, scores in versions.values()]
     judged = scores[0].judged
@@ -230,8 +251,8 @@ def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
     order = [key for key in keys[0] if key in common]
     reduced = []
     for table, own in zip(tables, keys, strict=True):
-        place = {key: i for i, key in enumerate(own)}
-        reduced.append(EvaluationTable(table.arrow.take([place[key] for key in order]), table.parameters))
+        row = {key: i for i, key in enumerate(own)}
+        reduced.append(EvaluationTable(table.arrow.take([row[key] for key in order]), table.parameters, table.designs))
     return reduced
 
 
@@ -252,25 +273,42 @@ def _parts(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
     return parts
 
 
+def _differences(
+    masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
+) -> dict[str, Difference]:
+    """Return the difference of a later version to the first in each group."""
+    before, after = first.numbers("pacc"), later.numbers("pacc")
+
+    def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
+        return compare_versions(
+            one, other, first.places, masks, threshold=threshold, false_discoveries=_FALSE_DISCOVERIES
+        ).slices
+
+    return {
+        fell.name: Difference(
+            mean=fell.difference if fell.pairs else 0.0,
+            low=fell.low if fell.places > 1 else None,
+            high=fell.high if fell.places > 1 else None,
+            places=fell.places,
+            lost=fell.lost,
+            gained=fell.gained,
+            judgement="worse" if fell.worse else "better" if rose.worse else "",
+        )
+        for fell, rose in zip(gate(before, after), gate(after, before), strict=True)
+    }
+
+
 def _group(
     name: str,
     mask: NDArray[np.bool_],
     tables: Sequence[EvaluationTable],
-    resampler: Resampler,
+    differences: tuple[Difference, ...],
     threshold: float,
 ) -> GroupComparison:
-    paccs = [table.numbers("pacc") for table in tables]
-    defined = mask & np.isfinite(paccs[0])  # the same in all versions: visibility alone decides it
+    defined = mask & np.isfinite(tables[0].numbers("pacc"))
     frames = np.unique(tables[0].evaluations[mask])
     sides = tuple(_side(table, defined, frames, threshold) for table in tables)
-    differences: list[tuple[float, Interval | None]] = []
-    for pacc in paccs[1:]:
-        if not defined.any():
-            differences.append((0.0, None))
-            continue
-        difference, replicates = resampler.mean(pacc - paccs[0], defined)
-        differences.append((difference, resampler.interval(replicates, defined)))
-    return GroupComparison(name, int(defined.sum()), len(frames), sides, tuple(differences))
+    return GroupComparison(name, int(defined.sum()), len(frames), sides, differences)
 
 
 def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float) -> Side:

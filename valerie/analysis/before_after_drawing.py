@@ -33,9 +33,9 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
         for number, (version, side) in enumerate(zip(comparison.versions, group.sides, strict=True)):
             mean = percent(side.pacc_mean)
             if number:
-                difference, interval = group.differences[number - 1]
-                span = f" [{100 * interval.low:+.0f}, {100 * interval.high:+.0f}]" if interval is not None else ""
-                mean += f"  {100 * difference:+.1f}{span}" if group.persons else ""
+                own = group.differences[number - 1]
+                span = "" if own.low is None or own.high is None else f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]"
+                mean += f"  {100 * own.mean:+.1f}{span}" if group.persons else ""
             table.add_row(
                 f"  {version}",
                 "",
@@ -58,7 +58,8 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     for name, sides in comparison.classes.items():
         classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
     note = (
-        "In per cent. Differences of the mean pACC are to the first version, with 95 % intervals. Precision and IoU are "
+        "In per cent. Differences of pACC are to the first version, the mean over places with its own 95 % interval; better and "
+        "worse are judged over all groups together (false discovery rate 2.5 % each). Precision and IoU are "
         "those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first version "
         "favour every later version (regression to the mean)."
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.intervals import Interval, Resampler, wilson
 from valerie.errors import InvalidInput
 
 #: Largest number of bins; beyond it, the width is multiplied by 2, 5, 10, 20 … until fewer are left.
@@ -22,9 +22,9 @@ class Bin:
     Attributes:
         low, high: edges, multiples of the bin width.
         n: number of persons with a defined pACC.
-        x: mean of their x, the place of the bin's mean in a plot.
-        mean: mean of their pACC; ``mean_interval`` is its 95 % bootstrap interval, None with too few situations.
-        detected: number of persons with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % interval of detected / n.
+        x: mean of their x, the position of the bin's mean in a plot.
+        mean: mean of their pACC.
+        detected: number of persons with pACC ≥ threshold.
     """
 
     low: float
@@ -32,9 +32,7 @@ class Bin:
     n: int
     x: float
     mean: float
-    mean_interval: Interval | None
     detected: int
-    detection_interval: Interval | None
 
 
 def bin_edges(low: float, high: float, width: float) -> NDArray[np.float64]:
@@ -59,7 +57,6 @@ def bins_of(
     *,
     edges: NDArray[np.float64],
     threshold: float,
-    resampler: Resampler,
 ) -> tuple[Bin, ...]:
     """Return the bins of ``x`` that hold at least one row, in ascending order.
 
@@ -69,28 +66,15 @@ def bins_of(
         rows: (N,) bool, the rows to use.
         edges: ascending (K+1,).
         threshold: of the detection rate.
-        resampler: the run's draws.
     """
     usable = rows & np.isfinite(x) & np.isfinite(pacc)
-    place = np.digitize(x, edges) - 1
-    bins = []
-    for k in range(len(edges) - 1):
-        inside = usable & (place == k)
-        n = int(np.count_nonzero(inside))
-        if not n:
-            continue
-        mean, replicates = resampler.mean(pacc, inside)
-        detected = int(np.count_nonzero(pacc[inside] >= threshold))
-        bins.append(
-            Bin(
-                low=float(edges[k]),
-                high=float(edges[k + 1]),
-                n=n,
-                x=float(x[inside].mean()),
-                mean=mean,
-                mean_interval=resampler.interval(replicates, inside),
-                detected=detected,
-                detection_interval=wilson(detected, n),
-            )
-        )
-    return tuple(bins)
+    along, values = x[usable], pacc[usable]
+    bin_of = np.searchsorted(edges, along, side="right") - 1
+    n, sum_x, total, detected = (
+        np.bincount(bin_of, weights, len(edges) - 1).tolist() for weights in (None, along, values, values >= threshold)
+    )
+    return tuple(
+        Bin(low, high, n[k], sum_x[k] / n[k], total[k] / n[k], int(detected[k]))
+        for k, (low, high) in enumerate(pairwise(edges.tolist()))
+        if n[k]
+    )

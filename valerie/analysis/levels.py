@@ -1,4 +1,4 @@
-"""Groups of rows by the value of a varied parameter."""
+"""Factors: what a run varied, as numbered levels that contrasts compare and figures show."""
 
 from __future__ import annotations
 
@@ -13,50 +13,99 @@ from numpy.typing import NDArray
 from valerie.analysis.binning import bin_edges
 from valerie.analysis.table import EvaluationTable
 
-#: Numbers with more distinct values than this are put into about this many bins.
-MAX_LEVELS: Final = 6
+#: Numbers with more distinct values than this are put into about `_RANGES` ranges.
+MAX_LEVELS: Final = 12
+_RANGES: Final = 5
+#: Columns besides the varied parameters that a run repeats every variant over.
+REPEATED: Final = ("camera", "sensor", "instance_id")
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One value of a factor, or the range [low, high).
+
+    Attributes:
+        text: for people: ``red``, ``300°``, ``5–10``.
+        low, high: the range, equal for a single number; None for a name.
+    """
+
+    text: str
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Level:
-    """The rows in which a parameter has one value, or lies in [low, high).
+class Factor:
+    """A column as levels in ascending order.
 
     Attributes:
-        rows: (N,) bool.
-        name: the value of a CATEGORICAL or BOOL parameter; empty for numbers.
-        low, high: the range, equal for a single number; None for a name.
-        unit: ``°`` for an angle, else empty.
+        column: path of a parameter, or name of a measure.
+        levels: those that occur; the last one is ``default`` where rows have no value.
+        codes: (N,) int64, position in ``levels``.
     """
 
-    rows: NDArray[np.bool_]
-    name: str = ""
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
+    column: str
+    levels: tuple[Level, ...]
+    codes: NDArray[np.int64]
+
+    @property
+    def name(self) -> str:
+        """The factor for people: ``sun-1.azimuth``."""
+        return "person" if self.column == "instance_id" else self.column.removeprefix("scene.")
 
 
-def levels_of(table: EvaluationTable, path: str) -> tuple[Level, ...]:
-    """Return the levels of a varied parameter in ascending order.
+def factors_of(table: EvaluationTable) -> tuple[Factor, ...]:
+    """Return everything that varies among the rows with a pACC: parameters, then camera, sensor setting and person."""
+    scored = np.isfinite(table.numbers("pacc"))
+    factors = (factor_of(table, column) for column in (*table.parameters, *REPEATED))
+    return tuple(factor for factor in factors if len(np.unique(factor.codes[scored])) > 1)
 
-    Empty levels are left out. A row without a value belongs to no level.
+
+def factor_of(table: EvaluationTable, column: str) -> Factor:
+    """Return the levels of a column.
+
+    Names and up to `MAX_LEVELS` numbers are levels of their own; more numbers are put into round ranges.
     """
-    kind = table.parameters[path]
+    kind = table.parameters.get(column, "CATEGORICAL")
     if kind == "CATEGORICAL":
-        codes = table.codes(path)
-        return tuple(Level(codes.where(name), name) for name in codes.names)
-    values = table.numbers(path)
+        codes = table.codes(column)
+        names = [_person(name) for name in codes.names] if column == "instance_id" else codes.names
+        return _with_default(column, [Level(name) for name in names], codes.index)
+    values = table.numbers(column)
     known = np.unique(values[np.isfinite(values)])
     if kind == "BOOL":
-        return tuple(Level(values == value, "true" if value else "false") for value in known.tolist())
+        levels = [Level("true" if value else "false") for value in known]
+        return _with_default(column, levels, _positions(values, known))
     unit = "°" if kind == "ANGLE" else ""
     if len(known) <= MAX_LEVELS:
-        return tuple(Level(values == value, low=value, high=value, unit=unit) for value in known.tolist())
-    edges = bin_edges(float(known[0]), float(known[-1]), _round_width(float(known[-1] - known[0]) / MAX_LEVELS))
-    place = np.digitize(values, edges) - 1  # an empty value lies beyond the last edge
-    levels = (
-        Level(place == k, low=low, high=high, unit=unit) for k, (low, high) in enumerate(pairwise(edges.tolist()))
-    )
-    return tuple(level for level in levels if level.rows.any())
+        levels = [Level(f"{value:g}{unit}", value, value) for value in known.tolist()]
+        return _with_default(column, levels, _positions(values, known))
+    edges = bin_edges(float(known[0]), float(known[-1]), _round_width(float(known[-1] - known[0]) / _RANGES))
+    place = np.where(np.isfinite(values), np.digitize(values, edges) - 1, -1)
+    filled = np.unique(place[place >= 0])
+    levels = [
+        Level(f"{low:g}–{high:g}{unit}", low, high)
+        for k, (low, high) in enumerate(pairwise(edges.tolist()))
+        if k in filled
+    ]
+    return _with_default(column, levels, np.where(place >= 0, np.searchsorted(filled, place), -1))
+
+
+def _with_default(column: str, levels: list[Level], codes: NDArray[np.int64]) -> Factor:
+    """Return the factor; rows without a value have what the asset declares, which is a level too."""
+    empty = codes < 0
+    if empty.any():
+        levels = [*levels, Level("default")]
+        codes = np.where(empty, len(levels) - 1, codes)
+    return Factor(column, tuple(levels), codes)
+
+
+def _positions(values: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.where(np.isfinite(values), np.searchsorted(known, values), -1).astype(np.int64)
+
+
+def _person(instance: str) -> str:
+    return f"person-{int(instance) % 1000}"
 
 
 def _round_width(least: float) -> float:

@@ -42,24 +42,22 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A regression curve and its 95 % band: x in shown units, pACC in per cent, clipped to 0…100."""
+    """A curve with its 95 % band, or a polynomial without one: x in shown units, pACC in per cent, clipped to 0…100."""
 
     character: str
     style: Style
     x: tuple[float, ...]
     y: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Mean of one bin over all characters: mean x, mean pACC and its 95 % interval in per cent."""
+    """Mean of one bin over all characters: mean x, and mean pACC in per cent."""
 
     x: float
     y: float
-    low: float
-    high: float
     label: str
 
 
@@ -71,8 +69,9 @@ class Panel:
         axis: measure on the x axis.
         function, sensor: names of the function and of the sensor setting.
         points: per character; ``drawn`` of ``total`` points.
-        lines: per character, then of all characters together.
-        marks: means of the bins that have an interval, over all characters.
+        lines: per character, then of all characters together: the curve, then the polynomial where no bin contradicts it.
+        marks: means of the bins, over all characters.
+        contradicted: characters whose polynomial is not drawn, because bins contradict it.
     """
 
     axis: Measure
@@ -81,6 +80,7 @@ class Panel:
     points: tuple[Points, ...]
     lines: tuple[Line, ...]
     marks: tuple[Mark, ...]
+    contradicted: tuple[str, ...]
     drawn: int
     total: int
 
@@ -121,24 +121,31 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
         xs, ys = np.round(x[rows] * axis.scale, 4), np.round(pacc[rows] * 100, 2)
         ids = tuple(frames.take(rows).to_pylist())
         points.append(Points(name, style[name], tuple(xs.tolist()), tuple(ys.tolist()), ids))
-    lines, marks = [], []
+    lines: list[Line] = []
+    marks: list[Mark] = []
+    contradicted = []
     for trend in trends.of(column, function, sensor):
+        own = trend.character, style[trend.character]
         if trend.curve is not None:
             curve = trend.curve
-            y, low, high = (np.clip(np.array(v) * 100, 0, 100) for v in (curve.y, curve.low, curve.high))
-            xs = np.array(curve.x) * axis.scale
-            series = (tuple(np.round(v, 4).tolist()) for v in (xs, y, low, high))
-            lines.append(Line(trend.character, style[trend.character], *series))
+            lines.append(Line(*own, _shown(curve.x, axis.scale), *map(_per_cent, (curve.y, curve.low, curve.high))))
+        if trend.polynomial is not None:
+            if trend.polynomial.contradicted:
+                contradicted.append(trend.character)
+            else:
+                lines.append(Line(*own, _shown(trend.polynomial.x, axis.scale), _per_cent(trend.polynomial.y)))
         if trend.character == ALL or len(names) == 1:
             marks = [
-                Mark(
-                    b.x * axis.scale,
-                    b.mean * 100,
-                    b.mean_interval.low * 100,
-                    b.mean_interval.high * 100,
-                    f"{axis.range_text(b.low, b.high)}: n = {b.n}",
-                )
-                for b in trend.bins
-                if b.mean_interval is not None
+                Mark(b.x * axis.scale, b.mean * 100, f"{axis.range_text(b.low, b.high)}: n = {b.n}") for b in trend.bins
             ]
-    return Panel(axis, function, sensor, tuple(points), tuple(lines), tuple(marks), len(chosen), total)
+    return Panel(
+        axis, function, sensor, tuple(points), tuple(lines), tuple(marks), tuple(contradicted), len(chosen), total
+    )
+
+
+def _shown(x: Sequence[float], scale: float) -> tuple[float, ...]:
+    return tuple(np.round(np.array(x) * scale, 4).tolist())
+
+
+def _per_cent(y: Sequence[float]) -> tuple[float, ...]:
+    return tuple(np.round(np.clip(np.array(y) * 100, 0, 100), 4).tolist())

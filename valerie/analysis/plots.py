@@ -72,14 +72,14 @@ def static_figure(panel: Panel, *, image_format: Literal["png", "svg"] = "png") 
             points.x, points.y, s=9, marker=marker, color=points.style.color, alpha=0.3, linewidths=0, rasterized=True
         )
     for line in panel.lines:
-        axes.fill_between(line.x, line.low, line.high, color=line.style.color, alpha=0.14, linewidth=0)
-        axes.plot(line.x, line.y, color=line.style.color, linewidth=2.4 if line.character == ALL else 1.5)
-    if panel.marks:
-        spread = [[m.y - m.low for m in panel.marks], [m.high - m.y for m in panel.marks]]
-        axes.errorbar(
-            [m.x for m in panel.marks], [m.y for m in panel.marks], yerr=spread, fmt="s", color=COMBINED_COLOR,
-            markersize=4.5, markerfacecolor="white", markeredgewidth=1.4, elinewidth=1.4, capsize=0, zorder=5,
-        )  # fmt: skip
+        width, color = 2.4 if line.character == ALL else 1.5, line.style.color
+        if line.low:
+            axes.fill_between(line.x, line.low, line.high, color=color, alpha=0.14, linewidth=0)
+        axes.plot(line.x, line.y, color=color, linewidth=width, linestyle="solid" if line.low else "dashed")
+    axes.plot(
+        [m.x for m in panel.marks], [m.y for m in panel.marks], "s", color=COMBINED_COLOR,
+        markersize=4.5, markerfacecolor="white", markeredgewidth=1.4, zorder=5,
+    )  # fmt: skip
     _matplotlib_axes(axes, panel)
     sink = BytesIO()
     metadata = {"Software": None} if image_format == "png" else {"Date": None, "Creator": None}
@@ -121,6 +121,21 @@ def _plotly_points(points: Points) -> dict[str, Any]:
 
 
 def _plotly_line(line: Line) -> list[dict[str, Any]]:
+    curve = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": line.character,
+        "x": list(line.x),
+        "y": list(line.y),
+        "line": {
+            "color": line.style.color,
+            "width": 3 if line.character == ALL else 2,
+            "dash": "solid" if line.low else "dash",
+        },
+        "hoverinfo": "skip",
+    }
+    if not line.low:
+        return [curve]
     band = {
         "type": "scatter",
         "mode": "lines",
@@ -129,15 +144,6 @@ def _plotly_line(line: Line) -> list[dict[str, Any]]:
         "fill": "toself",
         "fillcolor": _transparent(line.style.color, 0.14),
         "line": {"width": 0},
-        "hoverinfo": "skip",
-    }
-    curve = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": line.character,
-        "x": list(line.x),
-        "y": list(line.y),
-        "line": {"color": line.style.color, "width": 3 if line.character == ALL else 2},
         "hoverinfo": "skip",
     }
     return [band, curve]
@@ -151,15 +157,6 @@ def _plotly_marks(marks: tuple[Mark, ...]) -> dict[str, Any]:
         "x": [m.x for m in marks],
         "y": [m.y for m in marks],
         "text": [m.label for m in marks],
-        "error_y": {
-            "type": "data",
-            "symmetric": False,
-            "array": [m.high - m.y for m in marks],
-            "arrayminus": [m.y - m.low for m in marks],
-            "color": COMBINED_COLOR,
-            "thickness": 1.6,
-            "width": 0,
-        },
         "marker": {"color": "#ffffff", "size": 7, "symbol": "square", "line": {"color": COMBINED_COLOR, "width": 1.8}},
         "hovertemplate": "mean pACC %{y:.1f} %<br>%{text}<extra></extra>",
     }

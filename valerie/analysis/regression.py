@@ -1,8 +1,8 @@
-"""Polynomial regression with a confidence band: degree by cross-validation, band by the run's bootstrap draws.
+"""The paper's regression of pACC: a polynomial "of a higher order", whose degree whole places choose.
 
-The paper draws "a polynomial function of a higher order". Here the degree is the smallest that predicts unseen
-situations as well as the best degree does. Everything is computed from sums per situation (Σ φφᵀ, Σ φy of Chebyshev
-polynomials φ), so that a million rows are read once.
+The degree is the smallest that predicts places left out as well as the best degree does. Everything is computed from
+sums by place (Σ φφᵀ, Σ φy of Chebyshev polynomials φ), so that a million rows are read once. A polynomial has no band: those of
+resampled places hold too seldom (docs/statistics-findings.md); `valerie.statistics.curves` has one that does.
 """
 
 from __future__ import annotations
@@ -12,44 +12,46 @@ from typing import Final
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from valerie.analysis.intervals import MIN_SITUATIONS, Resampler, quantiles
+from valerie.statistics.curves import GRID, contradicted_bins
 
 MAX_DEGREE: Final = 5
 FOLDS: Final = 10
-#: Number of points of a curve.
-GRID: Final = 61
+#: With fewer places than this there is no polynomial.
+MIN_PLACES: Final = 6
+#: More places than this are put into groups at random, which bounds the memory.
+_MOST_GROUPS: Final = 500
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class Polynomial:
     """A fitted polynomial over its domain.
 
     Attributes:
-        n: number of fitted rows; ``situations`` is the number of drawn units among them.
+        n: number of fitted rows; ``places`` is the number of places that they come from.
         degree: chosen by cross-validation.
-        domain: smallest and largest x; the curve is not defined beyond.
+        domain: smallest and largest x; the polynomial is not defined beyond.
         coefficients: of Chebyshev polynomials on ``domain`` (as `numpy.polynomial.Chebyshev`).
         rmse: root mean square residual of the fit.
-        x, y, low, high: the curve and its pointwise 95 % bootstrap band at `GRID` points. Not clipped to 0…1.
+        x, y: the polynomial at `GRID` points. Not clipped to 0…1.
+        contradicted: whether a bin of the data contradicts it, so that it is not to be drawn.
     """
 
     n: int
-    situations: int
+    places: int
     degree: int
     domain: tuple[float, float]
     coefficients: tuple[float, ...]
     rmse: float
     x: tuple[float, ...]
     y: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    contradicted: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """Per unit: Σ φφᵀ (G, P, P), Σ φy (G, P), Σ y² (G,), n (G,)."""
+    """Per group of places: Σ φφᵀ (G, P, P), Σ φy (G, P), Σ y² (G,), n (G,)."""
 
     gram: NDArray[np.float64]
     moment: NDArray[np.float64]
@@ -57,57 +59,57 @@ class _Sums:
     n: NDArray[np.float64]
 
 
-def fit_curve(
+def fit_polynomial(
     x: NDArray[np.float64],
     y: NDArray[np.float64],
-    rows: NDArray[np.bool_],
+    places: NDArray[np.int64],
     *,
-    resampler: Resampler,
     seed: int,
     max_degree: int = MAX_DEGREE,
-) -> Curve | None:
+) -> Polynomial | None:
     """Fit a polynomial of y over x.
 
     Args:
-        x: (N,) of the whole table; NaN values are left out.
-        y: (N,) likewise.
-        rows: (N,) bool, the rows to use.
-        resampler: the run's draws.
+        x: (N,); rows with a gap are left out.
+        y: (N,) scores in 0…1; the same.
+        places: (N,) whole numbers, the place of each row.
         seed: of the folds.
         max_degree: highest degree to try.
 
     Returns:
-        The curve; None with fewer than `MIN_SITUATIONS` situations or fewer than two distinct x.
+        None with fewer than `MIN_PLACES` places or fewer than two distinct x.
     """
-    usable = rows & np.isfinite(x) & np.isfinite(y)
-    situations = resampler.occupied(usable)
-    distinct = len(np.unique(x[usable]))
-    if situations < MIN_SITUATIONS or distinct < 2:
+    usable = np.isfinite(x) & np.isfinite(y)
+    along, values = x[usable], y[usable]
+    occurring, place = np.unique(places[usable], return_inverse=True)
+    distinct = len(np.unique(along))
+    if len(occurring) < MIN_PLACES or distinct < 2:
         return None
-    low, high = float(x[usable].min()), float(x[usable].max())
-    highest = min(max_degree, distinct - 1, max(situations // 6, 1))
-    sums = _sums(x[usable], y[usable], resampler.group[usable], resampler.groups, (low, high), highest)
+    groups = min(len(occurring), _MOST_GROUPS)
+    group = (np.random.default_rng(seed).permutation(len(occurring)) % groups)[place]
+    low, high = float(along.min()), float(along.max())
+    highest = min(max_degree, distinct - 1, max(groups // 6, 1))
+    sums = _sums(along, values, group, groups, (low, high), highest)
     degree = _choose_degree(sums, highest, seed)
     terms = slice(0, degree + 1)
-    gram, moment = sums.gram[:, terms, terms], sums.moment[:, terms]
-    coefficients = _solve(gram.sum(axis=0), moment.sum(axis=0))
-    error = _squared_error(coefficients, gram.sum(axis=0), moment.sum(axis=0), float(sums.square.sum()))
+    gram, moment = sums.gram[:, terms, terms].sum(axis=0), sums.moment[:, terms].sum(axis=0)
+    coefficients = _solve(gram, moment)
+    error = _squared_error(coefficients, gram, moment, float(sums.square.sum()))
+
+    def at(points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(chebyshev.chebvander(_unit(np.asarray(points), (low, high)), degree) @ coefficients)
+
     grid = np.linspace(low, high, GRID)
-    basis = chebyshev.chebvander(_unit(grid, (low, high)), degree)
-    drawn_gram = np.einsum("bg,gpq->bpq", resampler.weights, gram, optimize=True)
-    drawn = _solve(drawn_gram, resampler.weights @ moment)
-    band = np.quantile(drawn @ basis.T, quantiles(situations), axis=0)
-    return Curve(
-        n=int(np.count_nonzero(usable)),
-        situations=situations,
+    return Polynomial(
+        n=len(along),
+        places=len(occurring),
         degree=degree,
         domain=(low, high),
         coefficients=tuple(coefficients.tolist()),
-        rmse=float(np.sqrt(max(error, 0.0) / np.count_nonzero(usable))),
+        rmse=float(np.sqrt(max(error, 0.0) / len(along))),
         x=tuple(grid.tolist()),
-        y=tuple((basis @ coefficients).tolist()),
-        low=tuple(band[0].tolist()),
-        high=tuple(band[1].tolist()),
+        y=tuple(at(grid).tolist()),
+        contradicted=bool(contradicted_bins(at(along), along, values, place, seed=seed)),
     )
 
 
@@ -136,7 +138,7 @@ def _sums(
 def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
     """Return the smallest degree whose held-out error is at most one standard error above the best one's.
 
-    Folds hold whole units; the rule is that of Breiman et al. 1984 (*Classification and Regression Trees*, section
+    Folds hold whole places; the rule is that of Breiman et al. 1984 (*Classification and Regression Trees*, section
     3.4.3), with the standard error of the *difference*.
     """
     occupied = np.flatnonzero(sums.n)

@@ -20,9 +20,11 @@ import orjson
 import yaml
 from markupsafe import Markup
 
-from valerie.analysis import wording
+from valerie.analysis import verdict_text, wording
 from valerie.analysis.all_classes import AllClasses
+from valerie.analysis.effects import level_means, strongest_pair
 from valerie.analysis.examples import Example, choose_examples
+from valerie.analysis.findings import Finding
 from valerie.analysis.frame_counts import ALL, characters, settings
 from valerie.analysis.panels import make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
@@ -33,16 +35,18 @@ from valerie.errors import MissingDependency
 from valerie.labels import TRAIN_LABELS
 from valerie.measures import Measure, measure_of
 from valerie.runs.moments import moment_text
+from valerie.statistics.intervals import Interval
 
 
 class _Plot(NamedTuple):
-    """One panel of a trend section; ``number`` is its place among the page's figures."""
+    """One panel of a trend section; ``number`` is its place among the page's figures, as in `Panel` what else is drawn."""
 
     title: str
     number: int
     picture: str
     drawn: int
     total: int
+    contradicted: tuple[str, ...]
     trends: tuple[Trend, ...]
 
 
@@ -85,6 +89,13 @@ def build_report(source: ReportInput) -> str:
             cameras=len(source.table.codes("camera").names),
             characters=names,
             plots=plots,
+            found=[(finding, _pair(source, finding)) for finding in source.findings.items],
+            candidates=[(finding, _pair(source, finding)) for finding in source.findings.candidates],
+            searched=wording.searched_sentence(source.findings),
+            limits=wording.limits(source.summary, source.findings),
+            certainty=wording.certainty_sentences(source.summary.rows),
+            parameters=level_means(source.table),
+            pair=strongest_pair(source.table),
             examples=list(_examples(source)),
             occlusion=wording.occlusion_sentence(source.summary.occlusion),
             class_rows=_class_rows(source.summary.classes),
@@ -129,8 +140,14 @@ def _environment() -> jinja2.Environment:
         "pedestrian": wording.pedestrian,
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,
+        "settled": wording.candidate_text,
+        "shade": _shade,
+        "verdict_title": verdict_text.title,
+        "verdict_sentence": verdict_text.sentence,
+        "verdict_notes": verdict_text.notes,
         "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
     }
+    environment.tests["interval_known"] = lambda interval: isinstance(interval, Interval)
     environment.globals |= {
         "labels": lambda rows: wording.setting_labels((row.function, row.sensor) for row in rows),
         "measure_of": measure_of,
@@ -156,7 +173,7 @@ def _plots(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) ->
             figures.append(plotly_figure(panel))
             trends = source.trends.of(axis.name, function, sensor)
             picture = data_url(static_figure(panel))
-            yield _Plot(title, len(figures) - 1, picture, panel.drawn, panel.total, trends)
+            yield _Plot(title, len(figures) - 1, picture, panel.drawn, panel.total, panel.contradicted, trends)
 
 
 def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, str | None]]]]:
@@ -173,6 +190,26 @@ def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, st
             caption = f"{function}: pACC {wording.percent(pacc)} %"
             shots.append((caption, picture(PictureKind.PREDICTION, function=function)))
         yield example, [(caption, None if data is None else data_url(data)) for caption, data in shots]
+
+
+def _pair(source: ReportInput, finding: Finding) -> list[tuple[str, str | None]]:
+    """Return (caption, data URL) of the predictions in the two views that differ most, before and after."""
+    if source.picture is None or not finding.examples:
+        return []
+    shots = []
+    step = finding.steps[0]
+    for level, view in zip((step.before, step.after), finding.examples[0], strict=True):
+        data = source.picture(view.frame_id, PictureKind.PREDICTION, sensor=view.sensor, function=view.function)
+        caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} % · frame {view.frame_id}"
+        shots.append((caption, None if data is None else data_url(data)))
+    return shots
+
+
+def _shade(mean: float) -> str:
+    """Return the colour of a rate: warm at 0, white at one half, cool at 1 (Okabe and Ito's vermilion and blue)."""
+    end = (213, 94, 0) if mean < 0.5 else (0, 114, 178)
+    strength = abs(2 * mean - 1) * 0.75
+    return "#" + "".join(f"{round(255 + (channel - 255) * strength):02x}" for channel in end)
 
 
 def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:

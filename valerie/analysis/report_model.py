@@ -12,6 +12,7 @@ from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.perception.base import FunctionCard
 
 
@@ -97,6 +98,7 @@ class ReportInput:
         table, summary, trends, findings: the results.
         variants: number of variants of the run, rejected ones included.
         frames: number of frames planned for the variants that were not rejected.
+        verdicts: on the run's requirements.
         rejections: reason to number of rejected variants.
         failures: products that failed for good.
         picture: reads the gallery's pictures; None for a report without gallery.
@@ -110,6 +112,7 @@ class ReportInput:
     findings: Findings
     variants: int
     frames: int
+    verdicts: tuple[RequirementVerdict, ...] = ()
     rejections: Mapping[str, int] = field(default_factory=dict)
     failures: tuple[Failure, ...] = ()
     picture: PictureSource | None = None

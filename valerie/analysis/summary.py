@@ -1,4 +1,4 @@
-"""Summary of a run: the table of the paper's section 6.2 with counts, reasons of gaps, precision, IoU and intervals.
+"""Summary of a run: the table of the paper's section 6.2 with counts, reasons of gaps, precision, IoU, and intervals or spreads.
 
 Every aggregate exists twice: as *frame mean*, in which every person in every frame has the same weight, and from *pooled*
 counts, in which every pixel has the same weight.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,31 @@ from valerie.analysis.frame_counts import (
     rows_of,
     settings,
 )
-from valerie.analysis.intervals import Interval, Resampler, wilson
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import Interval, Refusal, mean_interval
+from valerie.statistics.units import Estimand
 
 #: Rate above which a person counts as occluded (the paper's "> 5 % occluded").
 OCCLUDED: Final = 0.05
+
+
+#: Part of the places beyond each end of a spread.
+_TAIL: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Middle 80 % of the means of places: how much places differ, not how certain a mean is.
+
+    Attributes:
+        low, high: quantiles 0.1 and 0.9 (linear between places).
+        places: number of places.
+    """
+
+    low: float
+    high: float
+    places: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +65,16 @@ class SummaryRow:
         persons: number of person-frames; more than ``frames`` where a frame shows several such persons.
         defined: number of person-frames with a defined pACC.
         undefined: reason to number of the other person-frames.
-        pacc_mean: mean over the defined person-frames; ``pacc_mean_interval`` is its 95 % bootstrap interval.
+        pacc_mean: mean over the defined person-frames.
         pacc_min, pacc_max: smallest and largest value of the same.
         pacc_pooled: Σ tp / Σ (tp + fn).
+        pacc_mean_interval, pacc_pooled_interval, detection_interval: 95 % intervals, or why there is none
+            (`valerie.statistics.intervals`); None without a defined pACC.
+        pacc_mean_spread, detection_spread: where variants are listed, so that no interval is possible, how much places differ.
         precision_mean, iou_mean: means over the frames in which the score is defined.
         precision_pooled, iou_pooled: from the summed counts of the frames.
         detected: number of person-frames with pACC ≥ the summary's threshold.
-        detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 % interval.
+        detection_rate: detected / defined.
     """
 
     function: str
@@ -63,17 +85,20 @@ class SummaryRow:
     defined: int
     undefined: dict[str, int]
     pacc_mean: float | None
-    pacc_mean_interval: Interval | None
+    pacc_mean_interval: Interval | Refusal | None
+    pacc_mean_spread: Spread | None
     pacc_min: float | None
     pacc_max: float | None
     pacc_pooled: float | None
+    pacc_pooled_interval: Interval | Refusal | None
     precision_mean: float | None
     precision_pooled: float | None
     iou_mean: float | None
     iou_pooled: float | None
     detected: int
     detection_rate: float | None
-    detection_interval: Interval | None
+    detection_interval: Interval | Refusal | None
+    detection_spread: Spread | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +174,6 @@ def summarize(
     *,
     classes: Sequence[AllClasses] = (),
     threshold: float = 0.5,
-    resampler: Resampler | None = None,
 ) -> Summary:
     """Summarize a run.
 
@@ -157,7 +181,6 @@ def summarize(
         table: its evaluations.
         classes: scores over all classes, which the table does not hold.
         threshold: smallest pACC of a detected person, 0 < t ≤ 1.
-        resampler: bootstrap draws of ``table.situations``; None: means have no interval.
 
     Raises:
         InvalidInput: the threshold is out of bounds.
@@ -171,16 +194,14 @@ def summarize(
     return Summary(
         threshold=threshold,
         frames=len(np.unique(frame_numbers)),
-        rows=tuple(_row(table, group, counts, threshold, resampler) for group in groups(table)),
+        rows=tuple(_row(table, group, counts, threshold) for group in groups(table)),
         occlusion=_occlusion(table),
         empty=_empty(table, counts),
         classes=tuple(classes),
     )
 
 
-def _row(
-    table: EvaluationTable, group: Group, counts: FrameCounts, threshold: float, resampler: Resampler | None
-) -> SummaryRow:
+def _row(table: EvaluationTable, group: Group, counts: FrameCounts, threshold: float) -> SummaryRow:
     rows = rows_of(table, group)
     pacc = table.numbers("pacc")
     defined = rows & np.isfinite(pacc)
@@ -190,10 +211,17 @@ def _row(
     first = counts.row[evaluations]
     tp, fn, fp = (array[evaluations].sum() for array in (counts.tp, counts.fn, counts.fp))
     own_tp, own_fn = table.numbers("tp")[rows].sum(), table.numbers("fn")[rows].sum()
-    detected = int(np.count_nonzero(values >= threshold))
-    interval = None
-    if resampler is not None and len(values):
-        interval = resampler.interval(resampler.mean(pacc, defined)[1], defined)
+    is_detected = values >= threshold
+    detected = int(np.count_nonzero(is_detected))
+    units = table.units.of(defined)
+
+    def interval(scores: NDArray[Any], pixels: NDArray[np.float64] | None = None) -> Interval | Refusal | None:
+        return mean_interval(scores, units, weights=pixels) if len(values) else None
+
+    def spread(scores: NDArray[Any]) -> Spread | None:
+        listed = len(values) > 0 and units.estimand is Estimand.LISTED_GRID
+        return _spread(scores, table.places[defined]) if listed else None
+
     return SummaryRow(
         function=group.function,
         sensor=group.sensor,
@@ -207,18 +235,31 @@ def _row(
             if (number := np.count_nonzero(reasons.index[rows] == i))
         },
         pacc_mean=float(values.mean()) if len(values) else None,
-        pacc_mean_interval=interval,
+        pacc_mean_interval=interval(values),
+        pacc_mean_spread=spread(values),
         pacc_min=float(values.min()) if len(values) else None,
         pacc_max=float(values.max()) if len(values) else None,
         pacc_pooled=_ratio(own_tp, own_tp + own_fn),
+        pacc_pooled_interval=interval(values, (table.numbers("tp") + table.numbers("fn"))[defined]),
         precision_mean=_mean(table.numbers("precision")[first]),
         precision_pooled=_ratio(tp, tp + fp),
         iou_mean=_mean(table.numbers("iou")[first]),
         iou_pooled=_ratio(tp, tp + fp + fn),
         detected=detected,
         detection_rate=_ratio(detected, len(values)),
-        detection_interval=wilson(detected, len(values)),
+        detection_interval=interval(is_detected),
+        detection_spread=spread(is_detected),
     )
+
+
+def _spread(scores: NDArray[Any], places: NDArray[np.int64]) -> Spread | None:
+    """Return the spread of the places' means; None for fewer than two places."""
+    rows = np.bincount(places)
+    means = np.bincount(places, scores)[rows > 0] / rows[rows > 0]
+    if len(means) < 2:
+        return None
+    low, high = np.quantile(means, (_TAIL, 1 - _TAIL))
+    return Spread(float(low), float(high), len(means))
 
 
 def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:

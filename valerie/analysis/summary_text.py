@@ -13,9 +13,19 @@ from rich.table import Table
 from rich.text import Text
 
 from valerie.analysis.findings import Findings
-from valerie.analysis.intervals import Interval
-from valerie.analysis.summary import Summary, SummaryRow
-from valerie.analysis.wording import classes_text, occlusion_sentence, pedestrian, percent, reasons_text, setting_labels
+from valerie.analysis.summary import Spread, Summary, SummaryRow
+from valerie.analysis.wording import (
+    candidate_text,
+    certainty_sentences,
+    classes_text,
+    occlusion_sentence,
+    pedestrian,
+    percent,
+    reasons_text,
+    searched_sentence,
+    setting_labels,
+)
+from valerie.statistics.intervals import Interval, Refusal
 
 #: Column of `_cells` to its title; {} is the threshold.
 _COLUMNS: Final = {
@@ -41,15 +51,12 @@ def summary_renderable(summary: Summary, findings: Findings | None = None, *, mo
     Args:
         summary: of the run.
         findings: of the run; None: the summary alone.
-        most: largest number of findings; None: all.
+        most: largest number of findings, and of candidates; None: all.
     """
     parts: list[RenderableType] = [_Rows(summary) if summary.rows else Text("No person was evaluated.")]
     parts += [Text(line, style="dim") for line in _notes(summary)]
-    if findings is not None and findings.items:
-        parts.append(Text("\nFindings", style="bold"))
-        parts += [Text(f"{i}. {finding.sentence}") for i, finding in enumerate(findings.items[:most], 1)]
     if findings is not None:
-        parts += [Text(sentence, style="dim") for sentence in findings.unpaired]
+        parts += _findings(findings, most)
     return Group(*parts)
 
 
@@ -60,6 +67,16 @@ def summary_text(summary: Summary, findings: Findings | None = None, *, width: i
         summary_renderable(summary, findings)
     )
     return "\n".join(line.rstrip() for line in sink.getvalue().splitlines()).strip("\n") + "\n"
+
+
+def _findings(findings: Findings, most: int | None) -> list[RenderableType]:
+    parts: list[RenderableType] = [Text("\nFindings", style="bold")]
+    parts += [Text(f"{i}. {finding.sentence}") for i, finding in enumerate(findings.items[:most], 1)]
+    parts.append(Text(searched_sentence(findings), style="dim"))
+    if findings.candidates:
+        parts.append(Text("\nCandidates, not confirmed", style="bold"))
+        parts += [Text(f"- {one.sentence} {candidate_text(one)}") for one in findings.candidates[:most]]
+    return parts + [Text(note, style="dim") for note in findings.notes]
 
 
 class _Rows:
@@ -103,11 +120,11 @@ def _cells(row: SummaryRow) -> dict[str, str]:
     """Return the text of each column."""
     return {
         "frames": f"{row.frames:,}",
-        "mean pACC": percent(row.pacc_mean) + _within(row.pacc_mean_interval),
+        "mean pACC": percent(row.pacc_mean) + _within(row.pacc_mean_interval, row.pacc_mean_spread),
         "min": percent(row.pacc_min),
         "max": percent(row.pacc_max),
         "pooled": percent(row.pacc_pooled),
-        "detected": percent(row.detection_rate) + _within(row.detection_interval),
+        "detected": percent(row.detection_rate) + _within(row.detection_interval, row.detection_spread),
         "precision": f"{percent(row.precision_mean)} / {percent(row.precision_pooled)}",
         "IoU": f"{percent(row.iou_mean)} / {percent(row.iou_pooled)}",
         "undefined": reasons_text(row.undefined),
@@ -115,7 +132,8 @@ def _cells(row: SummaryRow) -> dict[str, str]:
 
 
 def _notes(summary: Summary) -> list[str]:
-    lines = ["In per cent; [95 % interval]; precision and IoU are of the frame: mean / from pooled counts."]
+    lines = ["In per cent; precision and IoU are of the frame: mean / from pooled counts."]
+    lines += certainty_sentences(summary.rows)
     lines += [sentence] if (sentence := occlusion_sentence(summary.occlusion)) else []
     lines += [
         f"{empty.function}: {empty.with_false_positives:,} of {empty.frames:,} frames without a person have person pixels."
@@ -133,5 +151,6 @@ def _notes(summary: Summary) -> list[str]:
     return lines
 
 
-def _within(interval: Interval | None) -> str:
-    return "" if interval is None else f" [{100 * interval.low:.0f}–{100 * interval.high:.0f}]"
+def _within(interval: Interval | Refusal | None, spread: Spread | None) -> str:
+    ends = interval if isinstance(interval, Interval) else spread
+    return "" if ends is None else f" [{100 * ends.low:.0f}–{100 * ends.high:.0f}]"

@@ -20,8 +20,10 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import ArrayLike, NDArray
 
+from valerie.analysis.design import UNKNOWN, Design, position_paths
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
 from valerie.measures import MEASURES, ColumnType, Measure
+from valerie.statistics.units import EVEN, Estimand, Units, sampling_units
 
 _NAME: Final = pa.dictionary(pa.int32(), pa.string())
 #: Arrow type of a varied parameter's column, by the parameter's type.
@@ -32,7 +34,7 @@ PARAMETER_COLUMNS: Final[Mapping[str, pa.DataType]] = {
     "BOOL": pa.bool_(),
     "CATEGORICAL": _NAME,
 }
-_METADATA_KEY: Final = b"valerie.parameters"
+_METADATA_KEY: Final = b"valerie.evaluations"
 _BATCH: Final = 65_536
 
 
@@ -65,15 +67,24 @@ class EvaluationTable:
     Attributes:
         arrow: the table.
         parameters: path to parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
+        designs: run id to the choice of its variants; of the variants of a run without an entry nothing is known.
     """
 
-    def __init__(self, arrow: pa.Table, parameters: Mapping[str, str]) -> None:
+    def __init__(
+        self, arrow: pa.Table, parameters: Mapping[str, str], designs: Mapping[str, Design] | None = None
+    ) -> None:
         self.parameters: Mapping[str, str] = {path: str(kind) for path, kind in parameters.items()}
+        self.designs: Mapping[str, Design] = dict(designs or {})
         self.arrow = _conform(arrow, schema_of(self.parameters))
         _check(self.arrow)
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, ArrayLike | pa.Array], parameters: Mapping[str, str]) -> Self:
+    def from_columns(
+        cls,
+        columns: Mapping[str, ArrayLike | pa.Array],
+        parameters: Mapping[str, str],
+        designs: Mapping[str, Design] | None = None,
+    ) -> Self:
         """Build the table from columns: numpy arrays, lists or Arrow arrays of equal length; NaN and None are empty.
 
         Raises:
@@ -88,10 +99,15 @@ class EvaluationTable:
         lengths = {name: len(array) for name, array in zip(schema.names, arrays, strict=True)}
         if len(set(lengths.values())) > 1:
             raise InvalidInput("columns differ in length", field="columns", value=lengths)
-        return cls(pa.table(arrays, schema=schema), parameters)
+        return cls(pa.table(arrays, schema=schema), parameters, designs)
 
     @classmethod
-    def from_rows(cls, rows: Iterable[Mapping[str, object]], parameters: Mapping[str, str]) -> Self:
+    def from_rows(
+        cls,
+        rows: Iterable[Mapping[str, object]],
+        parameters: Mapping[str, str],
+        designs: Mapping[str, Design] | None = None,
+    ) -> Self:
         """Build the table from rows, read once in batches; a missing key is an empty value.
 
         Raises:
@@ -109,8 +125,8 @@ class EvaluationTable:
             ]
             batches.append(pa.table(arrays, names=schema.names))
         if not batches:
-            return cls(schema.empty_table(), parameters)
-        return cls(pa.concat_tables(batches), parameters)
+            return cls(schema.empty_table(), parameters, designs)
+        return cls(pa.concat_tables(batches), parameters, designs)
 
     @classmethod
     def from_parquet(cls, source: Path | BinaryIO | pa.BufferReader) -> Self:
@@ -126,7 +142,9 @@ class EvaluationTable:
         metadata = arrow.schema.metadata or {}
         if _METADATA_KEY not in metadata:
             raise CorruptArtifact("the Parquet file has no parameter types, so it is not an evaluation table")
-        return cls(arrow, orjson.loads(metadata[_METADATA_KEY]))
+        document = orjson.loads(metadata[_METADATA_KEY])
+        designs = {run: Design.from_json(design) for run, design in document["designs"].items()}
+        return cls(arrow, document["parameters"], designs)
 
     @classmethod
     def from_csv(cls, source: Path | BinaryIO, parameters: Mapping[str, str]) -> Self:
@@ -145,9 +163,26 @@ class EvaluationTable:
             raise CorruptArtifact(f"not a CSV evaluation table: {error}") from error
         return cls(arrow, parameters)
 
+    @classmethod
+    def joined(cls, tables: Sequence[Self]) -> Self:
+        """Return the rows of several runs, which vary the same parameters, as one table.
+
+        Raises:
+            InvalidInput: they do not, or there is no table.
+        """
+        if not tables or any(table.parameters != tables[0].parameters for table in tables):
+            raise InvalidInput(
+                "runs of unlike parameters have no common table",
+                field="parameters",
+                value=[list(table.parameters) for table in tables],
+                limit="the same parameters in all",
+            )
+        designs = {run: design for table in tables for run, design in table.designs.items()}
+        return cls(pa.concat_tables([table.arrow for table in tables]), tables[0].parameters, designs)
+
     def to_parquet(self, sink: Path | BinaryIO) -> None:
-        """Write a Parquet file with zstd; its metadata holds the types of the parameters."""
-        metadata = {_METADATA_KEY: orjson.dumps(dict(self.parameters))}
+        """Write a Parquet file with zstd; its metadata holds the types of the parameters and the designs."""
+        metadata = {_METADATA_KEY: orjson.dumps({"parameters": self.parameters, "designs": self.designs})}
         pa.parquet.write_table(self.arrow.replace_schema_metadata(metadata), sink, compression="zstd")
 
     def to_csv(self, sink: Path | BinaryIO) -> None:
@@ -198,7 +233,7 @@ class EvaluationTable:
 
     def select(self, mask: NDArray[np.bool_]) -> Self:
         """Return the table of the rows where ``mask`` ((N,) bool) is true."""
-        return type(self)(self.arrow.filter(pa.array(mask)), self.parameters)
+        return type(self)(self.arrow.filter(pa.array(mask)), self.parameters, self.designs)
 
     @cached_property
     def evaluations(self) -> NDArray[np.int64]:
@@ -206,17 +241,54 @@ class EvaluationTable:
         return combine([self.codes(name).index for name in ("frame_id", "sensor", "function")])
 
     @cached_property
-    def situations(self) -> NDArray[np.int64]:
-        """(N,) int64: rows whose varied parameters agree in all but the character share a number.
+    def units(self) -> Units:
+        """The sampling units of the rows; they follow from the designs of the runs (`valerie.statistics.units`)."""
+        variants = combine([self.codes("run_id").index, self.numbers("variant_index")])
+        designs, numbers = set(), np.zeros(len(self), np.int64)
+        for run, (design, rows) in enumerate(self._by_run):
+            name, replicate = design.design_of(self._variants[rows])
+            designs.add(name)
+            if replicate is not None:
+                numbers[rows] = replicate * len(self._by_run) + run
+        if designs <= EVEN:
+            return sampling_units("sobol", variants, replicate=numbers)
+        if "grid" not in designs:
+            return sampling_units("random", variants)
+        return sampling_units("grid", variants, streets=self._streets)
 
-        Such rows show one situation through several cameras, sensors and functions, with one pedestrian or another. They
-        are not independent, so intervals resample whole situations, and characters are compared within a situation.
-        Where nothing but the character is varied, each variant is a situation.
+    @cached_property
+    def places(self) -> NDArray[np.int64]:
+        """(N,) int64: rows of the same place share a number 0…P−1; neighbours along the street have near numbers.
+
+        A drawn variant is a place of its own. Listed variants share a place where all persons stand alike on one street;
+        where the list is repeated on several streets, a street is one place.
         """
-        paths = [path for path in self.parameters if path.rpartition(".")[2] != "character"]
-        if not paths:
-            return combine([self.numbers("variant_index")])
-        return combine([self._key(path) for path in paths])
+        if self.units.estimand is Estimand.STREETS:
+            return combine([self._streets])
+        drawn = np.zeros(len(self), np.bool_)
+        for design, rows in self._by_run:
+            drawn[rows] = design.drawn(self._variants[rows])
+        keys = [self._streets, np.where(drawn, self.numbers("variant_index"), -1.0)]
+        return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
+
+    @property
+    def _variants(self) -> NDArray[np.int64]:
+        return self.numbers("variant_index").astype(np.int64)
+
+    @cached_property
+    def _by_run(self) -> list[tuple[Design, NDArray[np.bool_]]]:
+        """Design and rows of each run."""
+        runs = self.codes("run_id")
+        return [(self.designs.get(name, UNKNOWN), runs.where(name)) for name in runs.names]
+
+    @cached_property
+    def _streets(self) -> NDArray[np.int64]:
+        """(N,) street seed; −1 where the street has none."""
+        streets = np.full(len(self), -1, np.int64)
+        for design, rows in self._by_run:
+            if design.street is not None:
+                streets[rows] = design.street
+        return streets
 
     @cached_property
     def _numbers(self) -> dict[str, NDArray[np.float64]]:
@@ -230,9 +302,6 @@ class EvaluationTable:
         if name not in self.arrow.column_names:
             raise UnknownName("column", name, self.arrow.column_names)
         return self.arrow[name]
-
-    def _key(self, path: str) -> NDArray[Any]:
-        return self.codes(path).index if self.parameters[path] == "CATEGORICAL" else self.numbers(path)
 
 
 def schema_of(parameters: Mapping[str, str]) -> pa.Schema:

@@ -1,4 +1,4 @@
-"""Trends of pACC over distance, pixel area, occlusion, light and time: curves with bands and binned means.
+"""Trends of pACC over distance, pixel area, occlusion, light and time: curves, polynomials and binned means.
 
 They are the numbers of the paper's figures 4 to 7; `valerie.analysis.plots` draws them.
 """
@@ -13,10 +13,10 @@ import numpy as np
 
 from valerie.analysis.binning import Bin, bin_edges, bins_of
 from valerie.analysis.frame_counts import groups, rows_of
-from valerie.analysis.intervals import Resampler
-from valerie.analysis.regression import Curve, fit_curve
+from valerie.analysis.regression import Polynomial, fit_polynomial
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import MEASURES, Measure
+from valerie.statistics.curves import Curve, fit_curve
 
 #: Measures that the report plots pACC over.
 AXES: Final = tuple(measure for measure in MEASURES if measure.bin_width is not None)
@@ -29,7 +29,8 @@ class Trend:
     Attributes:
         column: of the x values, which are in the column's unit.
         function, sensor, character: the group; the character `ALL` stands for all together.
-        curve: the regression; None with too few situations or a single x.
+        curve: between 0 and 1, monotone where the data are, with its band; None where places are too few for two bins.
+        polynomial: the paper's regression; None with too few places or a single x.
         bins: binned means without empty bins; every group has the same edges.
     """
 
@@ -38,6 +39,7 @@ class Trend:
     sensor: str
     character: str
     curve: Curve | None
+    polynomial: Polynomial | None
     bins: tuple[Bin, ...]
 
 
@@ -47,7 +49,7 @@ class Trends:
 
     Attributes:
         threshold: of the bins' detection counts.
-        seed: of the cross-validation folds.
+        seed: of folds and bands.
         items: one per column, function, sensor and character.
     """
 
@@ -65,15 +67,12 @@ class Trends:
         return asdict(self)
 
 
-def find_trends(
-    table: EvaluationTable, *, resampler: Resampler, seed: int, threshold: float = 0.5, axes: Sequence[Measure] = AXES
-) -> Trends:
+def find_trends(table: EvaluationTable, *, seed: int, threshold: float = 0.5, axes: Sequence[Measure] = AXES) -> Trends:
     """Return the trends of each group over each axis on which several values occur.
 
     Args:
         table: the run's evaluations.
-        resampler: bootstrap draws of ``table.situations``.
-        seed: of the cross-validation folds.
+        seed: of folds and bands.
         threshold: of the bins' detection counts.
         axes: measures with a ``bin_width``.
     """
@@ -88,7 +87,8 @@ def find_trends(
         edges = bin_edges(float(known.min()), float(known.max()), axis.bin_width)
         for group in groups(table):
             rows = rows_of(table, group)
-            curve = fit_curve(x, pacc, rows, resampler=resampler, seed=seed)
-            bins = bins_of(x, pacc, rows, edges=edges, threshold=threshold, resampler=resampler)
-            items.append(Trend(axis.name, group.function, group.sensor, group.character, curve, bins))
+            own = x[rows], pacc[rows], table.places[rows]
+            curve, polynomial = fit_curve(*own, seed=seed), fit_polynomial(*own, seed=seed)
+            bins = bins_of(x, pacc, rows, edges=edges, threshold=threshold)
+            items.append(Trend(axis.name, group.function, group.sensor, group.character, curve, polynomial, bins))
     return Trends(threshold, seed, tuple(items))

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from valerie.analysis.before_after import Change
+from valerie.analysis.before_after import Change, Difference
 from valerie.analysis.before_after import Comparison as VersionComparison
-from valerie.analysis.comparisons import Comparison, FindingKind, Side
+from valerie.analysis.findings import Finding, Findings, Inequality, Step
 from valerie.analysis.frame_counts import ALL
-from valerie.analysis.intervals import Interval
-from valerie.analysis.summary import OCCLUDED, OcclusionShare
+from valerie.analysis.summary import OCCLUDED, OcclusionShare, Summary, SummaryRow
 from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.measures import measure_of
+from valerie.statistics.contrasts import Matching
+from valerie.statistics.intervals import Interval, Refusal
+from valerie.statistics.units import Estimand
 
 DASH: Final = "–"
+_ESTIMANDS: Final[Mapping[Estimand, str]] = {
+    Estimand.LISTED_GRID: "the listed variants",
+    Estimand.DESIGN_BOX: "the space that the design draws from",
+    Estimand.STREETS: "all streets, at the listed variants",
+}
 #: Largest number of classes that a sentence names one by one.
 _NAMED: Final = 4
 
@@ -63,62 +70,111 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
     return f"More than {100 * OCCLUDED:g} % occluded: {', '.join(texts)}." if texts else ""
 
 
-def finding_sentence(comparison: Comparison, interval: Interval, *, several_sensors: bool) -> str:
-    """Return a comparison as one sentence with its effect, its interval and every n.
-
-    Args:
-        comparison: to word.
-        interval: of its estimate; both ends have the estimate's sign.
-        several_sensors: whether the sentence has to name the sensor setting.
-    """
-    difference = comparison.difference
-    positive = difference.estimate > 0
-    size = f"{100 * abs(difference.estimate):.1f} points"
-    ends = sorted(100 * abs(end) for end in (interval.low, interval.high))
-    within = f"95 % interval {ends[0]:.1f} to {ends[1]:.1f}"
-    counted = f"n = {' and '.join(f'{n:,}' for n in difference.n.values())}{' pairs' if difference.paired else ''}"
-    behind = f" behind sensor {comparison.sensor}" if several_sensors else ""
-    who = comparison.function + behind
-    first, second = comparison.first, comparison.second
-    better, worse = (first.name, second.name) if positive else (second.name, first.name)
-    match comparison.kind:
-        case FindingKind.BINS:
-            title = measure_of(comparison.column).title
-            steps = f"from {title} {_bin_text(comparison.column, second)} to {_bin_text(comparison.column, first)}"
-            return f"{who}: pACC {'rises' if positive else 'falls'} by {size} ({within}) {steps}."
-        case FindingKind.VALUES:
-            name = comparison.column.removeprefix("scene.")
-            where, rest = side_text(first), side_text(second)
-            return (
-                f"{who}: pACC is {'higher' if positive else 'lower'} by {size} where {name} is {where} than "
-                f"{f'where it is {rest}' if rest else 'elsewhere'}, on average ({within}; {counted})."
-            )
-        case FindingKind.CHARACTERS:
-            where = "in the same situations" if difference.paired else "on average, in different situations"
-            return f"{who} sees {better} better than {worse} {where}: pACC is higher by {size} ({within}; {counted})."
-        case FindingKind.FUNCTIONS:
-            return (
-                f"{better} sees {comparison.character} better than {worse} does on the same pictures{behind}: "
-                f"pACC is higher by {size} ({within}; {counted})."
-            )
-        case FindingKind.FALSE_POSITIVES:
-            return (
-                f"{who}: {percent(first.mean)} % of the pixels that it calls person belong to no person, "
-                f"{size} more than half ({within}; {counted} frames)."
-            )
+def finding_sentence(finding: Finding) -> str:
+    """Return a finding as sentences: effect and condition, interval, numbers, and what else differs."""
+    step = finding.steps[0]
+    size = f"{100 * abs(finding.effect):.1f} points"
+    higher = "higher" if finding.effect > 0 else "lower"
+    if len(finding.steps) == 2:
+        second = finding.steps[1]
+        text = (
+            f"{finding.function}: the effect of {_after(step)} instead of {step.before} on pACC is {size} {higher} "
+            f"with {_after(second)} than with {second.before}"
+        )
+    elif not finding.function:
+        better, worse = (step.after, step.before) if finding.effect > 0 else (step.before, step.after)
+        text = f"{better} sees more than {worse} on identical frames: pACC is {size} higher"
+    else:
+        text = f"{finding.function}: pACC is {size} {higher} with {_after(step)} than with {step.before}"
+    if finding.matching is Matching.MODEL:
+        text += ", between different places"
+    elif finding.function:
+        text += ", all else equal"
+    counted = [f"{finding.places:,} places"]
+    counted += [f"{finding.pairs:,} pairs"] if finding.pairs else []
+    if finding.low is not None and finding.high is not None:
+        # A function is named for being better, so the interval has to point its way.
+        sign = -1 if finding.effect < 0 and not finding.function else 1
+        ends = sorted(100 * sign * end for end in (finding.low, finding.high))
+        low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
+        counted.insert(0, f"joint 95 % interval {low} to {high}")
+    return f"{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
 
 
-def side_text(side: Side) -> str:
-    """Return the value or range of one side: ``red``, ``300°``, ``5–10``; empty for all other values."""
-    if side.low is None or side.high is None:
-        return side.name
-    return f"{side.low:g}{side.unit}" if side.low == side.high else f"{side.low:g}–{side.high:g}{side.unit}"
+def _after(step: Step) -> str:
+    """Return the factor with its later level; names that contain the factor's stand alone: ``camera-3``."""
+    return step.after if step.after.startswith(step.factor) else f"{step.factor} {step.after}"
 
 
-def _bin_text(column: str, side: Side) -> str:
-    assert side.low is not None
-    assert side.high is not None
-    return f"{measure_of(column).range_text(side.low, side.high)} ({percent(side.mean)} %, n = {side.n:,})"
+def unequal_sentence(unequal: Sequence[Inequality]) -> str:
+    """Return what else differs between the sides of a finding; empty where nothing does."""
+    texts = [
+        f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
+        f"{measure_of(one.column).text(one.before)} with {one.step.before})"
+        for one in unequal
+    ]
+    return f" The sides also differ in {' and '.join(texts)}." if texts else ""
+
+
+def searched_sentence(findings: Findings) -> str:
+    """Return how findings were found, and what it means that there are none."""
+    if not findings.comparisons:
+        return "Nothing to compare: vary a parameter, or name several functions."
+    looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} places"
+    if not findings.places_confirming:
+        return f"{looked}, too few to confirm anything: 10 places are needed."
+    sure = f"with {100 * findings.level:g} % confidence for all together"
+    none = "" if findings.items else "; none is confirmed"
+    return f"{looked}, judged in {findings.places_confirming:,} others {sure}{none}."
+
+
+def candidate_text(finding: Finding) -> str:
+    """Return how a candidate can be settled."""
+    return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
+
+
+def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
+    """Return what the brackets of a summary mean, and why intervals are missing."""
+    sentences = []
+    units = {(one.estimand, one.units) for row in rows if isinstance(one := row.pacc_mean_interval, Interval)}
+    if units:
+        estimand, most = max(units, key=lambda one: one[1])
+        sentences.append(f"[95 % interval] for {_ESTIMANDS[estimand]}, from {most:,} {estimand.noun}.")
+    if any(row.pacc_mean_spread for row in rows):
+        places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
+        sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
+    reasons = dict.fromkeys(one.reason for row in rows if isinstance(one := row.pacc_mean_interval, Refusal))
+    return sentences + [f"No confidence interval: {reason}." for reason in reasons]
+
+
+def limits(summary: Summary, findings: Findings) -> list[str]:
+    """Return what the results do not say."""
+    first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)
+    sentences = []
+    if first is not None:
+        sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
+    if first is not None and first.estimand is Estimand.LISTED_GRID:
+        sentences.append(
+            "All variants were listed, so nothing is known of what lies between them, or of other streets."
+        )
+    if findings.places_searched:
+        places = findings.places_searched + findings.places_confirming
+        sentences.append(
+            f"The run saw {places:,} places. Differences that need more places to be told from chance stay unseen."
+        )
+    together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
+    # Visibility alone decides, so functions share their gaps.
+    gaps = dict.fromkeys((row.persons, reasons_text(row.undefined)) for row in together if row.undefined)
+    sentences += [f"Of {persons:,} views of a person, some have no pACC: {reasons}." for persons, reasons in gaps]
+    return sentences
+
+
+def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
+    """Return that most pixels which a function calls person belong to none."""
+    return (
+        f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
+        f"(95 % interval {percent(interval.low)} to {percent(interval.high)}, {interval.units:,} {interval.estimand.noun})."
+    )
 
 
 def incomparable_sentence(a: str, b: str, precisions: Mapping[str, str]) -> str:
@@ -134,9 +190,17 @@ def change_sentence(change: Change) -> str:
         return f"class {change.name}: pooled IoU {values}"
     if change.kind == "score":
         return f"person {measure_of(change.name).title}, pooled: {values}"
-    assert change.interval is not None
-    span = f"[{100 * change.interval.low:+.1f}, {100 * change.interval.high:+.1f}]"
-    return f"{change.name}: mean pACC {values} ({100 * change.step:+.1f} points, 95 % {span})"
+    own = change.difference
+    assert own is not None
+    by_place = f"{100 * own.mean:+.1f} points by place{span_text(own)}, {own.places:,} places"
+    return f"{change.name}: mean pACC {values} ({by_place}; {own.lost:,} lost, {own.gained:,} gained)"
+
+
+def span_text(difference: Difference) -> str:
+    """Return the interval of a difference as people read it, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
+    if difference.low is None or difference.high is None:
+        return ""
+    return f", 95 % [{100 * difference.low:+.1f}, {100 * difference.high:+.1f}]"
 
 
 def numeric_classes_sentence(comparison: VersionComparison) -> str:

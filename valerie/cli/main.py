@@ -9,10 +9,12 @@ import typer
 
 from valerie.cli import (
     assets,
+    claims,
     datasets,
     evaluation,
     frames,
     functions,
+    gate,
     machine,
     predictions,
     results,
@@ -39,6 +41,7 @@ Exit codes:
   3         completed, but some products failed for good; a replayed frame differs
   4         the run was cancelled or failed
   5         something on this machine is missing, full or unreachable
+  6         `gate`: a requirement is not met or undecided, or a function is worse than the baseline
   124       a function took longer than VALERIE_INFER_SECONDS
   130, 143  interrupted (Ctrl-C), terminated
 
@@ -64,6 +67,8 @@ app.command(rich_help_panel=_WATCH)(runs.status)
 app.command(rich_help_panel=_WATCH)(runs.report)
 app.command(rich_help_panel=_WATCH)(results.findings)
 app.command(rich_help_panel=_WATCH)(results.rows)
+app.command(rich_help_panel=_WATCH)(gate.gate)
+app.command(rich_help_panel=_WATCH)(claims.claims)
 app.command(rich_help_panel=_WATCH)(runs.cancel)
 app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)

@@ -103,7 +103,7 @@ def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
         if amodal is not None:
             entry |= {f"a_{key}": value for key, value in _shape(amodal).items()}
             entry |= {f"i_{key}": value for key, value in visible.items()}
-        annotations.append(entry | dict(frame.persons.get(number, {})))
+        annotations.append({**entry, **frame.persons.get(number, {}), **frame.key_points.get(number, {})})
     return annotations
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from valerie.datasets.camera import CameraDocument
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, VOID
+from valerie.measures import Measures
 from valerie.spelling import plain_name
 
 #: A part of a name: underscores separate the parts.
@@ -63,6 +64,18 @@ class FrameName:
         return f"{self.city}_{self.sequence}_{self.frame}"
 
 
+class KeyPoints(TypedDict):
+    """COCO's key points of one person.
+
+    Attributes:
+        keypoints: x, y and flag of each joint, one after the other.
+        num_keypoints: number of joints in the image.
+    """
+
+    keypoints: list[float]
+    num_keypoints: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledFrame:
     """One picture with its exact truth.
@@ -75,6 +88,7 @@ class LabelledFrame:
         camera: Cityscapes' camera document; None where unknown.
         amodal: instance id to (H, W) bool: all pixels that the person would cover alone, within the image.
         persons: instance id to measures of the person (occlusion, distance …), for formats that carry them.
+        key_points: instance id to the person's joints, likewise.
 
     Raises:
         InvalidInput: shapes or types differ from that.
@@ -86,7 +100,8 @@ class LabelledFrame:
     instance_map: NDArray[np.uint16]
     camera: CameraDocument | None = None
     amodal: Mapping[int, NDArray[np.bool_]] = field(default_factory=lambda: MappingProxyType({}))
-    persons: Mapping[int, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+    persons: Mapping[int, Measures] = field(default_factory=lambda: MappingProxyType({}))
+    key_points: Mapping[int, KeyPoints] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def segment_ids(self) -> NDArray[np.uint16]:

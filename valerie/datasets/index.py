@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from valerie.errors import InvalidInput
-from valerie.measures import MEASURES, OF_FUNCTION
+from valerie.measures import WITHOUT_FUNCTION, Cell, measures_from
 
+#: A row of an index: `COLUMNS`, and one column for each parameter of the run.
+IndexRow = dict[str, Cell | list[int]]
 _BOX: Final = pa.list_(pa.int32())
 #: The columns that only an index has.
 _OF_FILES: Final = (
@@ -34,13 +36,12 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, str], ...]] = (
             pa.type_for_alias("string" if not measure.is_number else measure.type.value),
             measure.description,
         )
-        for measure in MEASURES
-        if measure.source not in OF_FUNCTION
+        for measure in measures_from(*WITHOUT_FUNCTION)
     ),
 )
 
 
-def write_index(path: Path, rows: Iterable[Mapping[str, Any]], parameters: Mapping[str, pa.DataType]) -> int:
+def write_index(path: Path, rows: Iterable[IndexRow], parameters: Mapping[str, pa.DataType]) -> int:
     """Write the index; return its number of rows.
 
     Args:

@@ -62,7 +62,9 @@ def register(connection: Connection, document: FunctionDocument, now: datetime) 
         if insert_ignoring(connection, Function, [row]):
             return True
         # On Postgres another process took the number, or wrote this very version, between the question and the insert.
-    raise Conflict(f"the function {document.name} could not be registered: others register it at the same time")
+    raise Conflict(
+        f"the function {document.name} could not be registered: other processes registered it at the same time"
+    )
 
 
 def get(connection: Connection, name: str, digest: str) -> FunctionRow | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, and_, select
 
-from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, Variant
+from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey, FrameProducts
 
@@ -26,6 +26,13 @@ def same_frame(table: OfFrames) -> ColumnElement[bool]:
         table.camera_index == Frame.camera_index,
         table.time_index == Frame.time_index,
     )
+
+
+#: The light of a frame, where its run asked for it.
+LIGHT_OF_FRAME = and_(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.LIGHT.value)
+LIGHT_OF_PERSON = and_(
+    PersonLight.product == FrameAnnotation.product, PersonLight.instance_id == PersonView.instance_id
+)
 
 
 def names_frame(table: OfFrames, key: FrameKey) -> ColumnElement[bool]:

@@ -15,6 +15,7 @@ from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, se
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
+from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
 from valerie.db.models import (
     Evaluation,
     Frame,
@@ -38,6 +39,8 @@ _INPUTS_DONE: Final = text(
     "NOT EXISTS (SELECT 1 FROM products AS i"
     " WHERE i.digest IN (products.input_a, products.input_b, products.input_c) AND i.state <> 'done')"
 )
+#: States of products that are tried again when a run wants them.
+_TRIED_AGAIN: Final = (ProductState.FAILED, ProductState.PARKED)
 
 
 class Wanted(NamedTuple):
@@ -58,10 +61,8 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
     A product is ready where all its inputs are done. Existing products stay as they are, but those that failed for good or
     were parked are tried again.
     """
-    asked: set[str] = set()
-    for product in wanted:
-        asked.add(product.digest)
-        asked.update(filter(None, (product.input_a, product.input_b, product.input_c)))
+    links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
+    asked = {digest for digest in links if digest is not None}
     # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
     known = select(Product.digest, Product.state).where(among(connection, Product.digest, asked)).with_for_update()
     states = {digest: state for digest, state in connection.execute(known)}  # noqa: C416  # mypy reads the types of rows
@@ -70,14 +71,15 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
     ready: list[Ready] = []
     for product in wanted:
         digest, kind, route, group, a, b, c = product
-        if states.get(digest, ProductState.PARKED) not in (ProductState.FAILED, ProductState.PARKED):
+        state = states.get(digest)
+        if state is not None and state not in _TRIED_AGAIN:
             continue
         if a in done and b in done and c in done:
-            rows.append((digest, kind.value, route, group, a, b, c, "ready", 0, now))
+            rows.append((digest, str(kind), route, group, a, b, c, "ready", 0, now))
             if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group))
         else:
-            rows.append((digest, kind.value, route, group, a, b, c, "waiting", 0, None))
+            rows.append((digest, str(kind), route, group, a, b, c, "waiting", 0, None))
     rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,
@@ -288,10 +290,10 @@ class Finished:
     bytes: int
     pixels: int
     cpu_seconds: float
-    person_views: tuple[dict[str, Any], ...] = ()
-    person_lights: tuple[dict[str, Any], ...] = ()
-    score: dict[str, Any] | None = None
-    person_scores: tuple[dict[str, Any], ...] = ()
+    person_views: tuple[SeenPerson, ...] = ()
+    person_lights: tuple[MeasuredPerson, ...] = ()
+    score: FrameScore | None = None
+    person_scores: tuple[MeasuredPerson, ...] = ()
     part: Part | None = None
 
 
@@ -351,10 +353,14 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         [{"product": p.digest, "size": p.bytes, "area": p.pixels, "cpu": p.cpu_seconds} for p in published],
     )
     _publish_parts(connection, published, now)
-    insert_ignoring(connection, PersonView, [row for p in published for row in p.person_views])
-    insert_ignoring(connection, PersonLight, [row for p in published for row in p.person_lights])
-    insert_ignoring(connection, Score, [p.score for p in published if p.score is not None])
-    insert_ignoring(connection, PersonScore, [row for p in published for row in p.person_scores])
+    views = [{"truth": p.digest, **person.columns} for p in published for person in p.person_views]
+    insert_ignoring(connection, PersonView, views)
+    lights = [{"product": p.digest, **person.columns} for p in published for person in p.person_lights]
+    insert_ignoring(connection, PersonLight, lights)
+    scores = [{"digest": p.digest, **p.score.columns} for p in published if p.score is not None]
+    insert_ignoring(connection, Score, scores)
+    persons = [{"digest": p.digest, **person.columns} for p in published for person in p.person_scores]
+    insert_ignoring(connection, PersonScore, persons)
     return [product.digest for product in published]
 
 

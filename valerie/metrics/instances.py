@@ -53,8 +53,8 @@ class InstanceCounts(NamedTuple):
         return pacc(self.tp, self.fn)
 
     @property
-    def columns(self) -> dict[str, float | None]:
-        """The scores of the person as the long table has them: column to value."""
+    def measures(self) -> dict[str, float | None]:
+        """The scores of the person as the long table has them."""
         return {name: getattr(self, name) for name in names_from(Source.PERSON_SCORE)}
 
 

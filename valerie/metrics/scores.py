@@ -152,8 +152,8 @@ class FrameScores:
         return self.counts.fp
 
     @property
-    def columns(self) -> dict[str, float | None]:
-        """The scores of the frame as the long table has them: column to value."""
+    def measures(self) -> dict[str, float | None]:
+        """The scores of the frame as the long table has them."""
         return {name: getattr(self, name) for name in names_from(Source.FRAME_SCORE)}
 
 

@@ -71,10 +71,10 @@ class LinearImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """The part of a frame that the movables change. The frame is the background with ``pixels`` put at ``rectangle``.
+    """The part of a frame that the movables change. The frame is the background with ``pixels`` pasted at ``rectangle``.
 
     Attributes:
-        rectangle: holds every pixel that movables change, also by shadow, reflection, ambient occlusion or filters.
+        rectangle: contains every pixel that movables change directly or by shadow, reflection, ambient occlusion or filters.
         pixels: (rectangle.height, rectangle.width, 3) float16, linear.
     """
 
@@ -101,12 +101,12 @@ class Renderer(Protocol):
     - Equal input gives equal bytes within one numeric class.
     - ``layer(s, v).over(background(s, v))`` equals ``full(s, v)`` bit for bit. A path tracer, in which light reaches everywhere,
       meets this only up to its noise; its contract test sets `RendererContract.noisy`.
-    - ``background`` depends on nothing movable.
+    - ``background`` does not depend on movables.
     - A black or constant image raises `RenderingError`.
 
     A `valerie.rendering.engine.Engine` declares the engine's settings and abilities. An engine with settings takes them as its
-    only argument. An engine that computes in another process has a property ``cpu_seconds_elsewhere``: the CPU seconds used
-    there so far.
+    only argument. An engine that computes in another process has a property ``cpu_seconds_elsewhere``: the CPU seconds of that
+    process so far.
     """
 
     #: Name in specs and URLs.
@@ -159,7 +159,7 @@ class PersonTruth:
 
     @classmethod
     def of(cls, instance_id: int, amodal: NDArray[np.bool_], padded_pixels: int) -> Self:
-        """Build from ``amodal``, a mask of the whole image, (H, W) bool."""
+        """Build from a mask of the whole image, ``amodal``, (H, W) bool."""
         box = bounds(amodal)
         height, width = amodal.shape
         return cls(instance_id, box, amodal[box.slices].copy(), padded_pixels, (height, width))
@@ -198,7 +198,7 @@ class TruthLayer:
     """The part of the ground truth that the movables change, as `Layer` is of the image. Arrays are read-only.
 
     Attributes:
-        rectangle: holds the pixels whose class, instance or depth the movables change; empty if there are none.
+        rectangle: contains the pixels whose class, instance or depth the movables change; empty if there are none.
         changed: (rectangle.height, rectangle.width) bool; true on the N changed pixels.
         classes: (N,) uint8, instances: (N,) uint16, depths: (N,) float32, metres; of the changed pixels, row by row.
         persons: all persons of the scene, static ones too.
@@ -218,7 +218,7 @@ class TruthLayer:
             freeze(array)
 
     def over(self, statics: GroundTruth) -> GroundTruth:
-        """Return the whole ground truth; ``statics`` is that of the scene without its movables."""
+        """Return the whole ground truth. ``statics`` is the ground truth of the scene without its movables."""
         if self.rectangle.empty:
             return GroundTruth(statics.class_map, statics.instance_map, statics.depth, self.persons)
         classes, instances, depth = statics.class_map.copy(), statics.instance_map.copy(), statics.depth.copy()
@@ -240,14 +240,14 @@ def bounds(mask: NDArray[np.bool_]) -> Rectangle:
 
 
 def require_image(pixels: NDArray[np.float16], *, engine: str) -> None:
-    """Refuse an image that no real scene gives.
+    """Refuse an image that no real scene can give.
 
     Raises:
-        RenderingError: The image is not finite, or it is black or otherwise constant.
+        RenderingError: the image is constant (black, for example) or not finite.
     """
     sample = pixels[::7, ::7].astype(np.float32)
     if not np.isfinite(sample).all():
-        raise RenderingError(f"{engine}: the image holds values that are not finite")
-    # The comparison is exact, since by night pixels may differ by less than any tolerance that suits the day.
+        raise RenderingError(f"{engine}: the image has values that are not finite")
+    # The comparison is exact: at night, pixels may differ by less than any tolerance that suits the day.
     if float(sample.max()) == float(sample.min()):
         raise RenderingError(f"{engine}: the image is constant (every sampled pixel is {float(sample.flat[0]):.6g})")

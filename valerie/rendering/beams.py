@@ -1,9 +1,9 @@
 """The light distribution of a dipped beam: one formula for all engines.
 
-Across and up are tangents of angles from the lamp's axis, to its right and upwards. Below its cut-off the beam is brightest near
-the axis and falls off to all sides; above, only scattered light is left. The cut-off is level to the left of the axis and rises
-by 15° to the right, for traffic that keeps right: the asymmetrical passing beam of UN Regulation
-112. The numbers keep the regulation's limits (class B, 01 series of amendments) with 12,000 cd, aimed 0.57° down.
+*Across* and *up* are tangents of angles from the lamp's axis, to its right and upwards. Below the cut-off the beam is brightest
+near the axis and falls off on all sides. Above it, only stray light is left. The cut-off is level to the left of the axis and
+rises by 15° to the right: the asymmetrical passing beam of UN Regulation 112, for right-hand traffic. With 12,000 cd and an aim
+of 0.57° below the horizontal, the numbers meet the regulation's limits (class B, 01 series of amendments).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ Tangents = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class DippedBeam:
-    """The numbers of the formula.
+    """The parameters of the formula.
 
     Attributes:
-        spread: (across, up) tangents at which a quarter of the light is left.
-        rise: tangent by which the cut-off rises to the right.
-        edge: tangent over which the light goes from full to nothing, below the cut-off.
-        stray: share of the light that is left above it.
+        spread: (across, up) tangents at which the intensity has fallen to a quarter.
+        rise: slope of the cut-off on the right, a tangent.
+        edge: width of the transition from light to dark below the cut-off, a tangent.
+        stray: share of the light above the cut-off.
     """
 
     spread: tuple[float, float]
@@ -35,18 +35,18 @@ class DippedBeam:
     stray: float
 
     def share(self, across: Tangents, up: Tangents) -> Tangents:
-        """Share of the lamp's intensity that goes into directions; arrays of one shape.
+        """Return the share of the lamp's intensity in each direction; the arrays have one shape.
 
         (stray + (1 − stray) · s((rise · max(across, 0) − up) / edge)) / ((1 + (across / spread₀)²)² (1 + (up / spread₁)²)²),
-        where s is the cubic step from 0 to 1.
+        where s is the cubic smooth step from 0 to 1.
         """
         below = np.clip((self.rise * np.maximum(across, 0.0) - up) / self.edge, 0.0, 1.0)
         cut = self.stray + (1.0 - self.stray) * below * below * (3.0 - 2.0 * below)
-        fall = (1.0 + (across / self.spread[0]) ** 2) * (1.0 + (up / self.spread[1]) ** 2)
-        return np.asarray(cut / (fall * fall), np.float64)
+        falloff = (1.0 + (across / self.spread[0]) ** 2) * (1.0 + (up / self.spread[1]) ** 2)
+        return np.asarray(cut / (falloff * falloff), np.float64)
 
     def flux(self) -> float:
-        """Lumen of a lamp of 1 cd, nearly: stray light and the rise of the cut-off are left out."""
+        """Return the approximate luminous flux of a lamp of 1 cd, in lumens, without stray light and the rise of the cut-off."""
         return math.pi / 2 * self.spread[0] * math.pi / 4 * self.spread[1]
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel, ConfigDict
 
+from valerie.parameters.definitions import Value
+
 
 class Ability(StrEnum):
-    """An effect that not every engine can show. The first five are attributes of the scene's environment."""
+    """An effect that some engines cannot show. The first five are attributes of the scene's environment."""
 
     CLOUDS = "cloud_cover"
     FOG = "visibility"
@@ -19,7 +21,7 @@ class Ability(StrEnum):
     CAR_LAMPS = "car_lamps"
     #: Scenes with the sun below the horizon.
     NIGHT = "night"
-    #: Textures with holes, such as leaves and fences. An engine without this ability draws the whole card.
+    #: Textures with holes, such as leaves and fences. An engine without this ability draws the holes as solid.
     CUT_OUTS = "cut-outs"
 
 
@@ -27,16 +29,16 @@ EVERYTHING: Final = frozenset(Ability)
 
 
 class EngineSettings(BaseModel):
-    """Base class of an engine's settings, which a spec gives as ``renderer: {name: …, samples: 64}``."""
+    """Base class of an engine's settings. A spec sets them as ``renderer: {name: …, samples: 64}``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    def inputs(self) -> dict[str, Any]:
+    def inputs(self) -> dict[str, Value]:
         """Return every setting that the pixels depend on, defaults included; part of the digest of the engine's products."""
         return self.model_dump()
 
     def cost(self) -> float:
-        """Return roughly the CPU time of a picture, as a multiple of that with the default settings."""
+        """Return the approximate CPU time of an image relative to the default settings."""
         return 1.0
 
 
@@ -48,8 +50,8 @@ class Engine:
         renderer: ``module:class`` of its `valerie.rendering.base.Renderer`. The class takes the settings if the engine has any,
             else no argument.
         settings: the model of its settings; the base class has none.
-        shows: its abilities. A spec that needs another one is refused, or warned if the image merely looks worse.
-        install_hint: advice for people who wait for the engine, for example on how to install it.
+        shows: its abilities. A spec that needs another one is refused, or gets a warning if the image merely looks worse.
+        install_hint: advice for users whose runs wait for the engine, for example how to install it.
     """
 
     renderer: str

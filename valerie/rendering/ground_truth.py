@@ -1,7 +1,7 @@
 """The truth pass: class, instance, depth and amodal masks of one geometry, for all engines.
 
 Labels are point samples at pixel centres. They use the same vertex shader, matrices and depth rounding as the raster engine's
-images. The pass caches the labels of the statics per camera and draws movables over a copy; the difference is a layer.
+images. The pass caches the labels of the statics per camera and draws the movables over a copy. The difference is a layer.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.graph.model import Camera, Scene
 
 #: Part of every truth's digest. Raise it by hand whenever the truth of some geometry changes.
-REVISION: Final = 1
+REVISION: Final = 2
 
 _CAMERAS: Final = 4
 
@@ -69,19 +69,19 @@ class TruthPass:
         """Return the ground truth of a scene seen by a camera.
 
         Raises:
-            UnknownName: The scene has no such camera.
+            UnknownName: the scene has no such camera.
         """
         statics, layer = self.parts(scene, view)
         return layer.over(statics)
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
-        """Return the ground truth without movables, and the layer that the movables change in it.
+        """Return the ground truth without movables, and the layer that the movables change.
 
         The ground truth without movables is the same object at each call while its camera stays in the cache. It has no person
-        masks: the layer holds them all.
+        masks: the layer has them all.
 
         Raises:
-            UnknownName: The scene has no such camera.
+            UnknownName: the scene has no such camera.
         """
         with self._frame(scene, view) as frame:
             rectangle, part = self._with_movables(frame)
@@ -97,10 +97,10 @@ class TruthPass:
             return statics, _layer(statics, rectangle, part, persons)
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """Return the surface normal at each pixel centre; the surfaces are those of `truth`.
+        """Return the surface normal at each pixel centre, for the surfaces of `truth`.
 
         Raises:
-            UnknownName: The scene has no such camera.
+            UnknownName: the scene has no such camera.
         """
         if self._normals is None:
             self._normals = NormalsPass(self._context)
@@ -120,7 +120,7 @@ class TruthPass:
         return self._flows
 
     def close(self) -> None:
-        """Free the resources of this pass. The context stays open: it belongs to its creator, by default the process."""
+        """Free the resources of this pass. The context stays open, since its creator owns it."""
         for pass_ in (self._normals, self._flows):
             if pass_ is not None:
                 pass_.close()
@@ -163,7 +163,7 @@ class TruthPass:
         return _StaticLabels(labels, GroundTruth(*labels.read(everything, view), ()))
 
     def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
-        """Return a bound of the pixels that movables cover, and the labels in it with movables."""
+        """Return a rectangle that bounds the pixels of the movables, and its labels with movables."""
         prepared, view = frame.prepared, frame.view
         rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], frame.camera, view)
         if rectangle.empty:
@@ -246,7 +246,7 @@ class _Labels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _StaticLabels:
-    """The labels of the statics seen by one camera: on the GPU, to draw movables over, and as arrays."""
+    """The labels of the statics seen by one camera: on the GPU, where movables are drawn over them, and as arrays."""
 
     labels: _Labels
     truth: GroundTruth
@@ -258,7 +258,7 @@ class _StaticLabels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frame:
-    """One scene seen by one camera. ``standing`` holds the meshes of static persons, placed so that each can be drawn alone."""
+    """One scene seen by one camera. ``standing`` holds the meshes of static persons, so that each can be drawn alone."""
 
     prepared: Prepared
     standing: tuple[PlacedMesh, ...]

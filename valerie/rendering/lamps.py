@@ -1,4 +1,4 @@
-"""Lamps of a scene: those that shine, their strength in the image's unit, and the materials that glow."""
+"""The lamps of a scene that are on, their strength in the image's unit, and the materials that glow."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from valerie.scene.graph.model import SWITCHES, Light, Material, Scene
 
 Vector = tuple[float, float, float]
 
-#: Lux below which a lamp counts as dark; light fades to exactly nothing where a bare lamp would give this (`Lamp.reach`).
+#: Illuminance that counts as dark, lux. The light of a lamp fades to exactly zero at the distance where it would give this
+#: (`Lamp.reach`).
 _DARK_LUX: Final = 0.02
-#: Metres beyond which no lamp shines.
+#: Largest reach of a lamp, metres.
 _FARTHEST: Final = 150.0
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 
@@ -28,19 +29,19 @@ _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 class Lamp:
     """A lamp that is on, in the world.
 
-    A white Lambert surface that faces it from the distance d (metres) where it is brightest has the image value
+    In its brightest direction, a white Lambertian surface that faces the lamp at distance d (metres) has the image value
     ``strength`` / d².
 
     Attributes:
         position: metres.
-        direction: unit vector along its axis.
-        up: unit vector across it, which a dipped beam's cut-off is level against.
+        direction: unit vector along the axis.
+        up: unit vector perpendicular to the axis; a dipped beam's cut-off is level with respect to it.
         strength: image value · m², linear RGB.
         inner, outer: radians from the axis, see `Light`.
-        dipped: whether its cone is filled as `beams.DIPPED` says.
-        radius: metres, of the shining surface.
-        reach: metres, beyond which it gives exactly nothing.
-        movable: whether it hangs on something movable.
+        dipped: whether the light has the distribution `beams.DIPPED`.
+        radius: radius of the luminous surface, metres.
+        reach: distance beyond which the light is exactly zero, metres.
+        movable: whether the lamp is part of a movable.
     """
 
     position: Vector
@@ -56,21 +57,21 @@ class Lamp:
 
     @property
     def flux(self) -> Vector:
-        """All its light, as image value · m² · sr, linear RGB."""
+        """Total light of the lamp, image value · m² · sr, linear RGB."""
         if self.dipped:
             steradian = DIPPED.flux()
         elif self.outer >= math.pi:
             steradian = 4.0 * math.pi
         else:
             inner, outer = math.cos(self.inner), math.cos(self.outer)
-            # The square of a straight line from 1 to 0 has a mean of a third.
+            # Between the cones the intensity is the square of a line from 1 to 0, whose mean is a third.
             steradian = 2.0 * math.pi * (1.0 - inner + (inner - outer) / 3.0)
         return _vector(np.array(self.strength) * steradian)
 
 
 def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
     """Return the visible lamps that are on, in the scene's order."""
-    found: list[Lamp] = []
+    lamps: list[Lamp] = []
     for item in lights(scene):
         world, light = item.world, item.node.light
         if light is None or light.intensity <= 0 or not is_on(light, scene, sky):
@@ -84,17 +85,17 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
         right = np.cross(axis, world[:3, 2])
         up = np.cross(right / np.linalg.norm(right), axis)
         reach = min(math.sqrt(light.intensity / _DARK_LUX), _FARTHEST)
-        found.append(
+        lamps.append(
             Lamp(
                 _vector(world[:3, 3]), _vector(axis), _vector(up), _vector(strength), light.inner, light.outer,
                 light.beam == "dipped", light.radius, reach, item.node.movable,
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(lamps)
 
 
 def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
-    """Return True if a light's switch is on; ``auto`` decides by the illuminance of the ground from sun and sky."""
+    """Return True if a light's switch is on. ``auto`` depends on the illuminance of the ground by sun and sky."""
     if not light.switch:
         return True
     position: str = getattr(scene.environment, f"{light.switch}_lamps")
@@ -102,10 +103,10 @@ def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
 
 
 def glowing(scene: Scene, sky: Sky) -> Scene:
-    """Return the scene with the materials that lamps make glow; the same scene where none does.
+    """Return the scene with the glowing materials of lamps that are on; the scene itself if there are none.
 
-    A material glows if any lamp that names it is on, seen or not: it is one material. Equal materials come back as the same
-    object, which engines cache by.
+    A material glows if any lamp that names it is on, even a hidden one. Equal materials are the same object at each call, since
+    engines cache by identity.
     """
     changed: dict[str, Material] = {}
     for node in scene.nodes.values():
@@ -122,7 +123,7 @@ def glowing(scene: Scene, sky: Sky) -> Scene:
 @lru_cache(maxsize=256)
 def _lit(material: Material, color: Vector, luminance: float) -> Material:
     tint = np.array(color) / max(float(np.array(color) @ _LUMINANCE), 1e-9)
-    # A white Lambert surface of luminance L is lit by π L lux.
+    # A white Lambertian surface has the luminance L under an illuminance of π L lux.
     return replace(material, emissive=_vector(np.array(material.emissive) + tint * (math.pi * luminance * LUX)))
 
 

@@ -6,7 +6,7 @@ import re
 
 
 def numeric_class(renderer: str, version: str) -> str:
-    """Return a name for the arithmetic of a driver, in ``[a-z0-9.-]``: renderer (with its SIMD width) and driver version.
+    """Return a name for the arithmetic of a driver, in ``[a-z0-9.-]``: the renderer, with its SIMD width, and the driver version.
 
     ``llvmpipe (LLVM 15.0.6, 256 bits)`` and ``4.5 (Core Profile) Mesa 22.3.6`` give
     ``llvmpipe-llvm-15.0.6-256-bits-mesa-22.3.6``.

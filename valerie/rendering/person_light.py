@@ -1,4 +1,4 @@
-"""Irradiance, shadow and contrast of each person in an image. Pure numpy and SciPy.
+"""Irradiance, shadow and contrast of each person in an image, without a GPU.
 
 Raise the annotation's revision (`valerie.runs.inputs`) whenever a measure changes.
 """
@@ -19,11 +19,11 @@ from valerie.scene.graph.model import Scene
 
 #: Luminance weights of linear Rec. 709 (ITU-R BT.709-6).
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)
-#: Width of the ring as a share of the square root of the visible area, and its smallest width, pixels.
+#: Width of the ring as a share of the square root of the visible area, and its smallest width in pixels.
 _RING_SHARE, _RING_LEAST = 0.2, 2
-#: Width of the gap between person and ring, pixels: antialiasing mixes both there.
+#: Width of the gap between person and ring, pixels. Antialiasing mixes both there.
 _GAP: Final = 1
-#: Largest difference in depth between a light sample and its pixel of the truth: metres, and share of the depth.
+#: Largest difference in depth between a light sample and the truth at its pixel: metres, plus a share of the depth.
 _DEPTH_SLACK_M, _DEPTH_SLACK = 0.05, 0.005
 
 
@@ -33,10 +33,10 @@ class PersonLight:
 
     Attributes:
         instance_id: label id × 1000 + n.
-        irradiance: mean over the visible pixels of the luminance that arrives on the surface, along its normal and before any
-            material, from the sun, the sky and surfaces around. 1 is the sun's share on a surface that faces a sun of
-            irradiance 1 (a clear noon).
-        shadow_share: share of the visible pixels, 0 … 1, on which less than half of the sun's disc shines, since something
+        irradiance: mean luminance of the light that arrives at the visible pixels from the sun, the sky and the surroundings,
+            along the surface normal and before any material. 1 is the sunlight on a surface that faces a sun of irradiance 1 (a
+            clear noon).
+        shadow_share: share of the visible pixels, 0 … 1, on which less than half of the sun's disc shines, because something
             hides it or the surface faces away. None without a sun: below the horizon, or wholly behind clouds.
         contrast: Michelson contrast (B − R) / (B + R) of the mean luminances of the person's visible pixels (B) and of the ring
             around them (R) in the linear image, −1 … 1; negative for a person darker than its surroundings. None if both are
@@ -55,8 +55,8 @@ class Received:
 
     Attributes:
         rectangle: pixels of the image.
-        samples: (height, width, 4) float32: luminance of sunlight and of all other light on the surface, in the image's unit;
-            share of the sun's disc that shines on it; its depth in metres, 0 on the sky.
+        samples: (height, width, 4) float32: luminance of sunlight on the surface and of all other light on it, in the image's
+            unit; visible share of the sun's disc; depth of the surface in metres, 0 on the sky.
         unit: image value of a white matte surface that faces a sun of irradiance 1.
         sunny: true if there is a sun.
     """
@@ -106,7 +106,7 @@ def _person(
     arriving = received[number]
     visible = truth.instance_map[box.slices] == number
     depth = truth.depth[box.slices]
-    # At an edge the light sample may lie on another surface than the pixel's centre.
+    # At an edge, the light sample and the pixel's centre may lie on different surfaces.
     slack = _DEPTH_SLACK_M + _DEPTH_SLACK * np.where(np.isfinite(depth), depth, 0.0)
     usable = visible & (np.abs(arriving.samples[..., 3] - depth) <= slack)
     contrast = ring_contrast(luminance, truth.instance_map == number, box)

@@ -25,15 +25,15 @@ def view_from_world(camera: Camera) -> Matrix:
 
 @lru_cache(maxsize=64)
 def _inverse(matrix: bytes) -> Matrix:
-    """Return the inverse of a (4, 4) float64 matrix. Cached, since each frame needs its camera's dozens of times."""
+    """Return the inverse of a (4, 4) float64 matrix. Cached, since a frame uses its camera's inverse dozens of times."""
     return freeze(np.asarray(np.linalg.inv(np.frombuffer(matrix).reshape(4, 4)), np.float64))
 
 
 def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_y: int = 0) -> Matrix:
     """Return the (4, 4) matrix from camera to clip space, with square pixels and a centred principal point.
 
-    ``pad_x`` and ``pad_y`` pad the canvas by that many pixels on each side of the same pixel grid: a point at pixel (u, v) of
-    the image is at (u + pad_x, v + pad_y) of the canvas.
+    ``pad_x`` and ``pad_y`` extend the pixel grid on each side: a point at (u, v) in the image is at (u + pad_x, v + pad_y) on the
+    canvas.
     """
     focal = camera.focal_length_px(width)
     near, far = camera.near, camera.far
@@ -63,8 +63,8 @@ def box_corners(low: Points, high: Points) -> Points:
 def clip_hull(points: Points, normal: Points, offset: float) -> Points:
     """Return points that span the convex hull of ``points`` clipped by the half space normal·p ≥ offset; (0, 3) if empty.
 
-    Every edge of a hull joins two of its points. So the points inside the half space and the crossings of all pairs with the
-    plane span the clipped hull. They span no more, since every pair lies inside the hull.
+    Every edge of a hull joins two of its points, so the points inside the half space and the crossings of all pairs with the
+    plane span the clipped hull. They span no more, since the segment between any pair lies inside the hull.
     """
     height = points @ normal - offset
     inside, outside = height >= 0, height < 0
@@ -159,10 +159,10 @@ def fit_light_view(rows: Matrix, receivers: Points, casters: Points, resolution:
     """Return the box that bounds ``receivers`` across the light, and receivers and casters along it.
 
     Args:
-        rows: frame of `light_axes`, perhaps turned.
+        rows: frame of `light_axes`, as it is or turned.
         receivers: (N, 3) world points that must be inside.
         casters: (M, 3) world points whose depth must be inside.
-        resolution: texels per side; the origin snaps to whole texels, so that neighbouring views share them.
+        resolution: texels per side. The origin snaps to whole texels, so that neighbouring views share the texel grid.
         border: margin on each side, metres.
     """
     receiver_points, caster_points = receivers @ rows.T, casters @ rows.T

@@ -1,7 +1,7 @@
-"""Streaks of rain across an image, the same in every engine.
+"""Rain streaks in an image, the same in every engine.
 
-The raster engine draws them in its shader (``streak`` in ``raster/shaders/lighting.frag.glsl``); `streaks` are the same cells and
-drops for engines whose picture comes from elsewhere. The pattern stands in the image: background and layer of a frame agree.
+The raster engine draws them in its shader (``streak`` in ``raster/shaders/lighting.frag.glsl``). `streaks` computes the same
+cells and drops for other engines. The pattern is fixed in image coordinates, so that background and layer of a frame agree.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from valerie.rendering.base import Rectangle
 
 Floats = NDArray[np.float32]
 
-#: Share of a drop's own light in the middle of its streak.
+#: Opacity in the middle of a streak.
 OPACITY: Final = 0.3
 _LAYERS: Final = 4
-#: Samples of a pixel across and down, as the raster engine takes them.
+#: Samples per pixel in each direction, as in the raster engine.
 _SAMPLES: Final = 2
 
 
 def rained_on(pixels: Floats, drops: float, light: NDArray[np.float64], part: Rectangle, image_height: int) -> Floats:
-    """Linear radiance behind streaks of rain.
+    """Draw rain streaks over a part of an image.
 
     Args:
-        pixels: (h, w, 3), of the part of the image.
-        drops: share of the image that streaks cross, 0 for no rain (`valerie.rendering.sky.Sky.drops`).
-        light: (3,) radiance that a drop shows: it turns a wide piece of the surroundings upside down.
-        part: where the pixels lie in the image.
-        image_height: of the whole image, pixels.
+        pixels: (h, w, 3), linear radiance of the part.
+        drops: share of the image that streaks cross, 0 without rain (`valerie.rendering.sky.Sky.drops`).
+        light: (3,) radiance of a drop, which refracts a wide field of its surroundings.
+        part: the rectangle of the pixels in the image.
+        image_height: height of the whole image, pixels.
 
     Returns:
-        (h, w, 3) float32; the array itself without rain.
+        (h, w, 3) float32; ``pixels`` itself without rain.
     """
     if drops <= 0.0:
         return pixels
@@ -42,9 +42,9 @@ def rained_on(pixels: Floats, drops: float, light: NDArray[np.float64], part: Re
 
 
 def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
-    """Return the coverage of each pixel in a part of the image by streaks of drops, (h, w) float32 in [0, 1].
+    """Return the share of each pixel in a part of the image that streaks cover, (h, w) float32 in [0, 1].
 
-    Layers of cells, each with at most one drop drawn out by its fall during the exposure.
+    The pattern consists of layers of cells. A cell has at most one drop, stretched by its fall during the exposure.
     """
     samples = np.zeros((part.height * _SAMPLES, part.width * _SAMPLES), np.float32)
     y, x = np.indices(samples.shape, np.float32)
@@ -69,7 +69,7 @@ def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
 
 
 def _random(x: Floats | np.float32, y: Floats | np.float32, z: Floats | np.float32) -> Floats:
-    """In [0, 1), of a place; in the precision of the shader, of which every bit counts here."""
+    """Return a pseudo-random number in [0, 1) of a cell, in the shader's precision, since every bit changes the result."""
     parts = [
         (value * np.float32(factor)) % 1 for value, factor in zip((x, y, z), (0.1031, 0.1030, 0.0973), strict=True)
     ]

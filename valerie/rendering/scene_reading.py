@@ -1,4 +1,4 @@
-"""Queries of a scene for engines: visible nodes in the world, statics and movables apart, cameras, materials."""
+"""Queries of a scene for engines: visible nodes in the world (statics or movables), lights, cameras, materials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from valerie.errors import InvalidInput, RenderingError, UnknownName
 from valerie.rendering.base import View
 from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Node, Scene
 
-#: Largest image side: the padded and supersampled canvases have twice as many pixels a side, drivers allow 16,384.
+#: Largest image side, pixels. Padded and supersampled canvases have twice as many per side, and drivers allow 16,384.
 MAX_PIXELS: Final = 8192
 _IDENTITY: Final[Matrix] = np.eye(4)
 
@@ -34,9 +34,12 @@ class DrawItem:
 
 
 def draw_items(scene: Scene, *, movable: bool, label_id: int | None = None) -> tuple[DrawItem, ...]:
-    """Return the visible nodes with meshes that are movable (or not), in the scene's order; only those of one label if given.
+    """Return the movable, or the static, nodes with meshes that are visible with all their ancestors, in the scene's order.
 
-    A node is drawn if it and all its ancestors are visible.
+    Args:
+        scene: the scene to read.
+        movable: True for movables, False for statics.
+        label_id: only nodes with this label; None for all.
     """
     items: list[DrawItem] = []
     world_of = _Worlds(scene)
@@ -49,12 +52,12 @@ def draw_items(scene: Scene, *, movable: bool, label_id: int | None = None) -> t
 
 
 def instance_roots(scene: Scene) -> dict[int, Node]:
-    """Instance id to the topmost of its nodes, drawn or not, whose place and heading are the instance's."""
+    """Return the topmost node of each instance by instance id, visible or not. Its position and heading are the instance's."""
     roots: dict[int, Node] = {}
     for node in scene.nodes.values():
         if node.instance_id:
-            known = roots.get(node.instance_id)
-            if known is None or node.path.count(".") < known.path.count("."):
+            root = roots.get(node.instance_id)
+            if root is None or node.path.count(".") < root.path.count("."):
                 roots[node.instance_id] = node
     return roots
 
@@ -72,7 +75,7 @@ def lights(scene: Scene) -> tuple[DrawItem, ...]:
 
 
 class _Worlds:
-    """World transforms of nodes; None for a node that is hidden or has a hidden ancestor."""
+    """World transforms of nodes: None for a node that is hidden or has a hidden ancestor."""
 
     def __init__(self, scene: Scene) -> None:
         self._nodes = scene.nodes
@@ -104,7 +107,7 @@ def camera_of(scene: Scene, view: View) -> Camera:
 
 
 def camera_key(camera: Camera, view: View) -> tuple[object, ...]:
-    """Return all that determines where a point falls in the image."""
+    """Return a cache key of everything that determines where a point falls in the image."""
     lens = (camera.focal_length_mm, camera.sensor_width_mm, camera.near, camera.far)
     return (camera.transform.tobytes(), *lens, view.width, view.height)
 
@@ -120,11 +123,11 @@ def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
         raise RenderingError(f"{path}: the scene has no material {mesh.material!r}")
     for texture in material.textures:
         if texture not in scene.textures:
-            raise RenderingError(f"{path}: material {material.name!r} names texture {texture!r}, which is not there")
+            raise RenderingError(f"{path}: the scene has no texture {texture!r} of material {material.name!r}")
     return material
 
 
 def normal_matrix(world: Matrix) -> NDArray[np.float32]:
     """Return the normal matrix of ``world``, (3, 3) float32: its inverse transpose."""
-    turned: NDArray[np.float32] = np.linalg.inv(world[:3, :3]).T.astype(np.float32)
-    return turned
+    matrix: NDArray[np.float32] = np.linalg.inv(world[:3, :3]).T.astype(np.float32)
+    return matrix

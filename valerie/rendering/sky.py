@@ -1,15 +1,15 @@
-"""The daylight sky: colour of the sun at the ground, radiance of the sky, air light. Computed on the CPU, once per sun.
+"""The daylight sky: colour of the sun at the ground, radiance of the sky, and haze. Computed on the CPU, once per sun.
 
 Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
 atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the higher orders. Rayleigh
 coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze
-follows turbidity by its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550
-nm).
+follows from turbidity by its definition: the ratio of the vertical optical thickness of haze and air to that of air, at
+550 nm.
 
-Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance, see `EXPOSURE`. The sun's luminance at
-the ground is the scene's `Sun.irradiance` at every elevation above `DUSK`; its colour and the ratio of sky to sun follow
-from the model (bounded for a low sun, see `_bounded`). Below, light falls as it is measured from sunset to night (`_dusk`).
-An irradiance of 1 stands for `NOON_LUX`, which is how lamps, given in candela, come into the image (`LUX`).
+Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance. The sun's luminance at the ground is the
+scene's `Sun.irradiance` at every elevation above `DUSK`. Its colour and the ratio of sky to sun follow from the model
+(bounded for a low sun, see `_bounded`). Below `DUSK`, light falls as measured from sunset to night (`_dusk`). An irradiance
+of 1 stands for `NOON_LUX`, which converts the candela of lamps to image values (`LUX`).
 """
 
 from __future__ import annotations
@@ -26,22 +26,25 @@ from valerie.scene.light.weather import wetness
 
 Array = NDArray[np.float64]
 
-#: Image value of a white Lambert surface that faces a sun of irradiance 1, without the sky: the exposure at which a
+#: Image value of a white Lambertian surface that faces a sun of irradiance 1, without the sky. It is the exposure at which a
 #: clear day looks right through the default tone curve at 0 EV (sunlit asphalt 0.15 … 0.3, middle grey in the sun 0.4).
 EXPOSURE: Final = 2.4
-#: Lux on a surface that faces a sun of irradiance 1: a clear noon (IES Lighting Handbook; the sky adds 10,000 … 20,000).
+#: Illuminance of a surface that faces a sun of irradiance 1, lux: a clear noon (IES Lighting Handbook; the sky adds
+#: 10,000 … 20,000).
 NOON_LUX: Final = 100_000.0
-#: Image value of a white Lambert surface per lux on it.
+#: Image value of a white Lambertian surface per lux.
 LUX: Final = EXPOSURE / NOON_LUX
-#: Degrees of the sun's elevation from which on all light is as by day.
+#: Elevation of the sun, degrees, above which the day model applies unchanged.
 DUSK: Final = 3.0
-#: Lux of a city's own glow in a clear sky, 0.016 cd/m² all over it: Kyba et al. 2015, doi:10.1038/srep08409, urban sites.
+#: Illuminance by the glow of a city in a clear sky, lux: 0.016 cd/m² all over the sky (Kyba et al. 2015,
+#: doi:10.1038/srep08409, urban sites).
 NIGHT_LUX: Final = 0.05
-#: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
+#: Columns of the sky table over the azimuth relative to the sun (0 … π; the sky is symmetric).
 AZIMUTHS: Final = 48
+#: Rows of the sky table over elevation (0 … π/2, spaced by squares).
 ELEVATIONS: Final = 40
 
-#: Thickness of a layer of fog.
+#: Thickness of the fog layer, metres.
 FOG_HEIGHT_M: Final = 60.0
 
 _GROUND: Final = 6_360e3
@@ -54,21 +57,21 @@ _MIE_SPECTRUM: Final = np.array([0.76, 1.0, 1.34])
 _MIE_ALBEDO: Final = 0.9
 _MIE_G: Final = 0.76
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
-#: Colour of the sun above the air; slightly blue, so that noon light (sun and sky together) is white.
+#: Colour of the sun above the atmosphere; slightly blue, so that noon light (sun and sky together) is white.
 _SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
 _GROUND_ALBEDO: Final = 0.2
 _BRIGHTEST_SKY: Final = 0.6
-#: Degrees at which the upper edge of the sun sets, without refraction's share of the polynomials below.
+#: Elevation at which the sun's upper edge sets, degrees, without the refraction that the polynomials below include.
 _SUNSET: Final = -0.8
-#: Lowest elevation in degrees, terms.
+#: Lowest elevation in degrees, and coefficients of the polynomial above it (see `twilight_lux`).
 _TWILIGHTS: Final = (
     (-0.8, (2.88, 22.26, -207.64, 1034.30)),
     (-5.0, (2.88, 21.81, -258.11, -858.36)),
     (-12.0, (2.70, 12.17, -431.69, -1899.83)),
     (-18.0, (13.84, 262.72, 1447.42, 2797.93)),
 )
-#: Colour of the sky in deep twilight, when ozone has taken the yellow: that of a black body of some 15,000 K (Hulburt 1953,
-#: doi:10.1364/JOSA.43.000113).
+#: Colour of the sky in deep twilight, when ozone has absorbed the yellow: about that of a black body at 15,000 K (Hulburt
+#: 1953, doi:10.1364/JOSA.43.000113).
 _TWILIGHT: Final = np.array([0.50, 0.85, 1.60])
 _SAMPLES: Final = 20
 _SUN_SAMPLES: Final = 8
@@ -76,20 +79,20 @@ _SUN_SAMPLES: Final = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sky:
-    """Light of one sun and one air. All colours are linear RGB in the image's unit.
+    """The light of one sun and one atmosphere. All colours are linear RGB in the image's unit.
 
     Attributes:
         sun_direction: (3,) unit vector towards the sun, in the world.
-        sun: (3,) irradiance of a surface that faces the sun; zero when it is below the horizon.
+        sun: (3,) irradiance of a surface that faces the sun; zero when the sun is below the horizon.
         table: (ELEVATIONS, AZIMUTHS, 3) float32 sky radiance, see `sky_directions`.
-        extinction: (3,) per metre, of the air at the ground.
-        haze: (3,) radiance of the horizon, which distant things fade into.
+        extinction: (3,) extinction coefficient of the air at the ground, per metre.
+        haze: (3,) radiance of the horizon, into which distant things fade.
         ground: (3,) radiance of sunlit and skylit ground of albedo 0.2.
-        sky_irradiance: (3,) of a horizontal surface by the whole sky, sun excluded.
+        sky_irradiance: (3,) irradiance of a horizontal surface by the whole sky, without the sun.
         lux: illuminance of the ground by sun and sky.
-        fog: per metre, the part of ``extinction`` that is fog and rain; 0 for clear air.
-        wetness: of what faces up, 0 dry … 1 wet.
-        drops: share of the image that streaks of rain cross, 0 without rain.
+        fog: the part of ``extinction`` by fog and rain, per metre; 0 in clear air.
+        wetness: wetness of surfaces that face up, 0 dry … 1 wet.
+        drops: share of the image that rain streaks cross, 0 without rain.
     """
 
     sun_direction: Array
@@ -105,19 +108,19 @@ class Sky:
     drops: float
 
     def radiance(self, directions: Array) -> Array:
-        """Return the sky's radiance, (N, 3), in world directions, (N, 3), above the horizon: the nearest table entries."""
+        """Return the sky's radiance, (N, 3), in world directions above the horizon, (N, 3), from the nearest table entries."""
         elevation = np.arcsin(np.clip(directions[:, 2], 0, 1))
         horizontal = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-9)
         toward = self.sun_direction[:2] / max(float(np.linalg.norm(self.sun_direction[:2])), 1e-9)
         azimuth = np.arccos(np.clip(horizontal @ toward, -1, 1))
         row = np.clip(np.sqrt(elevation / (np.pi / 2)) * ELEVATIONS, 0, ELEVATIONS - 1).astype(int)
         column = np.clip(azimuth / np.pi * AZIMUTHS, 0, AZIMUTHS - 1).astype(int)
-        found: Array = self.table[row, column].astype(np.float64)
-        return found
+        radiance: Array = self.table[row, column].astype(np.float64)
+        return radiance
 
 
 def sky_of(scene: Scene) -> Sky:
-    """Return the sky of a scene; in clear air without rain exactly the clear sky's model."""
+    """Return the sky of a scene. In clear air without clouds and rain it is exactly the clear sky's model."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
     if np.rad2deg(sun.elevation) < DUSK:
@@ -137,7 +140,7 @@ def sky_of(scene: Scene) -> Sky:
     if fog > 0:
         direct, table = _fogged(direct, table, sky_irradiance, height, fog)
         sky_irradiance = _horizontal(table)
-        # Light in fog comes from all sides: half of what falls on the ground, seen against the air's own share.
+        # Light in fog comes from all sides. Its share of the haze is the share of the fog in the extinction.
         share = fog / (fog + float(extinction[1]))
         haze = (1 - share) * haze + share * 0.7 * (sky_irradiance + direct * height)
         extinction = extinction + fog
@@ -158,10 +161,10 @@ def sky_of(scene: Scene) -> Sky:
 
 
 def fog_extinction(environment: Environment) -> float:
-    """Per metre, of fog and rain.
+    """Return the extinction coefficient of fog and rain, per metre.
 
-    Fog: Koschmieder 1924, −ln(0.02) / visibility, less what `CLEAR_VISIBILITY_M` stands for. Rain: 1.076 R^0.67 dB/km for
-    R in mm/h (Carbonneau and Wisely 1998, doi:10.1117/12.326801).
+    Fog: Koschmieder 1924, −ln(0.02) / visibility, minus the value at `CLEAR_VISIBILITY_M`. Rain: 1.076 R^0.67 dB/km for R in
+    mm/h (Carbonneau and Wisely 1998, doi:10.1117/12.326801).
     """
     koschmieder = -np.log(0.02)
     fog = koschmieder * max(1 / environment.visibility - 1 / CLEAR_VISIBILITY_M, 0.0)
@@ -170,17 +173,17 @@ def fog_extinction(environment: Environment) -> float:
 
 
 def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Array]:
-    """Sun and sky from `DUSK` to the night: as bright as measured, and bluer.
+    """Return sun and sky between `DUSK` and night, as bright as measurements and bluer than the model.
 
-    The illuminance of the ground goes over, on a logarithmic scale, from the model's to that of Seidelmann (`twilight_lux`).
-    Where the sun lights no air that is seen any more, the last light comes evenly from the whole sky.
+    The illuminance of the ground changes, on a logarithmic scale, from the model's to that of Seidelmann (`twilight_lux`). Once
+    the sun lights no visible air, the last light comes evenly from the whole sky.
     """
     degrees = float(np.rad2deg(elevation))
     model = float((sun_color * max(np.sin(elevation), 0.0) + _horizontal(table)) @ _LUMINANCE) * NOON_LUX
-    by_day = _smooth((degrees - _SUNSET) / (DUSK - _SUNSET))
-    lux = model**by_day * twilight_lux(degrees) ** (1 - by_day)
+    day = _smooth((degrees - _SUNSET) / (DUSK - _SUNSET))
+    lux = model**day * twilight_lux(degrees) ** (1 - day)
     share = lux / model
-    # Single scattering knows no ozone, which takes the yellow from light that came a long way through the air.
+    # The single scattering model has no ozone, which absorbs the yellow on long paths through the air.
     blue = _TWILIGHT / float(_TWILIGHT @ _LUMINANCE)
     tinted = table * blue ** _smooth((DUSK - degrees) / 9.0)
     tinted *= float(_horizontal(table) @ _LUMINANCE) / float(_horizontal(tinted) @ _LUMINANCE) * share
@@ -190,7 +193,7 @@ def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Arra
 
 
 def twilight_lux(degrees: float) -> float:
-    """Illuminance of the ground by sun and clear sky, moonless, for an elevation of −18° … 5° (night below).
+    """Return the illuminance of the ground by sun and a clear, moonless sky, for an elevation of −18° … 5° (below: night).
 
     log₁₀ E as polynomials of elevation / 90°: Janiczek and DeYoung 1987, "Computer programs for sun and moon illuminance",
     US Naval Observatory Circular 171, as in Seidelmann 1992, "Explanatory Supplement to the Astronomical Almanac", p. 491.
@@ -206,11 +209,11 @@ def _smooth(share: float) -> float:
 
 
 def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: float) -> tuple[Array, Array]:
-    """Sun and sky under clouds.
+    """Return sun and sky under clouds.
 
-    The global irradiance falls by 1 − 0.75 N^3.4 (Kasten and Czeplak 1980, doi:10.1016/0038-092X(80)90391-6); the beam, and
-    the clear sky between the clouds, by their share 1 − N; the rest comes from the clouds, with the distribution of the CIE
-    overcast sky (Moon and Spencer 1942): radiance proportional to 1 + 2 sin(elevation), grey.
+    A cloud cover N scales the global irradiance by 1 − 0.75 N^3.4 (Kasten and Czeplak 1980, doi:10.1016/0038-092X(80)90391-6),
+    and the beam and the clear sky between the clouds by 1 − N. The rest is grey light from the clouds, with the distribution of
+    the CIE overcast sky (Moon and Spencer 1942): radiance proportional to 1 + 2 sin(elevation).
     """
     clear_total = direct * height + diffuse
     total = (1 - 0.75 * cover**3.4) * clear_total
@@ -222,23 +225,23 @@ def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: 
 
 
 def _fogged(direct: Array, table: Array, diffuse: Array, height: float, fog: float) -> tuple[Array, Array]:
-    """Sun and sky seen from below a layer of fog `FOG_HEIGHT_M` thick: what the beam and the sky lose comes from all sides.
+    """Return sun and sky below a layer of fog `FOG_HEIGHT_M` thick. Light that beam and sky lose comes from all sides.
 
-    Of the scattered light a share of 1 / (1 + 0.15 τ) reaches the ground (two streams with the forward scattering of droplets,
-    asymmetry 0.85: Bohren 1987, doi:10.1119/1.15109).
+    A share of 1 / (1 + 0.15 τ) of the scattered light reaches the ground (two-stream approximation with the forward scattering
+    of droplets, asymmetry 0.85: Bohren 1987, doi:10.1119/1.15109).
     """
     thickness = fog * FOG_HEIGHT_M
-    kept = np.exp(-thickness / max(height, 0.05))
-    through = np.exp(-thickness / np.maximum(np.sin(_elevations()), 0.02))[:, None, None]
-    seen = table * through
-    lost = direct * height * (1 - kept) + np.maximum(diffuse - _horizontal(seen), 0.0)
+    beam = np.exp(-thickness / max(height, 0.05))
+    transmittance = np.exp(-thickness / np.maximum(np.sin(_elevations()), 0.02))[:, None, None]
+    transmitted = table * transmittance
+    lost = direct * height * (1 - beam) + np.maximum(diffuse - _horizontal(transmitted), 0.0)
     grey = np.full(3, float(lost @ _LUMINANCE)) / (1 + 0.15 * thickness)
-    veil = (1 - through) * np.ones((ELEVATIONS, AZIMUTHS, 3))
-    return direct * kept, seen + veil * (grey / np.maximum(_horizontal(veil), 1e-9))
+    veil = (1 - transmittance) * np.ones((ELEVATIONS, AZIMUTHS, 3))
+    return direct * beam, transmitted + veil * (grey / np.maximum(_horizontal(veil), 1e-9))
 
 
 def sky_directions() -> Array:
-    """Return (ELEVATIONS, AZIMUTHS, 3) unit vectors of the table's entries, the sun's azimuth being +x."""
+    """Return the directions of the table's entries, (ELEVATIONS, AZIMUTHS, 3) unit vectors with the sun's azimuth at +x."""
     elevation = _elevations()[:, None]
     azimuth = ((np.arange(AZIMUTHS) + 0.5) / AZIMUTHS * np.pi)[None, :]
     flat = np.cos(elevation)
@@ -251,7 +254,7 @@ def sky_directions() -> Array:
 def _horizontal(table: Array) -> Array:
     """Return the irradiance of the ground by a sky, (3,): the cosine-weighted mean over the hemisphere.
 
-    The table spans half of it; the other half is its mirror image.
+    The table spans half of the hemisphere; the other half is its mirror image.
     """
     elevation = _elevations()
     weight = np.cos(elevation) * np.sin(elevation) * np.gradient(elevation)
@@ -260,10 +263,10 @@ def _horizontal(table: Array) -> Array:
 
 
 def _bounded(irradiance: float) -> float:
-    """Factor that keeps the sky's irradiance below `_BRIGHTEST_SKY` of the sun's.
+    """Return the factor that keeps the sky's irradiance below `_BRIGHTEST_SKY` of the sun's.
 
-    With the sun's luminance given at the ground, a low sun in hazy air would stand for an enormous one above it, and
-    its sky would drown everything. Below half of the bound the factor is 1 within 2 %.
+    The scene sets the sun's luminance at the ground. A low sun in hazy air would therefore have an enormous luminance above the
+    atmosphere, and its sky would drown everything. Below half of the bound, the factor is within 2 % of 1.
     """
     return float((1 + (irradiance / _BRIGHTEST_SKY) ** 4) ** -0.25)
 
@@ -275,10 +278,10 @@ def _elevations() -> Array:
 
 @lru_cache(maxsize=64)
 def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
-    """Colour of the sun of luminance 1 at the ground, sky table of that sun, extinction at the ground (per metre)."""
+    """Return the colour of a sun with luminance 1 at the ground, its sky table, and the extinction at the ground per metre."""
     thickness = _RAYLEIGH[1] * _RAYLEIGH_HEIGHT
     mie = max(turbidity - 1.0, 0.0) * thickness / _MIE_HEIGHT
-    # A sun at or below the horizon lights the high air only: the model is kept just above it, and `_dusk` says how bright it is.
+    # A sun at or below the horizon lights only the high air. The model's sun stays just above; `_dusk` sets its brightness.
     above = max(elevation, np.deg2rad(0.5))
     toward_sun = np.array([np.cos(above), 0.0, np.sin(above)])
     observer = np.array([[0.0, 0.0, _GROUND + 2.0]])
@@ -289,7 +292,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     weight = (np.cos(_elevations()) * np.gradient(_elevations()))[:, None, None]
     mean_sky = (first.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
     mean = 0.5 * mean_sky + 0.5 * _GROUND_ALBEDO * (transmitted * toward_sun[2] / np.pi + mean_sky)
-    # Each order is taken for isotropic light of the mean radiance of the one before: a geometric series.
+    # Each order counts as isotropic light with the mean radiance of the previous order: a geometric series.
     returned = 0.5 * (scattering.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
     higher = scattering * mean / (1 - np.minimum(returned, 0.9))
     table = ((first + higher) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
@@ -299,7 +302,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
 
 
 def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array, Array]:
-    """First-order radiance (N, 3) per unit of sun, and the factor of an isotropic surrounding's radiance."""
+    """Return the first-order radiance, (N, 3), per unit of sun, and the factor for the radiance of isotropic surroundings."""
     origin = np.array([0.0, 0.0, _GROUND + 2.0])
     length = _to_sphere(origin[None], directions, _TOP)
     edges = (np.linspace(0, 1, _SAMPLES + 1) ** 2.5)[None, :] * length[:, None]
@@ -325,12 +328,12 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
 
 
 def _thickness(points: Array, directions: Array, mie: float) -> Array:
-    """Return the optical thickness from points to the top of the air, (N, 3); large if the ground is in the way."""
+    """Return the optical thickness from points to the top of the atmosphere, (N, 3); large where the ground is in the way."""
     length = _to_sphere(points, directions, _TOP)
     edges = (np.linspace(0, 1, _SUN_SAMPLES + 1) ** 2)[None, :] * length[:, None]
     middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
-    way = points[:, None, :] + directions[:, None, :] * middle[..., None]
-    height = np.linalg.norm(way, axis=-1) - _GROUND
+    samples = points[:, None, :] + directions[:, None, :] * middle[..., None]
+    height = np.linalg.norm(samples, axis=-1) - _GROUND
     height = np.maximum(height, 0)
     air = (np.exp(-height / _RAYLEIGH_HEIGHT) * step).sum(axis=1)
     haze = (np.exp(-height / _MIE_HEIGHT) * step).sum(axis=1)
@@ -339,7 +342,7 @@ def _thickness(points: Array, directions: Array, mie: float) -> Array:
 
 
 def _to_sphere(points: Array, directions: Array, radius: float) -> Array:
-    """Distance (N,) from points inside a sphere around the origin to its surface along unit directions."""
+    """Return the distance, (N,), from points inside a sphere around the origin to its surface along unit directions."""
     along = (points * directions).sum(axis=1)
     distance: Array = -along + np.sqrt(along**2 - (points**2).sum(axis=1) + radius**2)
     return distance

@@ -29,23 +29,23 @@ class TruthMaker(Protocol):
         ...
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
-        """Return the ground truth without movables, and the layer that the movables change in it.
+        """Return the ground truth without movables, and the layer that the movables change.
 
         The ground truth without movables is the same object at each call while its camera stays in the cache. It has no
-        person masks: the layer holds them all.
+        person masks: the layer has them all.
         """
         ...
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """Return the surface normal at each pixel centre; the surfaces are those of `truth`."""
+        """Return the surface normal at each pixel centre, for the surfaces of `truth`."""
         ...
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
-        """Return the optical flow from ``now`` to ``then``, in pixels; ``truth`` is that of ``now``."""
+        """Return the optical flow from ``now`` to ``then``, in pixels. ``truth`` is the ground truth of ``now``."""
         ...
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
-        """Return the image velocity in pixels per second: the flow to ``after``, ``seconds`` later, over that time."""
+        """Return the image velocity, pixels per second: the flow to ``after``, ``seconds`` later, divided by that time."""
         ...
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Visibility of each person in a frame: areas, occlusion, truncation, distance, boxes. Pure numpy."""
+"""Visibility of each person in a frame: areas, occlusion, truncation, distance, boxes. Uses no GPU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from valerie.scene.graph.model import Camera, Node, Scene
 #: Raise it by hand whenever a column's meaning changes.
 REVISION: Final = 1
 
-#: Reasons for which a person has no visible pixel.
+#: Reasons why a person has no visible pixel.
 ABSENT: Final = "absent"
 OUTSIDE: Final = "outside the image"
 HIDDEN: Final = "fully hidden"
@@ -37,14 +37,14 @@ class Visibility:
         pixel_area_amodal: number of pixels, within the image, of the person rendered alone.
         occlusion_rate: 1 − pixel_area / pixel_area_amodal, 0 … 1: the share that other objects hide; 1 if fully hidden, None
             if the amodal area is 0.
-        truncation_rate: share of the whole person (on a canvas padded by half an image on each side) beyond the image's
-            border, 0 … 1; None if nothing of the person is on the padded canvas.
+        truncation_rate: share of the person's pixels on a canvas padded by half an image on each side that lie beyond the image's
+            border, 0 … 1; None if the person has no pixel on the padded canvas.
         distance_m: Euclidean distance from the optical centre to the person's ground origin; None if absent.
         depth_m: depth of that origin along the optical axis, negative behind the camera; None if absent.
         bearing_deg: angle from the optical axis to that origin in the plane of the axis and the image's x, −180 … 180,
             positive to the right; None if absent.
-        aspect_deg: angle, seen from above, from the direction to the camera to the person's heading, −180 … 180. 0 faces the
-            camera, ±180 shows the back, 90 the right side, −90 the left; None if absent.
+        aspect_deg: angle, seen from above, from the direction to the camera to the person's heading, −180 … 180. At 0 the person
+            faces the camera, at ±180 it shows its back, at 90 its right side, at −90 its left; None if absent.
         box, amodal_box: (x, y, width, height) of the visible and of the amodal pixels; None if there are none.
         undefined_reason: None if a pixel is visible, else ``absent``, ``outside the image`` or ``fully hidden``.
     """
@@ -71,15 +71,15 @@ def measure(truth: GroundTruth, scene: Scene, view: View) -> tuple[Visibility, .
 
     Args:
         truth: ground truth of this scene and view.
-        scene: gives positions, and the persons that are absent.
+        scene: the source of positions and of the persons that are absent.
         view: its camera is the origin of distances and angles.
     """
     camera = scene.cameras[view.camera]
-    drawn = {person.instance_id: person for person in truth.persons}
+    persons = {person.instance_id: person for person in truth.persons}
     roots = person_roots(scene)
     return tuple(
-        _present(drawn[number], truth, scene, roots, camera) if number in drawn else _absent(number)
-        for number in sorted({*roots, *drawn})
+        _present(persons[number], truth, scene, roots, camera) if number in persons else _absent(number)
+        for number in sorted({*roots, *persons})
     )
 
 
@@ -119,7 +119,7 @@ def _turn_deg(direction: NDArray[np.float64], reference: NDArray[np.float64]) ->
 
 
 def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
-    """Return the visibility of a person without distances and angles, which pixels alone do not give.
+    """Return the visibility of a person as far as pixels determine it, without distances and angles.
 
     Args:
         person: a person of ``truth``.

@@ -13,13 +13,16 @@ from typing import Annotated, Any, Literal, Self
 import yaml
 from pydantic import Field, PrivateAttr, model_validator
 
-from valerie.errors import InvalidInput, InvalidInputs
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.label_policy import LabelPolicy
+from valerie.runs.statistic import parse_statistic
 from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
 from valerie.runs.varied import Varied
 from valerie.sensing.settings import SensorSetting
+from valerie.statistics.units import LISTED
 
 
 class DeclaredParameter(Document):
@@ -98,18 +101,28 @@ class TrajectoryDocument(Document):
     stride_m: Quantity | None = None
 
 
-class Requirement(Document):
-    """The requirement that a run is evidence for.
+class RequirementDocument(Document):
+    """A requirement that the run is evidence for; each function gets a verdict on it.
 
     Attributes:
         id: its number in the user's requirements, e.g. ``SYS-214``.
-        text: the requirement.
-        criterion: the condition under which it is met.
+        text: the requirement in words.
+        statistic: what is required, e.g. ``share(pacc >= 0.5) >= 95 %``: a mean, a share or a quantile of a score.
+        where: the region that it speaks of, e.g. ``distance_m <= 30``; by default everything.
+        confidence: 1 − the chance of a false verdict.
+        min_visible_pixels: persons with fewer visible pixels do not count.
+        functions: names of the functions that it is about; by default all.
+        min_units: smallest number of variants that a verdict may rest on.
     """
 
     id: Name
     text: Text = ""
-    criterion: Text = ""
+    statistic: Text
+    where: Text = ""
+    confidence: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.95
+    min_visible_pixels: Annotated[int, Field(strict=True, ge=0, le=10**9)] = 0
+    functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
+    min_units: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
 
 
 class RunSpec(Document):
@@ -131,14 +144,15 @@ class RunSpec(Document):
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
         annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity.
+        labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
         sensors: sensor settings; each frame has one picture for each of them.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
-        requirement: the requirement that the run is evidence for.
+        requirements: that the run is evidence for; each gets a verdict.
         parent_run, iteration: the run that this one refines, and the number of the round.
 
     Raises:
-        InvalidInputs: a name is listed twice.
+        InvalidInputs: a name is listed twice, or a requirement cannot be judged.
     """
 
     schema_version: Literal[1] = 1
@@ -156,10 +170,11 @@ class RunSpec(Document):
     resolution: Resolution = Resolution()
     renderer: Name | dict[str, Scalar] = "raster"
     annotations: tuple[AnnotationKind, ...] = ()
+    labels: LabelPolicy = LabelPolicy.EXACT
     sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
-    requirement: Requirement | None = None
+    requirements: Annotated[tuple[RequirementDocument, ...], Field(max_length=1000)] = ()
     parent_run: Name | None = None
     iteration: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
@@ -184,6 +199,7 @@ class RunSpec(Document):
                 ("sensors", [sensor.name for sensor in self.sensors]),
                 ("functions", list(self.functions)),
                 ("annotations", [kind.value for kind in self.annotations]),
+                ("requirements", [requirement.id for requirement in self.requirements]),
             )
             for i, name in enumerate(names)
             if name in names[:i]
@@ -192,9 +208,33 @@ class RunSpec(Document):
             problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="as urban-street"))
         if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
             problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
+        for i, requirement in enumerate(self.requirements):
+            problems += self._problems_of(requirement, f"requirements.{i}")
         if problems:
             raise InvalidInputs(problems)
         return self
+
+    def _problems_of(self, requirement: RequirementDocument, place: str) -> list[InvalidInput]:
+        problems: list[InvalidInput] = [
+            UnknownName("function of the spec", name, self.functions, field=f"{place}.functions.{i}")
+            for i, name in enumerate(requirement.functions)
+            if name not in self.functions
+        ]
+        try:
+            statistic = parse_statistic(requirement.statistic, field=f"{place}.statistic")
+        except InvalidInput as problem:
+            return [*problems, problem]
+        if requirement.min_visible_pixels and not statistic.of_persons:
+            refusal = f"{statistic.measure.name} is a score of whole frames; choose frames by the region"
+            field, pixels = f"{place}.min_visible_pixels", requirement.min_visible_pixels
+            problems.append(InvalidInput(refusal, field=field, value=pixels, limit="where: …"))
+        drawn = any(block.design not in LISTED for block in self.blocks)
+        if statistic.at_least == 0 or (statistic.at_least == 1 and drawn):
+            refusal = (
+                "everything meets this" if statistic.at_least == 0 else "a listed grid can show this, and no sample"
+            )
+            problems.append(InvalidInput(refusal, field=f"{place}.statistic", value=requirement.statistic))
+        return problems
 
     def __eq__(self, other: object) -> bool:
         # Specs are equal if their contents are, wherever the user wrote these.

@@ -167,7 +167,7 @@ def plan(
     workers_known = pins is not None
     if pins is None:
         pins, present = _any_pins(resolved), None
-        warnings.append("no running workers offer renderer and functions: it is not known what is already there")
+        warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
     size = resolved.space.size
     indexes = None if size <= EXACT_VARIANTS else _sample(size, resolved.spec.seed)
     survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), indexes)

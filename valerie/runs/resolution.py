@@ -18,6 +18,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.documents import BlockDocument, RunSpec
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.oversights import oversights, sensor_warnings, shortfall
+from valerie.runs.requirements import Requirement, resolve_requirements
 from valerie.runs.sensors import SensorNeeds, focal_length_path, needs_of
 from valerie.runs.varied import Varied
 from valerie.runs.vocabulary import Vocabulary
@@ -41,6 +42,7 @@ class ResolvedRun:
         engine_inputs: all settings of the renderer that change its pixels; empty for an engine without settings.
         annotations: those that the spec names and those that its sensors need.
         times: the moments of each variant, and what moves.
+        requirements: that the run is judged by.
         warnings: what the author of the spec may not have intended.
         notes: assumptions made where the spec leaves something open.
     """
@@ -51,9 +53,10 @@ class ResolvedRun:
     definitions: tuple[ParameterDefinition, ...]
     space: ParameterSpace
     cameras: tuple[str, ...]
-    engine_inputs: Mapping[str, Any] = field(default_factory=dict)
+    engine_inputs: Mapping[str, Value] = field(default_factory=dict)
     annotations: tuple[AnnotationKind, ...] = ()
     times: Times = field(default_factory=Times)
+    requirements: tuple[Requirement, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -132,6 +135,8 @@ def resolve(
     needs = [needs_of(sensor, used) for sensor in spec.sensors]
     _check_focal_lengths(needs, cameras, manifest, problems)
     _check_sun(space, problems)
+    definitions = tuple(vocabulary.definitions.values())
+    requirements = resolve_requirements(spec, definitions, cameras, problems)
     if problems:
         raise InvalidInputs([_as_written(spec, problem) for problem in problems])
     moves = times.motion is not None
@@ -139,22 +144,23 @@ def resolve(
         spec=spec,
         manifest=manifest,
         asset_digest=asset_digest,
-        definitions=tuple(vocabulary.definitions.values()),
+        definitions=definitions,
         space=space,
         cameras=cameras,
         engine_inputs=engine_inputs,
         annotations=_annotations(spec, needs, moves=moves),
         times=times,
+        requirements=requirements,
         warnings=(
             *resolver.warnings,
             *sensor_warnings(spec, needs, moves=moves),
-            *oversights(vocabulary, space, times),
+            *oversights(vocabulary, space, times, requirements),
         ),
         notes=tuple(vocabulary.notes()),
     )
 
 
-def _engine_inputs(spec: RunSpec, engines: Collection[str] | None, problems: list[InvalidInput]) -> Mapping[str, Any]:
+def _engine_inputs(spec: RunSpec, engines: Collection[str] | None, problems: list[InvalidInput]) -> Mapping[str, Value]:
     if engines is not None and spec.engine not in engines:
         problems.append(plugins.unknown_name("renderer", spec.engine, engines, field="renderer"))
         return {}

@@ -13,7 +13,7 @@ from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
 from valerie.scene.graph.naming import ROOT
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.settings import COUNTING, RANDOM, SensorSetting
 
 _PREFIX: Final = f"{SENSOR_ROOT}."
 
@@ -34,12 +34,12 @@ class Response(NamedTuple):
     needs_velocity: bool
 
 
-def sensor_values(assignment: Mapping[str, Any]) -> dict[str, Any]:
+def sensor_values(assignment: Mapping[str, Value]) -> dict[str, Value]:
     """Return the part of an assignment that belongs to the sensor: path to value."""
     return {path: value for path, value in assignment.items() if path.startswith(_PREFIX)}
 
 
-def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: bool) -> SensorSetting:
+def setting_of(setting: SensorSetting, assignment: Mapping[str, Value], *, moves: bool) -> SensorSetting:
     """Return a setting with a variant's values for the sensor; the asset's defaults do not override the setting.
 
     Args:
@@ -51,7 +51,7 @@ def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: 
     return of_variant if moves else of_variant.without_shutter()
 
 
-def response_of(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
+def response_of(setting: SensorSetting, sensor: Mapping[str, Value], run_seed: int, *, moves: bool = False) -> Response:
     """Return what a prediction on the picture of a sensor depends on.
 
     Args:
@@ -98,18 +98,12 @@ _OF_FOCAL_LENGTH: Final = {
 }
 #: Effects that need velocities, and the parameters that turn them on.
 _OF_VELOCITY: Final = {"motion blur": ("shutter.exposure_ms",), "a rolling shutter": ("shutter.line_time_us",)}
-_COUNTING: Final = (
-    "noise.shot", "noise.read_electrons", "noise.adc_bits", "pixels.dead_rate", "pixels.hot_rate",
-)  # fmt: skip
-_CHANCE: Final = (
-    "noise.shot", "noise.read_electrons", "pixels.dead_rate", "pixels.hot_rate", "soiling.dirt", "soiling.drops",
-)  # fmt: skip
 #: Parameters that change nothing while all of the others listed are 0.
 _IDLE_WITHOUT: Final = {
     "lens.focus_distance_m": ("lens.f_number",),
-    "noise.full_well_electrons": _COUNTING,
-    "noise.headroom_ev": _COUNTING,
-    "specimen": _CHANCE,
+    "noise.full_well_electrons": COUNTING,
+    "noise.headroom_ev": COUNTING,
+    "specimen": RANDOM,
 }
 
 

@@ -18,7 +18,7 @@ from valerie.loading import load_document
 from valerie.runs.documents import (
     BlockDocument,
     DeclaredParameter,
-    Requirement,
+    RequirementDocument,
     Resolution,
     RunSpec,
     written_place,
@@ -32,7 +32,7 @@ __all__ = [
     "MAX_VARIANTS",
     "BlockDocument",
     "DeclaredParameter",
-    "Requirement",
+    "RequirementDocument",
     "Resolution",
     "ResolvedRun",
     "RunSpec",

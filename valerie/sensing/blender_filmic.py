@@ -1,17 +1,17 @@
-"""Blender's Filmic view transform, from linear Rec. 709 to display values, without Blender.
+"""Blender's Filmic view transform from linear Rec. 709 to display values, without Blender.
 
 The steps are those of Blender's OpenColorIO configuration:
 
 1. Map each channel to a logarithmic scale: 25 stops from 2^−12.47.
-2. Desaturate highlights with a 33³ colour lattice (3D LUT). Where the brightest channel of a lattice colour lies n steps up the
-   scale, every channel moves towards the brightest by a share that depends on n alone: 0 below 21 steps (linear 15), 1 from 27
-   steps on. Interpolation between lattice colours is tetrahedral.
+2. Desaturate highlights with a 33³ colour lattice (3D LUT). Every channel of a lattice colour moves towards the brightest one by
+   a share that depends only on the brightest channel's step on the scale: 0 below step 21 (linear 15), 1 from step 27 on.
+   Interpolation between lattice colours is tetrahedral.
 3. Map the lower 16.5 stops to [0, 1].
 4. Apply a contrast curve. Its result is display-encoded.
 
-Middle grey 0.18 becomes 0.5, and 16.3 becomes white. ``tools/fit_blender_filmic.py`` fitted the shares of step 2 and the nodes
-of step 4 to the output of Blender 4.5 LTS for known values; no data of Blender's configuration is included. The result is
-within one grey level of Blender's own 8-bit images (tested on pairs).
+Middle grey 0.18 becomes 0.5, and 16.3 becomes white. ``tools/fit_blender_filmic.py`` fitted the shares of the second step and the
+nodes of the curve to the output of Blender 4.5 LTS; no data of Blender's configuration is included. Results are within one grey
+level of Blender's own 8-bit images (tested on pairs).
 
 Sources: Filmic by T. Sobotka, https://github.com/sobotka/filmic-blender; interpolation, J. Hardeberg and F. Schmitt, "Color
 printer characterization using a computational geometry approach", IS&T/SID Color Imaging Conference, 1997; monotone curve
@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 _LOWEST_STOP: Final = -12.473931188
 _STOPS: Final = 25.0
-#: Share of these stops that the display shows.
+#: Share of these stops below display white.
 _SHOWN: Final = 0.66
 #: Lattice colours along each axis.
 _SIZE: Final = 33
-#: Share by which channels move towards the brightest, by that channel's step on the scale. Below: 0; above: 1.
+#: Share by which channels move towards the brightest channel, by its step on the scale; 0 below these steps, 1 above.
 _SHARES: Final = {21: 0.000305, 22: 0.001373, 23: 0.003402, 24: 0.007153, 25: 0.014022, 26: 0.026552}
 #: The contrast curve at evenly spaced points of [0, 1].
 _NODES: Final = (
@@ -85,17 +85,17 @@ def _interpolated(lattice: Floats, place: Floats) -> Floats:
     a, b, c = np.maximum(high, blue), np.maximum(low, np.minimum(high, blue)), np.minimum(low, blue)
     last = first + strides.sum()
     corners = ((first, np.float32(1.0) - a), (first + largest, a - b), (last - smallest, b - c), (last, c))
-    mixed = np.zeros_like(place)
+    result = np.zeros_like(place)
     for channel, values in enumerate(lattice):
         for at, weight in corners:
-            mixed[channel] += np.take(values, at) * weight
-    return mixed
+            result[channel] += np.take(values, at) * weight
+    return result
 
 
 @cache
 def _tables() -> tuple[Floats, Floats]:
     """Return the lattice, (3, 33³), clipped at white, and the curve, (4096,). Both are float32 in [0, 1]."""
-    from scipy.interpolate import PchipInterpolator  # costs 25 MB and 0.15 s, which other curves need not pay
+    from scipy.interpolate import PchipInterpolator  # 25 MB and 0.15 s, which other curves do not need
 
     steps = np.arange(_SIZE)
     linear = 2.0 ** (_LOWEST_STOP + _STOPS * steps / (_SIZE - 1))
@@ -103,8 +103,8 @@ def _tables() -> tuple[Floats, Floats]:
     shares[list(_SHARES)] = list(_SHARES.values())
     corner = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     brightest = corner.max(axis=1, keepdims=True)
-    moved = linear[corner] + shares[brightest] * (linear[brightest] - linear[corner])
-    scale = (np.log2(moved) - _LOWEST_STOP) / _STOPS
+    desaturated = linear[corner] + shares[brightest] * (linear[brightest] - linear[corner])
+    scale = (np.log2(desaturated) - _LOWEST_STOP) / _STOPS
     lattice = np.minimum(scale / _SHOWN, 1.0)
     curve = PchipInterpolator(np.linspace(0.0, 1.0, len(_NODES)), _NODES)(np.linspace(0.0, 1.0, _CURVE))
     return np.ascontiguousarray(lattice.T, np.float32), np.asarray(curve, np.float32)

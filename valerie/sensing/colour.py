@@ -1,11 +1,11 @@
 """White balance: the camera multiplies its channels so that light of one colour temperature becomes grey.
 
-The scene's white is that of the linear image. A camera set to a temperature T other than 6504 K multiplies red, green and blue
-by ``white(6504 K) / white(T)``, in linear Rec. 709 and normalised to green: a von Kries transform on the camera's own channels,
-as in raw converters. The image is too warm if the setting is too high, too cold if it is too low.
+The scene's white is the linear image's. A camera set to a temperature T other than 6504 K multiplies red, green and blue by
+``white(6504 K) / white(T)``, in linear Rec. 709 and normalised to green: a von Kries transform on the camera's own channels,
+as in raw converters. The image is too warm if the setting is too high, and too cold if it is too low.
 
-``white(T)`` lies on the Planckian locus, or ``tint`` thousandths of Duv beside it, perpendicular in the CIE 1960 diagram. A
-positive tint lies on the green side: the camera takes green light for white, and the image turns magenta.
+``white(T)`` lies on the Planckian locus, or at a distance of ``tint`` thousandths of Duv from it, perpendicular in the CIE 1960
+diagram. A positive tint lies on the green side: green light counts as white, and the image turns magenta.
 
 Sources: locus, B. Kim et al., "Design of advanced color temperature control system for HDTV applications", J. Korean
 Physical Society 41(6), 2002, 865-871 (cubic approximation, 1667 to 25,000 K); Duv, ANSI C78.377; matrix, ITU-R BT.709.
@@ -48,10 +48,10 @@ def planckian_locus(temperature_k: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=1024)
 def white_balance_gains(temperature_k: float, tint: float) -> tuple[float, float, float]:
-    """Return the factors of red, green and blue; exactly 1 at the neutral setting.
+    """Return the gains of red, green and blue; exactly 1 at the neutral setting.
 
     Args:
-        temperature_k: colour temperature that the camera takes for white, kelvins.
+        temperature_k: colour temperature that becomes white, kelvins.
         tint: thousandths of Duv.
     """
     if temperature_k == NEUTRAL_K and tint == 0.0:

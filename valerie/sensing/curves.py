@@ -1,7 +1,7 @@
-"""Tone curves: scene-referred linear values to display-referred linear values, in float64.
+"""Tone curves from scene-referred linear values to display-referred linear values, in float64.
 
-Curves are monotone and work on each channel alone. Input is non-negative and finite. Results may exceed 1; the sensor stage
-clips them.
+Curves are monotone and apply to each channel separately. Inputs are non-negative and finite. Results may exceed 1; the sensor
+stage clips them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def filmic(linear: Values) -> Values:
     """Apply Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
 
     ``h(x) = (x(Ax + CB) + DE) / (x(Ax + B) + DF) − E/F`` with A 0.15, B 0.50, C 0.10, D 0.20, E 0.02, F 0.30, applied
-    to twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it preserves highlights. It maps
+    to twice the input (Hable's exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it preserves highlights. It maps
     middle grey to a darker value than the plain sRGB curve: 0.18 becomes 0.128.
 
     Source: J. Hable, "Filmic Tonemapping Operators", 2010,
@@ -53,11 +53,11 @@ def aces(linear: Values) -> Values:
 
 
 def plain(linear: Values) -> Values:
-    """Return the values unchanged: no tone curve. The sensor stage clips values above 1."""
+    """Return the values unchanged."""
     return linear
 
 
-#: Curve by its name in a spec.
+#: Curves by name in a spec.
 CURVES: Final[Mapping[str, Callable[[Values], Values]]] = MappingProxyType(
     {"srgb": plain, "filmic": filmic, "aces": aces}
 )

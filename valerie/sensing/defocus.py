@@ -5,9 +5,9 @@ For a lens of focal length f and f-number N, focused at S, the circle of confusi
 1999, section 4.4 (thin lens); M. Potmesil and I. Chakravarty, "Synthetic image generation with a lens and aperture camera
 model", ACM TOG 1(2), 1982, doi:10.1145/357299.357300.
 
-The image is split into layers of similar blur. From far to near, each layer is blurred with its own disc and composited over
-the layers behind it. So the blur of a near object spreads over the background, and never the other way. A background that a
-blurred edge uncovers is filled in from the pixels around it.
+The image is split into layers of similar blur. From far to near, each layer is blurred with its own disc and composited over the
+layers behind it. The blur of a near object thus spreads over the background, and never the other way. Background that a blurred
+edge uncovers is filled in from the pixels around it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-#: Discs below this radius, in pixels, count as points.
+#: Radius below which discs count as points, pixels.
 _SHARP: Final = 0.5
 #: Ratio of the disc radii of neighbouring layers.
 _STEP: Final = 1.35
@@ -55,7 +55,7 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
         radius: (H, W), pixels, from `circle_of_confusion`; limited to 3 % of the image's width.
 
     Returns:
-        (H, W, 3); the input array itself if everything is sharp.
+        (H, W, 3); the input array itself if the whole image is sharp.
     """
     layers = _layers(radius, _LARGEST * linear.shape[1])
     if len(layers) == 1 and layers[0][0] < _SHARP:
@@ -69,7 +69,7 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
 
 
 def _layers(radius: Floats, largest: float) -> list[tuple[float, NDArray[np.bool_]]]:
-    """Return the layers from far to near, each as its disc radius in pixels and its mask."""
+    """Return disc radius, in pixels, and mask of each layer, from far to near."""
     size: Floats = np.minimum(np.abs(radius), np.float32(largest))
     level = np.where(size < _SHARP, 0, 1 + np.floor(np.log(np.maximum(size, _SHARP) / _SHARP) / np.log(_STEP)))
     signed = (np.where(radius < 0.0, -level, level)).astype(np.int32)
@@ -116,9 +116,9 @@ def convolve(image: Floats, kernel: Floats) -> Floats:
     shape = [fft.next_fast_len(n + reach, real=True) for n in (height, width)]
     spectrum = fft.rfft2(image, s=shape, axes=(0, 1))
     # With the kernel's centre at the origin, the result needs no shift.
-    placed = np.zeros(shape, np.float32)
-    placed[: kernel.shape[0], : kernel.shape[1]] = kernel
-    placed = np.roll(placed, (-reach, -reach), axis=(0, 1))
-    spectrum *= fft.rfft2(placed)[..., None]
+    centred = np.zeros(shape, np.float32)
+    centred[: kernel.shape[0], : kernel.shape[1]] = kernel
+    centred = np.roll(centred, (-reach, -reach), axis=(0, 1))
+    spectrum *= fft.rfft2(centred)[..., None]
     blurred: Floats = fft.irfft2(spectrum, s=shape, axes=(0, 1))[:height, :width].astype(np.float32, copy=False)
     return np.maximum(blurred, np.float32(0.0), out=blurred)

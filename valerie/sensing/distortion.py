@@ -1,4 +1,4 @@
-"""Lens distortion: one map for image and ground truth, so that labels stay aligned with the image.
+"""Lens distortion: one map for image and ground truth, which keeps labels aligned with the image.
 
 The model is Brown–Conrady's with OpenCV's names and units. Let x, y be a ray's ideal (pinhole) direction divided by its depth,
 and r² = x² + y². The lens maps the ray to ::
@@ -6,12 +6,12 @@ and r² = x² + y². The lens maps the ray to ::
     x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
-so the coefficients of a calibration at the camera's focal length apply unchanged. Sources: D. Brown,
+so that the coefficients of a calibration at the camera's focal length apply unchanged. Sources: D. Brown,
 "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, 855-866; OpenCV, module calib3d.
 
-A lens that moves the image's border inwards would show areas beyond the rendered image. So the distorted image is enlarged
-about its centre by the smallest factor, `zoom`, at which all of its pixels have been rendered. The factor is 1 if the lens
-moves no part of the border inwards.
+A lens that moves the image's border inwards would show areas beyond the rendered image. The distorted image is therefore enlarged
+about its centre by the smallest factor, `zoom`, at which all of its pixels have been rendered. The factor is 1 if the lens moves
+no part of the border inwards.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from valerie.sensing.settings import Distortion
 
 #: Newton steps of the inversion. Each doubles the number of correct digits.
 _STEPS: Final = 8
-#: Samples along each border; a quarter of those of the radius.
+#: Samples along each border; the table of radii has four times as many.
 _SAMPLES: Final = 2048
 #: Coefficients below this move no pixel of any image.
 _NOTHING: Final = 1e-12
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelMap:
-    """The source in the pinhole image of each pixel of a distorted image.
+    """The source of each pixel of a distorted image in the pinhole image.
 
     Attributes:
         x, y: (H, W) float64, pixel coordinates in the pinhole image (0 is the centre of its first pixel).
@@ -84,7 +84,7 @@ def shown_within(distortion: Distortion, width: int, height: int, focal_px: floa
 
     Args:
         distortion, width, height, focal_px: as for `pixel_map`.
-        zoom: that of the map.
+        zoom: enlargement of that map.
     """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
     x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))

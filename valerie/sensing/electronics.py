@@ -2,15 +2,15 @@
 
 An exposed linear value v (1 is diffuse white) frees ``N = v · full_well / 2^headroom`` electrons on average. The pixel
 counts ``Poisson(N)`` of them (shot noise). The amplifier adds a normal error with standard deviation ``read_electrons``. The
-count is clipped to 0 … ``full_well``. The gain multiplies the count, so it amplifies noise and saturates earlier. The converter
+count is clipped to 0 … ``full_well``. The gain multiplies the count; it thus amplifies noise and saturates earlier. The converter
 quantizes 0 … full well to ``2^bits`` levels. This is the Poisson–Gauss camera model of EMVA Standard 1288 (release 4.0, 2021,
 section 2) without dark current.
 
 From `_NORMAL_FROM` electrons on, a normal distribution of equal mean and variance replaces the Poisson distribution, whose
-skewness is below 0.13 there. Only the converter rounds it.
+skewness is below 0.13 there. Only the converter rounds the result.
 
-The seed of the noise belongs to the image, that of faulty pixels to the specimen. Both follow from the run's seed and the
-image's content, never from order or worker.
+The seed of the noise depends on the image, and the seed of faulty pixels on the specimen. Both also depend on the run's seed, but
+never on order or worker.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def expose(values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.ran
         values: exposed linear values, not negative, of any shape.
         noise: noise, full well and converter of the sensor.
         gain: factor after counting.
-        generator: source of the noise; not needed without noise.
+        generator: source of random numbers; None without noise.
 
     Returns:
         The converter's output in units of ``values``, 0 to ``2 ** headroom_ev``, of the same shape.
     """
     scale = np.float32(noise.full_well_electrons / 2.0**noise.headroom_ev)
     full = np.float32(noise.full_well_electrons)
-    # Noise cannot bring twice the full well below it, so more light would only cost accuracy.
+    # No noise reduces twice the full well to less than the full well, and more light would only lose accuracy.
     electrons: Floats = np.minimum(values * scale, np.float32(2.0) * full)
     if (noise.shot or noise.read_electrons) and generator is not None:
         electrons = _noisy(electrons, noise, generator)
@@ -58,14 +58,14 @@ def expose(values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.ran
 
 def _noisy(electrons: Floats, noise: Noise, generator: np.random.Generator) -> Floats:
     read_variance = np.float32(noise.read_electrons**2)
-    drawn = generator.standard_normal(electrons.shape, np.float32)
+    normal = generator.standard_normal(electrons.shape, np.float32)
     if not noise.shot:
-        return electrons + np.float32(noise.read_electrons) * drawn
-    noisy: Floats = electrons + np.sqrt(electrons + read_variance) * drawn
+        return electrons + np.float32(noise.read_electrons) * normal
+    noisy: Floats = electrons + np.sqrt(electrons + read_variance) * normal
     few = electrons < _NORMAL_FROM
     if few.any():
         counted = generator.poisson(electrons[few]).astype(np.float32)
-        noisy[few] = counted + np.float32(noise.read_electrons) * drawn[few]
+        noisy[few] = counted + np.float32(noise.read_electrons) * normal[few]
     return noisy
 
 
@@ -78,7 +78,7 @@ def break_pixels(values: Floats, pixels: FaultyPixels, saturated: float, generat
         values: (H, W, 3) linear values.
         pixels: rates of dead and hot pixels.
         saturated: the value of a full well.
-        generator: source of the places, seeded by the specimen.
+        generator: source of random numbers, seeded by the specimen.
 
     Returns:
         (H, W, 3), a new array.

@@ -1,4 +1,4 @@
-"""JPEG artefacts: the image passes through a JPEG file (ITU-T T.81) with 4:2:0 chroma subsampling, as from cameras."""
+"""JPEG artefacts: the image passes through a JPEG file (ITU-T T.81) with 4:2:0 chroma subsampling, as in cameras."""
 
 from __future__ import annotations
 

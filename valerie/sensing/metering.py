@@ -1,4 +1,4 @@
-"""Automatic exposure: metering brings the log-average luminance of an image to that of a street by day."""
+"""Automatic exposure: metering brings the log-average luminance of an image to that of a street in daylight."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 #: The metering target: log-average luminance of the generated street on a clear day at 0 EV.
 DAYLIGHT: Final = 0.1
-#: Range of the automatic exposure, stops: enough to darken sunlit snow, too little to turn night into day.
+#: Range of the automatic exposure, stops. It is enough to darken sunlit snow, and too little to turn night into day.
 DARKEST_EV: Final = -6.0
 BRIGHTEST_EV: Final = 11.0
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)

@@ -1,6 +1,6 @@
 """Motion blur and rolling shutter.
 
-Both need the scene at another moment than the frame's. A surface point that is at p now and moves with velocity v(p) is at
+Both need the scene at moments other than the frame's. A surface point that is at p now and moves with velocity v(p) is at
 q = p + v(p) t at time t. The output is computed pixel by pixel, so the task is to find p for each q, and several surfaces may
 arrive at q. There are three candidates: the surface at q now; the fastest surface nearby, if it really arrives at q and lies in
 front; and the background that a surface uncovers as it moves away. Velocities are constant while the shutter is open.
@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from valerie.sensing.resampling import bilinear
 
-#: Pixels between two samples along the longest track, and the largest number of samples.
+#: Distance of samples along the longest track, pixels, and the largest number of samples.
 _STRIDE: Final = 1.0
 _MOST_SAMPLES: Final = 64
-#: A surface arrives if its own motion differs from the motion searched by at most these pixels plus this share of the way.
+#: A surface arrives if its own motion differs from the assumed motion by at most these pixels plus this share of the distance.
 _NEAR_PIXELS, _NEAR_SHARE = 0.5, 0.25
 #: A surface lies in front of another if its depth is below the first share of the other's. A moving surface also hides one that
 #: is nearer by less than the second share, as a foot hides the ground on which it stands.
 _IN_FRONT, _AT_THE_SAME_PLACE = 0.99, 1.01
-#: Motion below this many pixels counts as none.
+#: Distance below which a surface counts as still, pixels.
 _STILL: Final = 0.02
 
 Floats = NDArray[np.float32]
@@ -36,7 +36,7 @@ Places = NDArray[np.float64]
 
 
 class Movement:
-    """The motion across the image of all that a camera sees.
+    """The motion of all visible surfaces across the image.
 
     Args:
         velocity: (H, W, 2) float32, pixels per second to the right and down; see `valerie.rendering.annotations.flow`.
@@ -59,7 +59,7 @@ class Movement:
         return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
     def source(self, x: Places, y: Places, seconds: Places, reach_s: float) -> tuple[Places, Places]:
-        """Return the coordinates, in the image of the frame's moment, of what (x, y) show at other moments.
+        """Return the coordinates, in the image of the frame's moment, of the surfaces that (x, y) show at other moments.
 
         Args:
             x, y: pixel coordinates; 0 is the centre of the first pixel.
@@ -104,7 +104,7 @@ class Movement:
         return self._fastest[size]
 
 
-def taken(light: Floats, movement: Movement, row_seconds: Places, exposure_s: float) -> Floats:
+def collect_light(light: Floats, movement: Movement, row_seconds: Places, exposure_s: float) -> Floats:
     """Return the light that an open shutter collects, row by row.
 
     Args:

@@ -1,4 +1,4 @@
-"""Vignetting: the fall-off of a lens's light towards the image's corners."""
+"""Vignetting: the falloff of a lens's light towards the image's corners."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 def vignetting(width: int, height: int, focal_px: float, strength: float) -> NDArray[np.float32]:
     """Return the factors of the cos⁴ law, ``cos⁴(θ) ** strength``, with θ the angle from the optical axis to a pixel's ray.
 
-    Strength 1 is the natural fall-off of a thin lens. A higher strength adds the shading of barrels and microlenses.
+    Strength 1 is the natural falloff of a thin lens. A higher strength adds the shading of barrels and microlenses.
     Source: M. Born and E. Wolf, Principles of Optics, 7th edition, 1999, section 4.8.1; D. Goldman, "Vignette and exposure
     calibration and compensation", IEEE TPAMI 32(12), 2010, doi:10.1109/TPAMI.2010.55.
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 
 def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Interpolate an image between its pixel centres. Outside of the image its border pixels repeat.
+    """Interpolate an image between its pixel centres. Outside the image, its border pixels repeat.
 
     Args:
         image: (H, W) or (H, W, C).
-        x, y: pixel coordinates, of shapes that broadcast; 0 is the centre of the first pixel.
+        x, y: pixel coordinates, whose shapes broadcast; 0 is the centre of the first pixel.
 
     Returns:
         An array of the common shape S of x and y, or (*S, C).

@@ -1,4 +1,4 @@
-"""The sensor stage: it turns a linear image into the camera image that a function under test receives.
+"""The sensor stage, which turns a linear image into the camera image that a function under test receives.
 
 The effects follow the path of the light:
 
@@ -8,10 +8,10 @@ The effects follow the path of the light:
 3. *camera values*: white balance
 4. *display values*: tone curve, sRGB transfer, gamma, 8 bits, JPEG
 
-Neutral effects are skipped. Exposure, gain, white balance, a per-channel curve and gamma map one channel value to another, and
-a float16 has only 65,536 values. For these effects alone, the stage evaluates the float64 formula once per setting for every
-value and looks each frame up in that table: exact, and 2 ms of CPU time for 960 × 540. The other effects work in float32 and
-end in the same table.
+Neutral effects are skipped. Exposure, gain, white balance, a per-channel curve and gamma map one channel value to another, and a
+float16 has only 65,536 values. For these effects, the stage evaluates the float64 formula once per setting for every value and
+looks up each frame in that table: exact, and 2 ms of CPU time for 960 × 540. The other effects work in float32 and end in the
+same table.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
 from valerie.sensing.metering import metered_ev
-from valerie.sensing.motion import Movement, read_times, taken
+from valerie.sensing.motion import Movement, collect_light, read_times
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
 from valerie.sensing.soiling import dirty, rained_on
 
-#: Part of every prediction's digest. Raise it by hand whenever a setting gives other pixels.
+#: Part of every prediction's digest. Raise it by hand whenever the pixels of a setting change.
 REVISION: Final = 1
 #: Sensor width to which focal lengths in millimetres refer, as everywhere in the scene.
 SENSOR_WIDTH_MM: Final = 36.0
@@ -51,7 +51,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """The data of a frame besides its linear image. The stage reads only what the setting needs.
+    """The data of a frame besides its linear image. The stage reads only the data that the setting needs.
 
     Attributes:
         focal_length_mm: focal length of the camera on a sensor 36 mm wide.
@@ -80,7 +80,7 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
         (H, W, 3) uint8 sRGB, a new array; equal for equal input.
 
     Raises:
-        InvalidInput: The image is not (H, W, 3) float16, or the setting needs data that ``shot`` lacks.
+        InvalidInput: the image is not (H, W, 3) float16, or the setting needs data that ``shot`` lacks.
     """
     if linear.dtype != np.float16 or linear.ndim != 3 or linear.shape[2] != 3:
         layout = f"{linear.dtype} {linear.shape}"
@@ -146,7 +146,7 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
             raise InvalidInput("motion blur needs the velocity of every pixel", field="shot.velocity", limit=limit)
         movement = Movement(shot.velocity, shot.depth)
         times = _row_times(setting, width, height, focal_px)
-        light = taken(light, movement, times, setting.shutter.exposure_ms * 1e-3)
+        light = collect_light(light, movement, times, setting.shutter.exposure_ms * 1e-3)
     if soiling.dirt:
         light = dirty(light, soiling.dirt, _specimen_seed(setting, shot, "dirt"))
     if soiling.drops:
@@ -206,7 +206,7 @@ def _row_times(setting: SensorSetting, width: int, height: int, focal_px: float)
     y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
     _, lens_y = distort(setting.distortion, x, y)
     zoom = pixel_map(setting.distortion, width, height, focal_px).zoom
-    # Pixels that the lens maps outside of the image have no row; the nearest row stands in.
+    # Pixels that the lens maps outside the image have no row. They take the nearest one.
     rows = np.clip(lens_y * focal_px * zoom, -half_y, half_y)
     times: NDArray[np.float64] = rows * line_time_s
     return times
@@ -238,7 +238,7 @@ def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats
 
 
 def _counted(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
-    """Expose light and count it, gain included."""
+    """Expose light and count it in electrons, with the gain."""
     exposed: Floats = light * np.float32(2.0**setting.exposure_ev)
     pixels = setting.pixels
     if pixels.dead_rate or pixels.hot_rate:

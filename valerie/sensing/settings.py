@@ -16,6 +16,15 @@ from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROO
 
 ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
 
+#: Parameters that make the sensor count light in electrons, with a well that saturates.
+COUNTING: Final = (
+    "noise.shot", "noise.read_electrons", "noise.adc_bits", "pixels.dead_rate", "pixels.hot_rate",
+)  # fmt: skip
+#: Parameters that make a picture random: noise, or the places of faulty pixels, dirt and drops.
+RANDOM: Final = (
+    "noise.shot", "noise.read_electrons", "pixels.dead_rate", "pixels.hot_rate", "soiling.dirt", "soiling.drops",
+)  # fmt: skip
+
 
 def _field(name: str) -> Any:
     """Return the pydantic field of a sensor parameter. Its default is the neutral value."""
@@ -156,17 +165,16 @@ class SensorSetting(BaseModel):
 
     @property
     def counts_electrons(self) -> bool:
-        """True if light is counted in electrons, with a well that saturates."""
-        noise, pixels = self.noise, self.pixels
-        return bool(noise.shot or noise.read_electrons or noise.adc_bits or pixels.dead_rate or pixels.hot_rate)
+        """True if any of `COUNTING` is on."""
+        return self._has_any(COUNTING)
 
     @property
     def needs_seed(self) -> bool:
-        """True if anything is random: noise, or the places of faulty pixels, dirt and drops."""
-        noise, pixels, soiling = self.noise, self.pixels, self.soiling
-        return bool(
-            noise.shot or noise.read_electrons or pixels.dead_rate or pixels.hot_rate or soiling.dirt or soiling.drops
-        )
+        """True if any of `RANDOM` is on."""
+        return self._has_any(RANDOM)
+
+    def _has_any(self, names: tuple[str, ...]) -> bool:
+        return any(value for name, value in self.values() if name in names)
 
     @property
     def defocuses(self) -> bool:

@@ -1,8 +1,8 @@
 """Dirt and water drops on the front glass.
 
-The glass is a few centimetres in front of a lens that is focused on the street. So dirt and drops are far out of focus and show
-as soft-edged patches. Dust absorbs light and scatters a little of the whole scene's light. A drop is a strong lens: it shows
-the surroundings small, upside down and strongly blurred.
+The glass is a few centimetres in front of a lens that is focused on the street. Dirt and drops are therefore far out of focus and
+appear as soft-edged patches. Dust absorbs light and scatters a little of the whole scene's light. A drop is a strong lens: it
+shows the surroundings small, upside down and strongly blurred.
 
 The specimen determines places and sizes. A higher share keeps the patches of a lower one. After M. Roser and A. Geiger,
 "Video-based raindrop detection for improved image registration", ICCV Workshops 2009, doi:10.1109/ICCVW.2009.5457650, and
@@ -27,7 +27,7 @@ _DROPS: Final = (0.022, 0.45)
 #: Share of light that passes the middle of a speck of dust, and the colour that it scatters (factors of the mean light).
 _DUST_PASSES: Final = 0.35
 _DUST_SCATTERS: Final = np.array([0.30, 0.27, 0.22], np.float32)
-#: Distance in the image that one pixel across a drop covers, pixels; negative since the drop inverts.
+#: Distance in the image, pixels, that one pixel across a drop covers. It is negative, since a drop inverts the image.
 _DROP_SHRINKS: Final = -5.0
 #: Share of light that a drop transmits.
 _DROP_PASSES: Final = 0.92
@@ -84,15 +84,15 @@ def _patches(
     width: int, height: int, share: float, seed: int, median: float, spread: float, *, round_: bool
 ) -> Patches:
     generator = np.random.default_rng(seed)
-    # Every random number is drawn before the first patch is placed, so a higher share begins with the patches of a lower one.
+    # All random numbers are drawn before any patch is placed, so that a higher share begins with the patches of a lower one.
     centers = generator.random((_MOST, 2))
     sizes = np.exp(generator.normal(np.log(median * width), spread, _MOST))
     stretch = np.ones(_MOST) if round_ else np.exp(generator.normal(0.0, 0.3, _MOST))
     opacity = np.zeros((height, width), np.float32)
     x, y = np.zeros_like(opacity), np.zeros_like(opacity)
-    covered, wanted = 0, share * width * height
+    covered, target = 0, share * width * height
     for (u, v), size, ratio in zip(centers, sizes, stretch, strict=True):
-        if covered >= wanted:
+        if covered >= target:
             break
         covered += _put(opacity, x, y, (u * width - 0.5, v * height - 0.5), (size * ratio, size / ratio))
     for array in (opacity, x, y):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import false_discovery_control
 
 from valerie.errors import InvalidInput
-from valerie.statistics.contrasts import Contrast, contrasts
+from valerie.statistics.contrasts import Change, Contrast, contrasts
 from valerie.statistics.observations import Observations
 from valerie.statistics.power import places_needed
 
@@ -104,7 +104,9 @@ def halves(places: int, seed: int) -> NDArray[np.bool_]:
     return np.concatenate([np.stack([first, ~first], axis=1).ravel(), np.zeros(places % 2, np.bool_)])
 
 
-def search(observations: Observations, *, interactions: bool = True) -> Search:
+def search(
+    observations: Observations, *, interactions: bool = True, only: Sequence[tuple[Change, ...]] | None = None
+) -> Search:
     """Look at every contrast and keep the clearest: those that false discovery control keeps, and always a few.
 
     Main effects as a whole are given as much weight as all interactions, which are many more.
@@ -112,8 +114,9 @@ def search(observations: Observations, *, interactions: bool = True) -> Search:
     Args:
         observations: the places to search.
         interactions: whether to look at differences of differences too.
+        only: the changes to look at; None: all.
     """
-    looked_at = contrasts(observations, interactions=interactions)
+    looked_at = contrasts(observations, interactions=interactions, only=only)
     if not looked_at:
         return Search((), 0, observations.places)
     order = np.array([len(item.changes) for item in looked_at])
@@ -157,21 +160,62 @@ def confirm(candidates: Search, observations: Observations, *, level: float = 0.
     return Findings(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
 
-def find(observations: Observations, *, seed: int, interactions: bool = True, level: float = 0.95) -> Findings:
+def find(
+    observations: Observations,
+    *,
+    seed: int,
+    interactions: bool = True,
+    only: Sequence[tuple[Change, ...]] | None = None,
+    level: float = 0.95,
+) -> Findings:
     """Search half of the places and confirm in the other half; with too few places, search only.
 
     Args:
         observations: all rows of a run.
         seed: of the halves.
-        interactions: as of `search`.
+        interactions, only: as of `search`.
         level: as of `confirm`.
     """
     searching = halves(observations.places, seed)
     if np.count_nonzero(searching) < FEWEST_PLACES:
         nowhere = observations.of_places(np.zeros(observations.places, np.bool_))
-        return confirm(search(observations, interactions=interactions), nowhere, level=level)
-    candidates = search(observations.of_places(searching), interactions=interactions)
+        return confirm(search(observations, interactions=interactions, only=only), nowhere, level=level)
+    candidates = search(observations.of_places(searching), interactions=interactions, only=only)
     return confirm(candidates, observations.of_places(~searching), level=level)
+
+
+def named(
+    observations: Observations, *, only: Sequence[tuple[Change, ...]] | None = None, level: float = 0.95
+) -> tuple[Finding, ...]:
+    """Return the main effects that all places at once show, by Holm's procedure over all of them; none is confirmed.
+
+    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a street, a house)
+    is in all of them.
+
+    Args:
+        observations: all rows of a run.
+        only: as of `search`.
+        level: joint confidence.
+
+    Returns:
+        The clearest first. Their intervals hold together (Bonferroni).
+    """
+    looked_at = contrasts(observations, interactions=False, only=only)
+    adjusted = holm([item.p_value for item in looked_at])
+    each = 1 - (1 - level) / max(len(looked_at), 1)
+    chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]
+    return tuple(
+        Finding(
+            candidate=item,
+            contrast=item,
+            confirmed=False,
+            adjusted_p=p_value,
+            low=item.interval(each)[0],
+            high=item.interval(each)[1],
+            places_needed=fresh_places(item, item.estimate / 2, level=each),
+        )
+        for item, p_value in ((looked_at[k], float(adjusted[k])) for k in chosen)
+    )
 
 
 def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:

@@ -132,8 +132,6 @@ def compare_versions(
     paired = np.isfinite(before) & np.isfinite(after)
     change = np.where(paired, after - before, 0.0)
     flip = np.where(paired, (after >= threshold).astype(np.int64) - (before >= threshold), 0)
-    alpha = false_discoveries / max(len(masks), 1)
-    alpha = false_discoveries / max(len(masks), 1) / _TESTS
     compared = []
     for name, mask in masks.items():
         rows = np.flatnonzero(paired & mask)
@@ -163,7 +161,9 @@ def compare_versions(
                 adjusted_p=1.0,
                 worse=False,
                 flips=tuple(furthest[change[furthest] < 0].tolist()),
-                places_needed=None if np.isnan(deviation) else places_needed(effect, deviation, alpha=alpha),
+                places_needed=None
+                if np.isnan(deviation)
+                else places_for_gate(effect, deviation, len(masks), false_discoveries=false_discoveries),
             )
         )
     adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []

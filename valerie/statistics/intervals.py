@@ -271,7 +271,7 @@ def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
     if estimand is Estimand.LISTED_GRID:
         missing = MIN_UNITS - 1
         reason = (
-            "nothing was drawn at random: the variants are listed, and say nothing about what lies between them; "
+            "the variants are listed, not drawn at random, and say nothing about what lies between them; "
             f"repeat them on {missing} more streets, or draw the variants"
         )
     elif count < MIN_UNITS:

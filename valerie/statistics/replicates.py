@@ -26,18 +26,27 @@ _FEW: Final = 5 * REPLICATES
 MIN_POINTS: Final = 4 * MIN_REPLICATES
 
 
-def replicates(count: int) -> NDArray[np.int64]:
-    """Return which replicate each of ``count`` points belongs to, ascending: (count,) int64 0…R−1.
+def replicate_number(count: int) -> int:
+    """Return how many replicates a design of ``count`` points consists of.
 
-    Sizes differ by at most 1. Each replicate is a design of its own with a seed of its own (`replicate_seeds`).
+    Point i belongs to replicate i modulo this number, so sizes differ by at most 1, and a design that ends early has its
+    replicates alike. Each replicate is a design of its own with a seed of its own (`replicate_seeds`).
 
     Raises:
         InvalidInput: there is no point.
     """
     if count < 1:
         raise InvalidInput("a design has points", field="count", value=count, limit=">= 1")
-    number = count if count < MIN_POINTS else MIN_REPLICATES if count < _FEW else REPLICATES
-    return np.arange(count, dtype=np.int64) * number // count
+    return count if count < MIN_POINTS else MIN_REPLICATES if count < _FEW else REPLICATES
+
+
+def replicates(count: int) -> NDArray[np.int64]:
+    """Return the replicate of each of ``count`` points, (count,) int64 0…R−1.
+
+    Raises:
+        InvalidInput: there is no point.
+    """
+    return np.arange(count, dtype=np.int64) % replicate_number(count)
 
 
 def replicate_seeds(seed: int, number: int) -> tuple[int, ...]:

@@ -1,4 +1,6 @@
-"""Is a requirement met? Counted on a listed grid, tested by whole units where variants are drawn at random.
+"""Does a mean of scores reach a bound? Counted on a listed grid, tested by whole units where variants are drawn at random.
+
+A share is the mean of scores that are 0 or 1, and a quantile reaches t where the share of values ≥ t is 1 − its order.
 
 The test may be looked at after any number of units and ended at any time. It bets on the mean score of each unit against
 the hypothesis that the true mean is just at the bound: a player who cannot win on average multiplies a stake by 1/α with a
@@ -13,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -20,7 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit, logsumexp, ndtri
 
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import Refusal, mean_interval
 from valerie.statistics.observations import dense
+from valerie.statistics.units import Estimand, Units
 
 #: Alternatives that each game bets on.
 _BETS: Final = 48
@@ -31,14 +36,8 @@ _SPREAD: Final = 0.8
 _BLOCK: Final = 4_096
 #: Above this many further units, no run decides.
 _MOST_UNITS: Final = 10_000_000
-
-
-class Statistic(StrEnum):
-    """Statistic that a requirement bounds from below."""
-
-    MEAN = "mean"
-    SHARE = "share"
-    QUANTILE = "quantile"
+#: A sum that misses its bound by less than this a row misses it by rounding.
+_ROUNDING: Final = 1e-12
 
 
 class Outcome(StrEnum):
@@ -55,47 +54,6 @@ class Basis(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Requirement:
-    """A lower bound; build it with `mean_of`, `share_of` or `quantile_of`.
-
-    Attributes:
-        statistic: what is bounded.
-        threshold: the score that a row has to reach; NaN for a mean.
-        at_least: the bound p of the mean score, of the share of rows that reach the threshold, or 1 − q of a quantile.
-        confidence: 1 − the chance of a false verdict.
-    """
-
-    statistic: Statistic
-    threshold: float
-    at_least: float
-    confidence: float = 0.95
-
-    def __post_init__(self) -> None:
-        for field in ("at_least", "confidence"):
-            if not 0 < getattr(self, field) < 1:
-                raise InvalidInput("has to lie between 0 and 1", field=field, value=getattr(self, field))
-
-    def scores(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the bound is on the mean of: the values, or 1 where they reach the threshold."""
-        return values if self.statistic is Statistic.MEAN else (values >= self.threshold).astype(np.float64)
-
-
-def mean_of(at_least: float, *, confidence: float = 0.95) -> Requirement:
-    """Require mean(values) ≥ ``at_least``."""
-    return Requirement(Statistic.MEAN, float("nan"), at_least, confidence)
-
-
-def share_of(threshold: float, at_least: float, *, confidence: float = 0.95) -> Requirement:
-    """Require share(values ≥ ``threshold``) ≥ ``at_least``."""
-    return Requirement(Statistic.SHARE, threshold, at_least, confidence)
-
-
-def quantile_of(order: float, at_least: float, *, confidence: float = 0.95) -> Requirement:
-    """Require that the quantile of ``order`` is ≥ ``at_least``: share(values ≥ ``at_least``) ≥ 1 − ``order``."""
-    return Requirement(Statistic.QUANTILE, at_least, 1 - order, confidence)
-
-
-@dataclass(frozen=True, slots=True)
 class Verdict:
     """Evidence of the rows on a requirement.
 
@@ -104,10 +62,10 @@ class Verdict:
         basis: what it speaks of.
         estimate: mean score; of a sample, each unit weighs the same. NaN without rows.
         units: units (of a grid: rows) that were looked at.
-        decided_after: units after which the sequential test ended; None where it did not, and for a grid.
+        decided_after: units after which the sequential test ended; None where it did not, and where none was made.
         further: further units that would decide it if the estimate is right; None where it is decided, or where no affordable
-            number decides. Of a grid, the rows that are missing.
-        p_met: anytime-valid p-value of "not met": small where the rows speak for met; 1 for a grid.
+            number decides.
+        p_met: anytime-valid p-value of "not met": small where the rows speak for met; 1 where no sequential test was made.
         p_not_met: the same of "met".
         undefined: rows without a value, which were left out.
     """
@@ -123,39 +81,41 @@ class Verdict:
     undefined: int
 
 
-def judge_sample(requirement: Requirement, values: ArrayLike, units: ArrayLike) -> Verdict:
+def judge_sample(scores: ArrayLike, units: ArrayLike, *, at_least: float, confidence: float = 0.95) -> Verdict:
     """Judge variants that were drawn at random, independently; look as often as you like.
 
     Args:
-        requirement: what to judge; of a region, give the rows in it.
-        values: (N,) scores in 0…1; NaN where a row has none.
+        scores: (N,) in 0…1; NaN where a row has none.
         units: (N,) whole numbers: the independent unit (place, variant) of each row, ascending in the order of drawing.
             All rows of a unit have to be there, or the unit has to wait.
+        at_least: the bound of the mean score, between 0 and 1.
+        confidence: 1 − the chance of a false verdict.
 
     Returns:
         The verdict of the first unit that decided: later units do not change it, only the p-values.
 
     Raises:
-        InvalidInput: a score lies outside 0…1, or the lengths differ.
+        InvalidInput: a score, the bound or the confidence is out of range, or the lengths differ.
     """
-    rows, undefined, chosen = _defined(values, units)
+    _require_between(at_least=at_least, confidence=confidence)
+    rows, undefined, chosen = _defined(scores, units)
     if not len(rows):
         return Verdict(Outcome.UNDECIDED, Basis.SAMPLE, float("nan"), 0, None, None, 1.0, 1.0, undefined)
     unit, occurring = dense(chosen)
-    scores = np.bincount(unit, weights=requirement.scores(rows)) / np.bincount(unit)
-    p, target = requirement.at_least, -float(np.log((1 - requirement.confidence) / 2))
-    games = [_Game(_stakes(p, upward=upward)) for upward in (True, False)]
-    for start in range(0, len(scores), _BLOCK):
+    means = np.bincount(unit, weights=rows) / np.bincount(unit)
+    target = -float(np.log((1 - confidence) / 2))
+    games = [_Game(_stakes(at_least, upward=upward)) for upward in (True, False)]
+    for start in range(0, len(means), _BLOCK):
         for game in games:
-            game.play(scores[start : start + _BLOCK] - p, target)
+            game.play(means[start : start + _BLOCK] - at_least, target)
     # Both games can end in theory; the first one stands.
-    ends = [game.ended or len(scores) + 1 for game in games]
-    outcome = Outcome.UNDECIDED if min(ends) > len(scores) else (Outcome.MET, Outcome.NOT_MET)[int(np.argmin(ends))]
-    estimate = float(scores.mean())
+    ends = [game.ended or len(means) + 1 for game in games]
+    outcome = Outcome.UNDECIDED if min(ends) > len(means) else (Outcome.MET, Outcome.NOT_MET)[int(np.argmin(ends))]
+    estimate = float(means.mean())
     further = None
     if outcome is Outcome.UNDECIDED:
-        game = games[0 if estimate >= p else 1]
-        further = _forecast(game.capital, game.capital / len(scores), target)
+        game = games[0 if estimate >= at_least else 1]
+        further = _forecast(game.capital, game.capital / len(means), target)
     return Verdict(
         outcome,
         Basis.SAMPLE,
@@ -169,43 +129,80 @@ def judge_sample(requirement: Requirement, values: ArrayLike, units: ArrayLike) 
     )
 
 
-def judge_grid(requirement: Requirement, values: ArrayLike, *, missing: int = 0) -> Verdict:
-    """Judge a listed grid by counting: nothing was drawn, so nothing is uncertain but what is missing.
+def judge_even(
+    scores: ArrayLike, units: ArrayLike, replicate: ArrayLike, *, at_least: float, confidence: float = 0.95
+) -> Verdict:
+    """Judge variants that a design drew together, evenly spread, once: at the number of units that it was made for.
+
+    The verdict is that of the interval over the design's replicates (`valerie.statistics.intervals`). Unlike a sequential
+    test it must not be repeated with more and more units until it decides.
 
     Args:
-        requirement: what to judge.
-        values: (N,) scores in 0…1; NaN where a row has none for good.
-        missing: rows of the grid that are still to come.
+        scores, units, at_least, confidence: as for `judge_sample`; the order does not matter.
+        replicate: (N,) replicate of each row's unit.
+
+    Raises:
+        InvalidInput: as for `judge_sample`.
+    """
+    _require_between(at_least=at_least, confidence=confidence)
+    rows, undefined, chosen = _defined(scores, units)
+    unit, occurring = dense(chosen)
+    of_unit = np.zeros(len(occurring), np.int64)
+    of_unit[unit] = np.asarray(replicate)[np.isfinite(np.asarray(scores, np.float64))]
+    means = np.bincount(unit, weights=rows) / np.bincount(unit) if len(rows) else rows
+    index = np.arange(len(means), dtype=np.int64)
+    interval = mean_interval(means, Units(Estimand.DESIGN_BOX, index, len(means), of_unit), level=confidence)
+    estimate = float("nan") if interval.estimate is None else interval.estimate
+    outcome, further = Outcome.UNDECIDED, None
+    if isinstance(interval, Refusal):
+        further = interval.more_units
+    elif interval.low >= at_least:
+        outcome = Outcome.MET
+    elif interval.high < at_least:
+        outcome = Outcome.NOT_MET
+    elif estimate != at_least:
+        # The interval shrinks at least with the root of the number of units.
+        half = estimate - interval.low if estimate > at_least else interval.high - estimate
+        needed = len(means) * (half / (estimate - at_least)) ** 2
+        further = max(ceil(needed) - len(means), 1) if needed < _MOST_UNITS else None
+    return Verdict(outcome, Basis.SAMPLE, estimate, len(means), None, further, 1.0, 1.0, undefined)
+
+
+def judge_grid(scores: ArrayLike, *, at_least: float) -> Verdict:
+    """Judge a listed grid by counting: nothing was drawn, so nothing is uncertain.
+
+    Args:
+        scores: (N,) in 0…1; NaN where a row has none.
+        at_least: the bound of the mean score.
+
+    Returns:
+        The verdict; undecided without any score.
 
     Raises:
         InvalidInput: a score lies outside 0…1.
     """
-    rows, undefined, _ = _defined(values, np.zeros(np.shape(values), np.int64))
-    total, size = float(requirement.scores(rows).sum()), len(rows) + missing
+    rows, undefined, _ = _defined(scores, np.zeros(np.shape(scores), np.int64))
     outcome = Outcome.UNDECIDED
-    if size and total / size >= requirement.at_least:
-        outcome = Outcome.MET
-    elif size and (total + missing) / size < requirement.at_least:
-        outcome = Outcome.NOT_MET
-    estimate = total / len(rows) if len(rows) else float("nan")
-    further = missing if outcome is Outcome.UNDECIDED else None
-    return Verdict(outcome, Basis.GRID, estimate, len(rows), None, further, 1.0, 1.0, undefined)
+    if len(rows):
+        outcome = Outcome.MET if rows.sum() >= (at_least - _ROUNDING) * len(rows) else Outcome.NOT_MET
+    estimate = float(rows.mean()) if len(rows) else float("nan")
+    return Verdict(outcome, Basis.GRID, estimate, len(rows), None, None, 1.0, 1.0, undefined)
 
 
-def units_to_decide(requirement: Requirement, truth: float) -> int | None:
+def units_to_decide(truth: float, *, at_least: float, confidence: float = 0.95) -> int | None:
     """Return about how many units decide, said before a run; None where no affordable number does.
 
     It is the number after which the bets have grown to the limit on average, for units that pass or fail as a whole;
     units with several rows need no more.
 
     Args:
-        requirement: what will be judged.
-        truth: the true mean or share to be reckoned with, in 0…1.
+        truth: the true mean to be reckoned with, in 0…1.
+        at_least, confidence: as for `judge_sample`.
     """
-    p, target = requirement.at_least, -float(np.log((1 - requirement.confidence) / 2))
-    stakes = _stakes(p, upward=truth >= p)
-    growth = truth * np.log1p(stakes * (1 - p)) + (1 - truth) * np.log1p(-stakes * p)
-    return _forecast(np.zeros(_BETS), growth, target)
+    _require_between(at_least=at_least, confidence=confidence)
+    stakes = _stakes(at_least, upward=truth >= at_least)
+    growth = truth * np.log1p(stakes * (1 - at_least)) + (1 - truth) * np.log1p(-stakes * at_least)
+    return _forecast(np.zeros(_BETS), growth, -float(np.log((1 - confidence) / 2)))
 
 
 class _Game:
@@ -266,14 +263,20 @@ def _forecast(capital: NDArray[np.float64], growth: NDArray[np.float64], target:
     return high
 
 
-def _defined(values: ArrayLike, units: ArrayLike) -> tuple[NDArray[np.float64], int, NDArray[np.int64]]:
-    """Rows with a value, how many have none, and the units of those that have."""
-    scores, codes = np.asarray(values, np.float64), np.asarray(units)
-    if scores.shape != codes.shape:
-        raise InvalidInput("needs one code per value", field="units", value=codes.shape, limit=scores.shape)
-    known = np.isfinite(scores)
-    rows = scores[known]
+def _require_between(**numbers: float) -> None:
+    for field, value in numbers.items():
+        if not 0 < value < 1:
+            raise InvalidInput("has to lie between 0 and 1", field=field, value=value)
+
+
+def _defined(scores: ArrayLike, units: ArrayLike) -> tuple[NDArray[np.float64], int, NDArray[np.int64]]:
+    """Return the scores that are known, how many are not, and the units of those that are."""
+    values, codes = np.asarray(scores, np.float64), np.asarray(units)
+    if values.shape != codes.shape:
+        raise InvalidInput("needs one code per score", field="units", value=codes.shape, limit=values.shape)
+    known = np.isfinite(values)
+    rows = values[known]
     if len(rows) and (rows.min() < 0 or rows.max() > 1):
         wrong = rows[(rows < 0) | (rows > 1)][0]
-        raise InvalidInput("has to lie between 0 and 1", field="values", value=float(wrong))
+        raise InvalidInput("has to lie between 0 and 1", field="scores", value=float(wrong))
     return rows, int(np.count_nonzero(~known)), codes[known].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Contract of asset packs: subclass `AssetContract`, give it the asset's name, and run it with pytest."""
+"""Contract of asset packs: subclass `AssetContract`, set the asset's name, and run it with pytest."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 from valerie.testing.scenes import assert_same_scene
 
-#: How many of a scene's textures are compared to the texel.
+#: Number of a scene's textures whose texels are compared.
 _COMPARED_TEXTURES = 3
 
 
 class AssetContract:
-    """Subclasses set ``name`` and ``other``; an entry point has to offer the pack, and the operator to allow it.
+    """Tests of an asset pack, for which a subclass sets ``name`` and ``other``. An entry point must offer the pack, and the
+    operator must allow it.
 
     Attributes:
-        name: of the asset.
-        arguments: of the asset under test, besides its name; few and small parts make the tests fast.
-        other: arguments that make another asset.
+        name: name of the asset.
+        arguments: further arguments of the asset under test. Few and small parts make the tests fast.
+        other: arguments of a different asset.
     """
 
     name: str
@@ -44,7 +45,7 @@ class AssetContract:
 
     @pytest.fixture
     def asset(self) -> SceneAsset:
-        """Return the asset under test; loaded once."""
+        """Return the asset under test. It is loaded once."""
         return _loaded(json.dumps({"name": self.name, **self.arguments}))
 
     def test_it_is_offered_by_its_name(self) -> None:
@@ -54,7 +55,7 @@ class AssetContract:
 
     def test_the_manifest_takes_no_mesh(self, pack: AssetPack, monkeypatch: pytest.MonkeyPatch) -> None:
         def refuse(_mesh: Mesh) -> None:
-            raise AssertionError("the manifest makes a mesh")
+            raise AssertionError("the manifest creates a mesh")
 
         monkeypatch.setattr(Mesh, "__post_init__", refuse)
         assert pack.make_manifest(pack.Settings()).parameters
@@ -66,8 +67,8 @@ class AssetContract:
         settings = pack.Settings(**self.arguments)
         manifest = pack.make_manifest(settings)
         assert manifest == pack.make_manifest(pack.Settings(**self.arguments))
-        one, other = (_shown(pack.make_scene(settings, manifest)) for _ in range(2))
-        assert_same_scene(one, other)
+        first, second = (_visible_part(pack.make_scene(settings, manifest)) for _ in range(2))
+        assert_same_scene(first, second)
 
     def test_arguments_at_their_defaults_name_the_same_asset_and_others_another(self, pack: AssetPack) -> None:
         _, digest = asset_manifest(self.name)
@@ -91,9 +92,9 @@ class AssetContract:
 
     def test_arguments_for_training_are_arguments_of_the_pack_and_follow_from_the_seed(self, pack: AssetPack) -> None:
         for seed in range(20):
-            one, again = (pack.draw_arguments(np.random.default_rng(seed)) for _ in range(2))
-            assert one == again
-            pack.Settings(**one)
+            first, second = (pack.draw_arguments(np.random.default_rng(seed)) for _ in range(2))
+            assert first == second
+            pack.Settings(**first)
 
 
 @lru_cache(maxsize=2)
@@ -101,8 +102,8 @@ def _loaded(reference: str) -> SceneAsset:
     return load_asset(json.loads(reference))
 
 
-def _shown(scene: Scene) -> Scene:
-    """Return the scene with the meshes of visible nodes alone and few textures: what is hidden is made when it is shown."""
+def _visible_part(scene: Scene) -> Scene:
+    """Return the scene with only the meshes of visible nodes and few textures. Packs may create hidden meshes on demand."""
     nodes = {path: node if node.visible else replace(node, meshes=()) for path, node in scene.nodes.items()}
     names = sorted(scene.textures)
     few = names[:: max(1, len(names) // _COMPARED_TEXTURES)]

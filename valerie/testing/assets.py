@@ -1,7 +1,7 @@
-"""A tiny asset of boxes, simple enough for tests of every stage to calculate with.
+"""A tiny asset of boxes, simple enough to compute expected values for tests of every stage.
 
-Everything is axis-aligned and of round numbers: a ground plane of 40 × 60 m at z = 0 (``road-1``), a building of
-4 × 6 × 8 m, a car of 1.8 × 4.2 × 1.4 m, two persons of 0.5 × 0.4 × 1.8 m, two cameras and the sun.
+All boxes are axis-aligned and have round numbers: a ground plane of 40 × 60 m at z = 0 (``road-1``), a building of 4 × 6 × 8 m, a
+car of 1.8 × 4.2 × 1.4 m and two persons of 0.5 × 0.4 × 1.8 m. There are two cameras and the sun.
 """
 
 from __future__ import annotations
@@ -54,16 +54,16 @@ def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float], 
 
 
 def _paving() -> NDArray[np.uint8]:
-    """Return (64, 64, 3) uint8: a grid of joints on grey, so that pictures of the ground are not constant."""
+    """Return a texture, (64, 64, 3) uint8: a grid of joints on grey, so that images of the ground are not constant."""
     image = np.full((64, 64, 3), 128, np.uint8)
     image[::8] = image[:, ::8] = (90, 88, 85)
     return image
 
 
-def _person(path: str, *, shown: bool) -> list[Node]:
+def _person(path: str, *, visible: bool) -> list[Node]:
     name = path.rpartition(".")[2]
     x, y, heading = PERSON_PLACES[path]
-    nodes = [Node(path, place(x, y, 0.0, heading), visible=shown)]
+    nodes = [Node(path, place(x, y, 0.0, heading), visible=visible)]
     for coat in _COATS:
         # A nose shows which way the box faces (+y).
         meshes = (
@@ -71,7 +71,7 @@ def _person(path: str, *, shown: bool) -> list[Node]:
             box_mesh((-0.12, -0.12, 1.5), (0.12, 0.12, 1.8), "skin"),
             box_mesh((-0.03, 0.12, 1.6), (0.03, 0.17, 1.66), "skin"),
         )
-        nodes.append(Node(f"{path}.{coat}", np.eye(4), meshes, visible=shown and coat == "red-coat"))
+        nodes.append(Node(f"{path}.{coat}", np.eye(4), meshes, visible=visible and coat == "red-coat"))
     return nodes
 
 
@@ -135,7 +135,7 @@ def simple_scene(manifest: Manifest) -> Scene:
         Node("scene.car-1.door-1", place(-0.9, 0.3), (box_mesh((-0.02, -0.5, 0.4), (0, 0.5, 1.2), "paint"),)),
     ]
     for path in PERSON_PLACES:
-        nodes += _person(path, shown=path.endswith("-1"))
+        nodes += _person(path, visible=path.endswith("-1"))
     coats = [
         replace(Material(f"{path.rpartition('.')[2]}/cloth-{coat}"), base_color=color)
         for path in PERSON_PLACES
@@ -165,8 +165,8 @@ def simple_scene(manifest: Manifest) -> Scene:
 def simple_asset() -> SceneAsset:
     """Return an asset with ground, building, car, two persons (``red-coat``, ``blue-coat`` or ``absent``), two cameras and a sun.
 
-    ``person-1`` wears ``red-coat`` at (0, 10) and faces ``camera-1``, which stands at (0, −2, 1.5) and looks along +y;
-    ``person-2`` is absent. From ``camera-1`` the car at (2, 8) hides places behind it.
+    ``person-1`` wears ``red-coat`` at (0, 10) and faces ``camera-1``, which stands at (0, −2, 1.5) and looks along +y.
+    ``person-2`` is absent. The car at (2, 8) hides places behind it from ``camera-1``.
     """
     manifest = simple_manifest()
     return SceneAsset(manifest, digest("simple-asset", 1), simple_scene(manifest))

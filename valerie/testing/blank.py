@@ -1,7 +1,7 @@
-"""Engines that cost nothing: they measure the control plane and let its tests run without GL and torch.
+"""Engines of negligible cost, for measurements of the control plane and for its tests without GL and torch.
 
-Offered only by workers that are told so (``VALERIE_RENDER_ENGINES=blank``, ``VALERIE_INFER_FUNCTIONS=blank``); a spec that names
-them is accepted only where ``VALERIE_TESTING_ENGINES`` is on, so that nobody takes their output for a result.
+Only workers with ``VALERIE_RENDER_ENGINES=blank`` or ``VALERIE_INFER_FUNCTIONS=blank`` offer them. A spec may name them only
+where ``VALERIE_TESTING_ENGINES`` is on, so that nobody mistakes their output for a result.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from valerie.scene.graph.model import Scene
 NAME: Final = "blank"
 ENGINE: Final = Engine("valerie.testing.blank:BlankRenderer")
 NUMERIC_CLASS: Final = "blank"
-#: Metres to everything.
+#: Depth of every pixel, metres.
 DEPTH: Final = 10.0
 
 
 class BlankRenderer:
-    """A gradient as background; a square whose grey level follows from where the movables are."""
+    """A gradient as background, and a square whose grey level follows from the poses of the movables."""
 
     name: ClassVar[str] = NAME
     revision: ClassVar[int] = 1
@@ -52,20 +52,20 @@ class BlankRenderer:
         return self.layer(scene, view).over(self.background(scene, view))
 
     def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:  # noqa: ARG002
-        """See `valerie.rendering.person_light.LightPass`: half of it from the sun, which shines everywhere."""
-        found = []
+        """See `valerie.rendering.person_light.LightPass`: half of the light is from the sun, which shines everywhere."""
+        received = []
         for rectangle in rectangles:
             samples = np.full((rectangle.height, rectangle.width, 4), 0.25, np.float32)
             samples[..., 2:] = 1.0, DEPTH
-            found.append(Received(rectangle, samples, 1.0, sunny=True))
-        return found
+            received.append(Received(rectangle, samples, 1.0, sunny=True))
+        return received
 
     def close(self) -> None:
         """Nothing is held."""
 
 
 class BlankTruthPass:
-    """Road everywhere, and one person where the square is."""
+    """Road everywhere, and one person in the square."""
 
     revision: ClassVar[int] = 1
     numeric_class = NUMERIC_CLASS
@@ -95,15 +95,15 @@ class BlankTruthPass:
         return statics, layer
 
     def normals(self, scene: Scene, view: View) -> Normals:  # noqa: ARG002
-        """See `valerie.rendering.truth.TruthMaker`: everything faces up."""
+        """See `valerie.rendering.truth.TruthMaker`: every normal points up."""
         return Normals.of(np.broadcast_to(np.array([0.0, 0.0, 1.0]), (view.height, view.width, 3)))
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
-        """See `valerie.rendering.truth.TruthMaker`: the square moves to the right by the metres that the person does."""
+        """See `valerie.rendering.truth.TruthMaker`: the square moves right by one pixel per metre of the person's motion."""
         return FlowMap(_sideways(truth, _first_x(then) - _first_x(now), view))
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
-        """See `valerie.rendering.truth.TruthMaker`: the same per second."""
+        """See `valerie.rendering.truth.TruthMaker`: the flow per second."""
         return FlowMap(_sideways(truth, (_first_x(after) - _first_x(now)) / seconds, view))
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class BlankTruthPass:
 
 
 class BlankFunction:
-    """Sees a person where the picture is darker than middle grey in its centre square."""
+    """A function that predicts a person wherever the picture is darker than middle grey."""
 
     revision: ClassVar[int] = 1
     numeric_class = NUMERIC_CLASS

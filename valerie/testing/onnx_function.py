@@ -13,11 +13,11 @@ from valerie.perception.documents.function import FunctionDocument, Payload
 
 
 def small_onnx(folder: Path, *, name: str = "small", **entries: Any) -> tuple[FunctionDocument, Path]:
-    """A network of one 1 × 1 convolution: dark pixels are persons, all others road.
+    """Write a network of one 1 × 1 convolution, for which dark pixels are persons and all others road.
 
     Args:
-        folder: where ``<name>.onnx`` is written.
-        name: of the function.
+        folder: folder of the file ``<name>.onnx``.
+        name: name of the function.
         entries: further entries of the document, e.g. ``engine``.
 
     Raises:

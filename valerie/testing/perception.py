@@ -1,4 +1,4 @@
-"""Contract of perception functions; subclass in a test module and override the ``function`` fixture."""
+"""Contract of perception functions: subclass `PerceptionContract`, override its fixture ``function``, and run it with pytest."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from valerie.perception.base import BatchFunction, PerceptionFunction
 
 
 class PerceptionContract:
-    """Tests of one function; collected by pytest through a subclass whose name starts with ``Test``."""
+    """Tests of a function. The name of a subclass starts with ``Test``, so that pytest collects it."""
 
     @pytest.fixture
     def function(self) -> Iterator[PerceptionFunction]:
-        """The loaded function under test; the subclass must override this and close it after the tests."""
+        """Return the loaded function under test. The subclass must override this and close the function after the tests."""
         raise NotImplementedError("override the fixture 'function' in the subclass")
 
     @pytest.fixture
     def picture(self) -> NDArray[np.uint8]:
-        """(90, 150, 3) uint8: gradients and coloured boxes, of a size that no network's stride divides."""
+        """Return a picture, (90, 150, 3) uint8, of gradients and coloured boxes. No network's stride divides its size."""
         rows, columns = np.mgrid[0:90, 0:150]
         picture = np.stack([rows * 2, columns, 255 - rows - columns // 2], axis=2).clip(0, 255).astype(np.uint8)
         picture[30:70, 40:60] = (220, 210, 30)
@@ -50,9 +50,9 @@ class PerceptionContract:
         np.testing.assert_array_equal(function.predict(picture), first)
 
     def test_the_picture_is_not_changed(self, function: PerceptionFunction, picture: NDArray[np.uint8]) -> None:
-        given = picture.copy()
-        function.predict(given)
-        np.testing.assert_array_equal(given, picture)
+        copy = picture.copy()
+        function.predict(copy)
+        np.testing.assert_array_equal(copy, picture)
 
     def test_a_read_only_picture_is_accepted(self, function: PerceptionFunction, picture: NDArray[np.uint8]) -> None:
         frozen = picture.copy()
@@ -69,20 +69,20 @@ class PerceptionContract:
         self, function: PerceptionFunction, picture: NDArray[np.uint8]
     ) -> None:
         first = function.predict(picture)
-        kept = first.copy()
+        copy = first.copy()
         function.predict(255 - picture)
-        np.testing.assert_array_equal(first, kept)
+        np.testing.assert_array_equal(first, copy)
 
-    def test_pictures_given_together_get_the_labels_that_they_get_alone(
+    def test_pictures_of_a_batch_get_the_labels_that_they_get_alone(
         self, function: PerceptionFunction, picture: NDArray[np.uint8]
     ) -> None:
         if not isinstance(function, BatchFunction):
-            return  # it takes one at a time
+            return  # it takes one picture at a time
         pictures = [picture, 255 - picture, picture[::-1], np.roll(picture, 40, axis=1), picture[:, ::-1]]
         together = function.predict_many(pictures)
         assert len(together) == len(pictures)
-        for one, labels in zip(pictures, together, strict=True):
-            np.testing.assert_array_equal(labels, function.predict(one))
+        for alone, labels in zip(pictures, together, strict=True):
+            np.testing.assert_array_equal(labels, function.predict(alone))
 
     def test_the_card_and_the_numeric_class_say_what_runs(self, function: PerceptionFunction) -> None:
         card = function.card
@@ -92,5 +92,5 @@ class PerceptionContract:
         assert int(card.digest, 16) >= 0
         assert function.revision >= 1
         assert card.engine in function.numeric_class
-        # Nobody here knows the precision of what computes elsewhere.
+        # The precision of a function on another machine is not known here.
         assert card.precision == "remote" or card.precision in function.numeric_class

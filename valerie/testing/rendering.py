@@ -1,4 +1,4 @@
-"""Contract of render engines; subclass in a test module and override the ``renderer`` fixture."""
+"""Contract of render engines: subclass `RendererContract`, override its fixture ``renderer``, and run it with pytest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
-#: Assignments of `simple_asset` in which movables stand free, hide, overlap, are cut by the border, are many, or are away.
+#: Assignments of `simple_asset`: movables that stand free, are hidden, overlap, cross the image's border, are many, or are away.
 POSES: tuple[Mapping[str, float | str], ...] = (
     {},
     {"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0, "scene.person-1.heading": 30.0},
@@ -30,50 +30,51 @@ POSES: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": -2.5, "scene.person-2.pos.y": 14.0},
     {"scene.person-1.pos.x": 14.0, "scene.person-1.pos.y": 3.0},
 )
-#: Assignments of `simple_asset` in which `from_below` sees ``person-1`` before the sky: free, behind the car, cut by the border.
+#: Assignments of `simple_asset` in which `from_below` sees ``person-1`` against the sky: free, behind the car, across the border.
 BEFORE_THE_SKY: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.pos.x": -0.6, "scene.person-1.pos.y": 6.0, "scene.person-1.heading": 33.0},
     {"scene.person-1.pos.x": 1.15, "scene.person-1.pos.y": 12.0},
     {"scene.person-1.pos.x": 3.05, "scene.person-1.pos.y": 4.0},
 )
-#: What `from_below` is looked at with.
+#: The view for `from_below`.
 BELOW = View("camera-1", 301, 170)
 _PERSON_1 = instance_id(PERSON, 1)
-#: Fewest pixels that must tell something, so that no test passes by seeing nothing.
+#: Smallest number of pixels that a test must compare.
 _FEWEST = 50
-#: Changes of log(1 + 10 v) that count: a person before the sky makes four times as much, filters beside it a hundredth.
+#: Smallest change of log(1 + 10 v) that counts. A person against the sky changes four times as much, and filters beside it a
+#: hundredth.
 _VISIBLE = 0.1
 
 
 class RendererContract:
-    """Tests of one engine; collected by pytest through a subclass whose name starts with ``Test``.
+    """Tests of an engine. The name of a subclass starts with ``Test``, so that pytest collects it.
 
     Attributes:
-        noisy: False: a layer over its background is the frame bit for bit. True, for an engine that estimates light by chance
-            (a path tracer): inside the rectangle and around it the two differ no more than two frames of different seeds
-            do; ``other_noise`` must then be overridden too. Everything else holds for both kinds.
+        noisy: False if a layer over its background must equal the frame bit for bit. True for an engine that samples light at
+            random (a path tracer): inside the rectangle and around it, the two then differ no more than frames of different
+            seeds, and a subclass must override ``other_noise`` too. All other tests are the same for both kinds.
     """
 
     noisy: ClassVar[bool] = False
 
     @pytest.fixture
     def renderer(self) -> Iterator[Renderer]:
-        """The engine under test; the subclass must override this."""
+        """Return the engine under test. The subclass must override this."""
         raise NotImplementedError("override the fixture 'renderer' in the subclass")
 
     @pytest.fixture
     def other_noise(self) -> Renderer:
-        """The engine with another seed, if it is noisy."""
+        """Return the engine with another seed, if it is noisy."""
         raise NotImplementedError("override the fixture 'other_noise' in the subclass of a noisy engine")
 
     @pytest.fixture
     def asset(self) -> SceneAsset:
-        """Boxes on a plane, two of them movable."""
+        """Return an asset of boxes on a plane, two of them movable."""
         return simple_asset()
 
     @pytest.fixture
     def view(self) -> View:
-        """A small image, of sides that no power of two divides."""
+        """Return a view of a small image whose sides are no multiples of higher powers of two."""
         return View("camera-1", 150, 86)
 
     def test_an_image_is_linear_half_floats_of_the_asked_size_and_read_only(
@@ -177,7 +178,7 @@ class RendererContract:
     def test_a_black_image_is_an_error(self, renderer: Renderer, view: View) -> None:
         camera = Camera("scene.camera-1", np.eye(4), focal_length_mm=35.0)
         dark = Scene({}, {}, {}, {"camera-1": camera}, Sun(0.0, 0.5, irradiance=0.0), Environment())
-        with pytest.raises(RenderingError, match=r"constant|no night"):
+        with pytest.raises(RenderingError, match=r"constant|cannot show the night"):
             renderer.background(dark, view)
 
     def test_a_missing_material_is_named(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
@@ -190,13 +191,13 @@ class RendererContract:
 
 
 def from_below(scene: Scene) -> Scene:
-    """The scene with ``camera-1`` near the ground and looking up a little: most of a person is seen before the sky."""
+    """Return the scene with ``camera-1`` near the ground and tilted up a little, so that most of a person is against the sky."""
     camera = replace(scene.cameras["camera-1"], transform=camera_transform((0.0, -2.0, 0.3), 0.0, 5.0, 0.0))
     return replace(scene, cameras={**scene.cameras, "camera-1": camera})
 
 
 def truths(scene: Scene, view: View) -> tuple[GroundTruth, GroundTruth]:
-    """The truth of a scene without its movables, and with them."""
+    """Return the truth of a scene without its movables, and with them."""
     from valerie.rendering.ground_truth import TruthPass
 
     truth_pass = TruthPass()
@@ -210,15 +211,15 @@ def truths(scene: Scene, view: View) -> tuple[GroundTruth, GroundTruth]:
 def assert_in_step(
     background: LinearImage, full: LinearImage, statics: GroundTruth, truth: GroundTruth, *, noisy: bool = False
 ) -> None:
-    """The pixels that ``person-1`` changes are those that the truth assigns to it, to a pixel at its silhouette.
+    """Fail unless the pixels that ``person-1`` changes are those that the truth assigns to it, up to a pixel at its silhouette.
 
-    Every one of its pixels changes but for those at its silhouette. Its shadow and its light on other things change more, but
-    not the sky: there, away from other silhouettes, nothing changes farther than a pixel from the person.
+    Each of its pixels must change, except those at its silhouette. Its shadow and the light that it reflects change further
+    pixels, but none of the sky: there, away from other silhouettes, no pixel changes farther than a pixel from the person.
 
     Args:
-        background, full: the image without and with movables, of which only ``person-1`` is shown.
-        statics, truth: the truth without and with them.
-        noisy: only what stands before the sky is judged, and two pixels around the person may change: single samples lie
+        background, full: the image without and with movables; ``person-1`` is the only visible one.
+        statics, truth: the truth without and with movables.
+        noisy: True to judge only pixels against the sky, and to allow changes two pixels around the person, since samples may lie
             as far aside as the engine's pixel filter reaches.
     """
     before, after = (np.log1p(10 * image.pixels.astype(np.float64)) for image in (background, full))
@@ -227,21 +228,21 @@ def assert_in_step(
     person = truth.instance_map == _PERSON_1
     sky = _shrunk(statics.class_map == SKY.id)
     own = _shrunk(person) & (sky if noisy else True)
-    assert (own & sky).sum() >= _FEWEST, "too little of the person is seen before the sky"
-    assert not (own & ~changed).any(), f"{(own & ~changed).sum()} pixels of the person are as without it"
+    assert (own & sky).sum() >= _FEWEST, "too little of the person is visible against the sky"
+    assert not (own & ~changed).any(), f"{(own & ~changed).sum()} pixels of the person do not change"
     others = _shrunk(~person)
     others = sky & (_shrunk(others) if noisy else others)
-    assert not (others & changed).any(), f"{(others & changed).sum()} pixels of the sky are changed beside the person"
+    assert not (others & changed).any(), f"{(others & changed).sum()} pixels of the sky change beside the person"
 
 
 def _shrunk(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(H, W) bool: pixels whose neighbours (of 8), as far as they are in the image, are all in the mask."""
+    """Return the pixels, (H, W) bool, whose eight neighbours, as far as they lie in the image, are all in the mask."""
     shrunk: NDArray[np.bool_] = ndimage.binary_erosion(mask, np.ones((3, 3), np.bool_), border_value=1)
     return shrunk
 
 
 def assert_within_noise(joined: LinearImage, full: LinearImage, reseeded: LinearImage, changed: Rectangle) -> None:
-    """No larger difference than two seeds make: inside the rectangle, in the ring around it, and in the whole image."""
+    """Fail if two images differ more than two seeds do, in the rectangle, in the ring around it, or in the whole image."""
     height, width = full.pixels.shape[:2]
     ring = 8
     around = Rectangle(changed.x - ring, changed.y - ring, changed.width + 2 * ring, changed.height + 2 * ring)
@@ -252,13 +253,13 @@ def assert_within_noise(joined: LinearImage, full: LinearImage, reseeded: Linear
 
 
 def _rms(first: LinearImage, second: LinearImage, place: Rectangle) -> float:
-    """Root mean square difference after a curve that weighs dark and bright alike: log(1 + 10 v)."""
-    seen: list[NDArray[np.float64]] = [
+    """Return the root mean square difference after log(1 + 10 v), a curve that weighs dark and bright alike."""
+    curves: list[NDArray[np.float64]] = [
         np.log1p(10 * image.pixels[place.slices].astype(np.float64)) for image in (first, second)
     ]
-    return float(np.sqrt(((seen[0] - seen[1]) ** 2).mean()))
+    return float(np.sqrt(((curves[0] - curves[1]) ** 2).mean()))
 
 
 def assert_same(first: LinearImage, second: LinearImage) -> None:
-    """Equal bit for bit."""
+    """Fail unless two images are equal bit for bit."""
     np.testing.assert_array_equal(first.pixels.view(np.uint16), second.pixels.view(np.uint16))

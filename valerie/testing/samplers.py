@@ -1,4 +1,4 @@
-"""Contract of samplers: subclass `SamplerContract`, give it the factory, and run it with pytest."""
+"""Contract of samplers: subclass `SamplerContract`, override its fixture ``factory``, and run it with pytest."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from valerie.parameters.samplers import SamplerFactory
 
 
 class SamplerContract:
-    """Override the fixture ``factory``; ``counts`` are the numbers of variants that are tried."""
+    """Tests of a sampler. ``counts`` are the numbers of variants that they try."""
 
     counts: tuple[int, ...] = (1, 7, 64)
 
     @pytest.fixture
     def factory(self) -> SamplerFactory:
-        """The sampler under test."""
+        """Return the factory of the sampler under test."""
         raise NotImplementedError("override the fixture `factory`")
 
     def test_points_lie_in_the_unit_cube(self, factory: SamplerFactory) -> None:
@@ -35,11 +35,11 @@ class SamplerContract:
     def test_seed_zero_is_a_seed_and_seeds_differ(self, factory: SamplerFactory) -> None:
         count = self.counts[-1]
 
-        def drawn(seed: int) -> np.ndarray:
+        def points(seed: int) -> np.ndarray:
             return factory(dimensions=2, count=count, seed=seed).points(0, count)
 
-        assert np.array_equal(drawn(0), drawn(0))
-        assert not np.array_equal(drawn(0), drawn(1))
+        assert np.array_equal(points(0), points(0))
+        assert not np.array_equal(points(0), points(1))
 
     def test_one_dimension_is_enough_and_points_do_not_repeat(self, factory: SamplerFactory) -> None:
         count = self.counts[-1]

@@ -1,4 +1,4 @@
-"""Comparison of scenes to the bit."""
+"""Comparison of scenes bit for bit."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from valerie.scene.graph.model import Scene
 
 
-def assert_same_scene(one: Scene, other: Scene) -> None:
-    """Fail, and name the place, unless two scenes hold the same values in the same order, bit for bit."""
-    assert list(one.nodes) == list(other.nodes), "other nodes, or another order"
-    for path, node in one.nodes.items():
+def assert_same_scene(scene: Scene, other: Scene) -> None:
+    """Fail unless two scenes have the same values in the same order, bit for bit. The message names the first difference."""
+    assert list(scene.nodes) == list(other.nodes), "other nodes, or another order"
+    for path, node in scene.nodes.items():
         twin = other.nodes[path]
         assert node.transform.tobytes() == twin.transform.tobytes(), f"{path}: another transform"
         for field in ("label_id", "instance_id", "movable", "visible"):
@@ -23,15 +23,15 @@ def assert_same_scene(one: Scene, other: Scene) -> None:
                 assert array.dtype == twin_array.dtype, f"{path}: another type of {field}"
                 assert array.shape == twin_array.shape, f"{path}: another shape of {field}"
                 assert array.tobytes() == twin_array.tobytes(), f"{path}: other {field}"
-    assert dict(one.materials) == dict(other.materials), "other materials"
-    assert list(one.textures) == list(other.textures), "other textures"
-    for name, texture in one.textures.items():
+    assert dict(scene.materials) == dict(other.materials), "other materials"
+    assert list(scene.textures) == list(other.textures), "other textures"
+    for name, texture in scene.textures.items():
         assert np.array_equal(texture.image, other.textures[name].image), f"texture {name}: other texels"
-    assert list(one.cameras) == list(other.cameras), "other cameras"
-    for name, camera in one.cameras.items():
+    assert list(scene.cameras) == list(other.cameras), "other cameras"
+    for name, camera in scene.cameras.items():
         twin_camera = other.cameras[name]
         assert camera.transform.tobytes() == twin_camera.transform.tobytes(), f"{name}: another transform"
         for field in ("path", "focal_length_mm", "sensor_width_mm", "near", "far"):
             assert getattr(camera, field) == getattr(twin_camera, field), f"{name}: another {field}"
-    assert one.sun == other.sun, "another sun"
-    assert one.environment == other.environment, "another environment"
+    assert scene.sun == other.sun, "another sun"
+    assert scene.environment == other.environment, "another environment"

@@ -2,7 +2,9 @@
 import { h, table } from "./dom.js";
 import { count, percent } from "./format.js";
 
-const interval = (one) => (one ? `${(100 * one.low).toFixed(1)} – ${(100 * one.high).toFixed(1)}` : "");
+const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.high).toFixed(1)}]` : "");
+// A refusal has a reason and no ends; then the spread over places is shown.
+const interval = (one, spread) => ends(one && !one.reason ? one : spread);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
 export function summarySection({ summary, findings }) {
@@ -10,7 +12,7 @@ export function summarySection({ summary, findings }) {
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
   const head = [
     "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
-    { text: "mean pACC", class: "right", title: "mean over all persons in frames with a defined pACC, with its 95 % interval" }, { text: "min", class: "right" }, { text: "max", class: "right" },
+    { text: "mean pACC", class: "right", title: "mean over all persons in frames with a defined pACC" }, { text: "min", class: "right" }, { text: "max", class: "right" },
     { text: "pooled", class: "right", title: "from the pixels of all frames together" },
     { text: "Precision", class: "right", title: "mean over the frames; false positives belong to no person" }, { text: "IoU", class: "right", title: "mean over the frames" },
     { text: `Detected ≥ ${summary.threshold}`, class: "right", title: "share of persons with a pACC of at least the threshold" },
@@ -23,18 +25,25 @@ export function summarySection({ summary, findings }) {
     return h("tr", { class: row.character === "all" ? "all" : null },
       h("th", { scope: "row" }, first ? row.function : h("span", { class: "ditto" }, row.function)), several ? h("td", {}, row.sensor) : null,
       h("td", {}, row.character === "all" ? "all together" : row.character),
-      h("td", { class: "right" }, h("strong", {}, percent(row.pacc_mean)), h("div", { class: "small soft" }, interval(row.pacc_mean_interval))),
+      h("td", { class: "right" }, h("strong", {}, percent(row.pacc_mean)), h("div", { class: "small soft" }, interval(row.pacc_mean_interval, row.pacc_mean_spread))),
       h("td", { class: "right" }, percent(row.pacc_min)), h("td", { class: "right" }, percent(row.pacc_max)), h("td", { class: "right" }, percent(row.pacc_pooled)),
       h("td", { class: "right" }, percent(row.precision_mean)), h("td", { class: "right" }, percent(row.iou_mean)),
-      h("td", { class: "right" }, percent(row.detection_rate), h("div", { class: "small soft" }, interval(row.detection_interval))),
+      h("td", { class: "right" }, percent(row.detection_rate), h("div", { class: "small soft" }, interval(row.detection_interval, row.detection_spread))),
       h("td", { class: "right" }, count(row.frames)),
       h("td", { class: "small soft" }, undefinedText(row.undefined) || "none"));
   });
   const occluded = summary.occlusion.find((one) => one.character === "all") ?? summary.occlusion[0];
+  const spread = summary.rows.find((row) => row.pacc_mean_spread)?.pacc_mean_spread;
+  const reasons = [...new Set(summary.rows.map((row) => row.pacc_mean_interval?.reason).filter(Boolean))];
+  const brackets = spread ? `[Middle 80 % of the means of ${count(spread.places)} places].` : "[95 % interval].";
   return h("section", { class: "card" }, h("h2", {}, "Summary"),
     table(head, rows, { caption: "Summary per function and pedestrian" }),
-    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. Small figures are 95 % intervals.",
+    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", brackets, reasons.map((reason) => ` No confidence interval: ${reason}.`),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
-    findings.items.length ? h("div", { class: "findings" }, h("h3", {}, "Findings"), h("ul", {}, findings.items.map((one) => h("li", {}, one.sentence)))) : null,
-    (findings.unpaired ?? []).map((sentence) => h("p", { class: "small soft under" }, sentence)));
+    list("Findings", findings.items), list("Candidates, not confirmed", findings.candidates),
+    findings.items.length ? null : h("p", { class: "small soft under" }, `${count(findings.comparisons)} comparisons; none is confirmed.`),
+    findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
 }
+
+const list = (title, findings) => (findings.length
+  ? h("div", { class: "findings" }, h("h3", {}, title), h("ul", {}, findings.map((one) => h("li", {}, one.sentence)))) : null);

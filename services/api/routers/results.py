@@ -6,6 +6,9 @@ import io
 import math
 from typing import Annotated, Any, Literal
 
+import orjson
+import pyarrow.csv
+import pyarrow.parquet
 from fastapi import APIRouter, Query, Response
 
 from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
@@ -13,7 +16,8 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.db import results
+from valerie.analysis.verdicts import from_json, verdict_table
+from valerie.db import long_table
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
@@ -76,18 +80,18 @@ def list_evaluations(
     column, descending = sort.removeprefix("-"), sort.startswith("-")
     column = _NAMED.get(column, column)
     filters = [_filter(text, run.resolved) for text in filter_ or ()]
-    after = decode_cursor(cursor, value, *[index] * len(results.KEY))
+    after = decode_cursor(cursor, value, *[index] * len(long_table.KEY))
     if after is not None and isinstance(after[0], str) is not (column == "undefined_reason") and after[0] is not None:
         raise InvalidInput(
             "the cursor belongs to another sort order", field="cursor", value=cursor, limit="sort unchanged"
         )
     with reading(context.engine) as connection:
-        rows = results.page(
+        rows = long_table.page(
             connection, run_id, filters=filters, sort=column, descending=descending, limit=limit + 1, after=after
         )
-        total = results.count(connection, run_id, filters=filters)
+        total = long_table.count(connection, run_id, filters=filters)
     varied = varied_types(run.resolved)
-    following = encode_cursor(*results.position(rows[limit - 1], column)) if len(rows) > limit else None
+    following = encode_cursor(*rows[limit - 1].position(column)) if len(rows) > limit else None
     items = [table_row(row, run, varied) for row in rows[:limit]]
     return EvaluationPage.model_validate({"items": items, "total": total, "next": following})
 
@@ -109,10 +113,37 @@ def points(
 
 
 @router.get(
-    "/summary", responses=problems(404, 409, 422), summary="The table of the paper's section 6.2, and the findings"
+    "/summary",
+    responses=problems(404, 409, 422),
+    summary="The verdicts, the table of the paper's section 6.2, and the findings",
 )
 def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
     return SummaryRead.model_validate_json(context.store.get(artifact_key(context, run_id, SUMMARY)))
+
+
+@router.get(
+    "/verdicts",
+    summary="The verdicts on the run's requirements, as CSV or Parquet; as JSON they are in the summary",
+    response_class=Response,
+    responses={
+        **problems(404, 409, 422),
+        200: {
+            "content": {
+                "text/csv": {"schema": {"type": "string"}, "example": "id,function,outcome\nSYS-214,one,met\n"},
+                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+            }
+        },
+    },
+)
+def verdicts(
+    run_id: RunId,
+    context: ContextDependency,
+    format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
+) -> Response:
+    stored = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    table, buffer = verdict_table(from_json(stored["verdicts"])), io.BytesIO()
+    (pyarrow.csv.write_csv if format_ == "csv" else pyarrow.parquet.write_table)(table, buffer)
+    return _file(buffer, f"{run_id}-verdicts", format_)
 
 
 @router.get(
@@ -140,30 +171,34 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
     table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    name = f'attachment; filename="{run.id}-evaluations.{format_}"'
+    return _file(buffer, f"{run.id}-evaluations", format_)
+
+
+def _file(buffer: io.BytesIO, stem: str, format_: str) -> Response:
+    name = f'attachment; filename="{stem}.{format_}"'
     return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 
-def _filter(text: str, resolved: ResolvedRun) -> results.Filter:
+def _filter(text: str, resolved: ResolvedRun) -> long_table.Filter:
     column, comparison, value_text = text.split(":", 2)
     if comparison == "null":
         if value_text not in ("true", "false"):
             raise InvalidInput("null is compared with true or false", field=f"filter.{column}", value=value_text)
-        return results.Filter(column, comparison, value_text == "true")
+        return long_table.Filter(column, comparison, value_text == "true")
     if column in _NAMED:
         return _named(column, comparison, value_text, resolved)
     if column == "undefined_reason":
-        return results.Filter(column, comparison, value_text)
+        return long_table.Filter(column, comparison, value_text)
     try:
         number = float(value_text)
     except ValueError:
         raise InvalidInput("not a number", field=f"filter.{column}", value=value_text) from None
     if not math.isfinite(number):
         raise InvalidInput("not a finite number", field=f"filter.{column}", value=value_text)
-    return results.Filter(column, comparison, number)
+    return long_table.Filter(column, comparison, number)
 
 
-def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> results.Filter:
+def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> long_table.Filter:
     """Return a comparison with a name as one with its position in the spec."""
     spec = resolved.spec
     names = {
@@ -175,4 +210,4 @@ def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> re
         raise InvalidInput("names have no order", field=f"filter.{column}", value=comparison, limit="eq or ne")
     if name not in names:
         raise UnknownName(column, name, names, field=f"filter.{column}")
-    return results.Filter(_NAMED[column], comparison, names.index(name))
+    return long_table.Filter(_NAMED[column], comparison, names.index(name))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from datetime import datetime
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
 from valerie.measures import Measure, Source, measure_of, measures_from
 from valerie.runs.moments import in_utc
@@ -31,14 +32,24 @@ class Read(BaseModel):
     model_config = ConfigDict(from_attributes=True)
 
 
+class _Measured(Read):
+    @model_validator(mode="before")
+    @classmethod
+    def _beside_fields(cls, row: object) -> object:
+        """Put the ``measures`` of a dataclass beside its fields."""
+        if not is_dataclass(row) or not hasattr(row, "measures"):
+            return row
+        return {**{field.name: getattr(row, field.name) for field in fields(row)}, **row.measures}
+
+
 def measured(*sources: Source) -> Any:
     """Return a base class with one field for each measure from ``sources``."""
-    fields: dict[str, Any] = {measure.name: _field(measure) for measure in measures_from(*sources)}
-    return create_model("Measured", __base__=Read, **fields)
+    measures: Any = {measure.name: _field(measure) for measure in measures_from(*sources)}
+    return create_model("Measured", __base__=_Measured, **measures)
 
 
 def _field(measure: Measure) -> tuple[Any, Any]:
     kind: Any = measure.type.python
-    optional: dict[str, Any] = {} if measure.required else {"default": None}
-    field = Field(description=measure.description, examples=[measure.example], **optional)
-    return (kind if measure.required else kind | None, field)
+    if measure.required:
+        return kind, Field(description=measure.description, examples=[measure.example])
+    return kind | None, Field(default=None, description=measure.description, examples=[measure.example])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import ConfigDict, Field
 
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.measures import Source
 
 
@@ -62,8 +63,55 @@ class PointColumns(Read):
     axes: list[PlotAxis] = Field(description="what this run's pACC can be plotted over")
 
 
+_INTERVAL: Final = {
+    "low": 0.83,
+    "high": 0.905,
+    "estimate": 0.871,
+    "level": 0.95,
+    "units": 30,
+    "method": "Student's t of units",
+    "estimand": "design_box",
+}
+
+
 class SummaryRead(Read):
-    """The table of the paper's section 6.2, and the findings."""
+    """The verdicts on the run's requirements, the table of the paper's section 6.2, and the findings."""
+
+    verdicts: list[RequirementVerdict] = Field(
+        description="one for each requirement and function",
+        examples=[
+            [
+                {
+                    "id": "SYS-214",
+                    "text": "Pedestrians up to 30 m ahead are found.",
+                    "statistic": "share(pacc >= 0.5) >= 95 %",
+                    "where": "distance_m <= 30",
+                    "confidence": 0.95,
+                    "function": FUNCTION,
+                    "outcome": "undecided",
+                    "reason": "the variants are too few for this estimate",
+                    "further": 320,
+                    "quantity": "share(pacc >= 0.5)",
+                    "sign": ">=",
+                    "bound": 0.95,
+                    "estimate": 0.98,
+                    "worst": None,
+                    "best": None,
+                    "basis": "the space that the variants were drawn from",
+                    "method": "sequential test by variant, 95 % confidence at any number of variants",
+                    "units": 50,
+                    "decided_after": None,
+                    "of": "persons",
+                    "rows": 100,
+                    "undefined": {"fully hidden": 2},
+                    "too_small": 0,
+                    "lost": 0,
+                    "threshold": 0.5,
+                    "missed": [{"low": 25.0, "high": 30.0, "persons": 20, "missed": 2}],
+                }
+            ]
+        ],
+    )
 
     summary: Summary = Field(
         examples=[
@@ -80,17 +128,26 @@ class SummaryRead(Read):
                         "defined": 28,
                         "undefined": {"fully hidden": 2},
                         "pacc_mean": 0.871,
-                        "pacc_mean_interval": {"low": 0.83, "high": 0.905},
+                        "pacc_mean_interval": _INTERVAL,
+                        "pacc_mean_spread": None,
                         "pacc_min": 0.312,
                         "pacc_max": 0.984,
                         "pacc_pooled": 0.889,
+                        "pacc_pooled_interval": {**_INTERVAL, "low": 0.842, "high": 0.921, "estimate": 0.889},
                         "precision_mean": 0.842,
                         "precision_pooled": 0.851,
                         "iou_mean": 0.748,
                         "iou_pooled": 0.769,
                         "detected": 26,
                         "detection_rate": 0.9286,
-                        "detection_interval": {"low": 0.774, "high": 0.98},
+                        "detection_interval": {
+                            "reason": "4 variants are too few; 2 more would do",
+                            "more_units": 2,
+                            "estimate": 0.9286,
+                            "units": 4,
+                            "estimand": "design_box",
+                        },
+                        "detection_spread": None,
                     }
                 ],
                 "occlusion": [{"character": "yellow-shirt", "persons": 30, "occluded": 4}],
@@ -100,5 +157,15 @@ class SummaryRead(Read):
         ]
     )
     findings: Findings = Field(
-        examples=[{"items": [], "examined": 6, "held": 0, "level": 0.95, "resamples": 2000, "seed": 0, "unpaired": []}]
+        examples=[
+            {
+                "items": [],
+                "candidates": [],
+                "comparisons": 6,
+                "level": 0.95,
+                "places_searched": 6,
+                "places_confirming": 6,
+                "notes": [],
+            }
+        ]
     )

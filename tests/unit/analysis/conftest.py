@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from valerie.analysis.design import Design
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import MEASURES
 
@@ -15,6 +16,8 @@ PARAMETERS = {
     "scene.person-1.pos.y": "FLOAT",
     "scene.person-1.character": "CATEGORICAL",
 }
+#: A grid of any size on one street.
+GRID = {"run-1": Design((("grid", 10_000_000),), street=0)}
 CHARACTERS = ("black-outfit", "yellow-shirt")
 CAMERAS = {"camera-1": 0.0, "camera-2": 1.5, "camera-3": 3.0}
 
@@ -97,15 +100,31 @@ def synthetic() -> Callable[..., list[dict[str, object]]]:
     return synthetic_rows
 
 
+@pytest.fixture(scope="session")
+def synthetic_table() -> Callable[..., EvaluationTable]:
+    """A function that returns the table of `synthetic_rows`."""
+
+    def build(law: Law, **more: object) -> EvaluationTable:
+        return EvaluationTable.from_rows(synthetic_rows(law, **more), PARAMETERS, GRID)  # type: ignore[arg-type]
+
+    return build
+
+
 @pytest.fixture
 def parameters() -> dict[str, str]:
     """The varied parameters of the synthetic rows."""
     return dict(PARAMETERS)
 
 
+@pytest.fixture
+def grid() -> dict[str, Design]:
+    """The design of synthetic rows: all of them listed."""
+    return dict(GRID)
+
+
 @pytest.fixture(scope="session")
 def dropping_table() -> EvaluationTable:
-    """150 situations; a-net sees 0.9 up to 30 m, 0.5 beyond; b-net sees 0.7 (black outfit) or 0.8 (yellow shirt)."""
+    """150 places; a-net sees 0.9 up to 30 m, 0.5 beyond; b-net sees 0.7 (black outfit) or 0.8 (yellow shirt)."""
 
     def law(function: str, character: str, distance: float, _occlusion: float, noise: float) -> float:
         if function == "a-net":
@@ -113,4 +132,4 @@ def dropping_table() -> EvaluationTable:
         return (0.7 if character == "black-outfit" else 0.8) + 0.03 * noise
 
     rows = synthetic_rows(law, xs=np.linspace(-2, 7, 10).tolist(), ys=np.linspace(5, 33, 15).tolist())
-    return EvaluationTable.from_rows(rows, PARAMETERS)
+    return EvaluationTable.from_rows(rows, PARAMETERS, GRID)

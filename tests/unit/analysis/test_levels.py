@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from valerie.analysis.levels import MAX_LEVELS, levels_of
+from valerie.analysis.levels import factor_of, factors_of
 from valerie.analysis.table import EvaluationTable
 
 TYPES = {"scene.lamp.on": "BOOL", "scene.a.heading": "ANGLE", "scene.a.pos.x": "FLOAT", "scene.a.colour": "CATEGORICAL"}
@@ -29,25 +29,41 @@ def of(synthetic):
 
 def test_each_of_a_few_values_is_a_level(of):
     table = of(on=[True, False, True], heading=[90.0, 0.0, 90.0], colour=["red", "blue", "red"])
-    assert [level.name for level in levels_of(table, "scene.lamp.on")] == ["false", "true"]
-    assert [(level.low, level.high, level.unit) for level in levels_of(table, "scene.a.heading")] == [
-        (0.0, 0.0, "°"),
-        (90.0, 90.0, "°"),
-    ]
-    assert [level.name for level in levels_of(table, "scene.a.colour")] == ["blue", "red"]
-    assert levels_of(table, "scene.a.heading")[1].rows.tolist() == [True, False, True]
+    on, heading, colour = (factor_of(table, path) for path in list(TYPES)[:2] + list(TYPES)[3:])
+
+    assert [level.text for level in on.levels] == ["false", "true"]
+    assert [(level.text, level.low, level.high) for level in heading.levels] == [("0°", 0, 0), ("90°", 90, 90)]
+    assert [level.text for level in colour.levels] == ["blue", "red"]
+    assert heading.codes.tolist() == colour.codes.tolist() == on.codes.tolist() == [1, 0, 1]
+    assert heading.name == "a.heading"
 
 
 def test_many_numbers_become_a_few_round_ranges_and_each_row_lies_in_one(of):
-    x = np.linspace(-2.0, 7.0, 50).tolist()
-    levels = levels_of(of(x=x), "scene.a.pos.x")
-    assert [(level.low, level.high) for level in levels] == [(-2, 0), (0, 2), (2, 4), (4, 6), (6, 8)]
-    assert len(levels) <= MAX_LEVELS
-    assert np.sum([level.rows for level in levels], axis=0).tolist() == [1] * 50
+    x = np.linspace(-2.0, 7.0, 50)
+    factor = factor_of(of(x=x.tolist()), "scene.a.pos.x")
+
+    assert [level.text for level in factor.levels] == ["-2–0", "0–2", "2–4", "4–6", "6–8"]
+    for value, code in zip(x, factor.codes, strict=True):
+        assert factor.levels[code].low <= value < factor.levels[code].high
 
 
-def test_a_row_without_a_value_is_in_no_level(of):
-    x = [*np.linspace(0.0, 1.0, 20).tolist(), None]
-    levels = levels_of(of(x=x), "scene.a.pos.x")
-    assert not any(level.rows[-1] for level in levels)
-    assert levels_of(of(x=[None, 2.5]), "scene.a.pos.x")[0].rows.tolist() == [False, True]
+def test_ranges_without_rows_are_no_levels(of):
+    x = np.concatenate([np.linspace(0.0, 1.0, 10), np.linspace(9.0, 10.0, 10)])
+
+    assert [level.text for level in factor_of(of(x=x.tolist()), "scene.a.pos.x").levels] == ["0–2", "8–10", "10–12"]
+
+
+def test_a_row_without_a_value_has_the_default(of):
+    factor = factor_of(of(x=[None, 2.5]), "scene.a.pos.x")
+
+    assert [level.text for level in factor.levels] == ["2.5", "default"]
+    assert factor.codes.tolist() == [1, 0]
+
+
+def test_what_varies_is_parameters_then_camera_sensor_and_person(dropping_table):
+    assert [factor.name for factor in factors_of(dropping_table)] == [
+        "person-1.pos.x",
+        "person-1.pos.y",
+        "person-1.character",
+        "camera",
+    ]

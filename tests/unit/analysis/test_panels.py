@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from valerie.analysis.table import EvaluationTable
 
 @pytest.fixture(scope="module")
 def trends_of():
-    return lambda table: analyze(table, resamples=200).trends
+    return lambda table: analyze(table).trends
 
 
 def test_a_panel_has_a_point_for_every_person_in_shown_units(dropping_table, trends_of):
@@ -25,12 +27,28 @@ def test_a_panel_has_a_point_for_every_person_in_shown_units(dropping_table, tre
 def test_curves_are_drawn_in_per_cent_for_each_character_and_combined(dropping_table, trends_of):
     trends = trends_of(dropping_table)
     panel = make_panel(dropping_table, trends, "distance_m", "b-net", "default", seed=0)
-    curves = {t.character: t.curve for t in trends.of("distance_m", "b-net", "default")}
+    shown = {t.character: t for t in trends.of("distance_m", "b-net", "default")}
+    curves = [line for line in panel.lines if line.low]
+    polynomials = [line for line in panel.lines if not line.low]
 
-    assert [line.character for line in panel.lines] == ["black-outfit", "yellow-shirt", "all"]
-    for line in panel.lines:
-        np.testing.assert_allclose(line.y, np.array(curves[line.character].y) * 100, atol=1e-3)
+    assert [line.character for line in curves] == ["black-outfit", "yellow-shirt", "all"]
+    for line in curves:
+        np.testing.assert_allclose(line.y, np.array(shown[line.character].curve.y) * 100, atol=1e-3)
         assert all(low <= y <= high for low, y, high in zip(line.low, line.y, line.high, strict=True))
+    for line in polynomials:
+        np.testing.assert_allclose(line.y, np.array(shown[line.character].polynomial.y) * 100, atol=1e-3)
+    assert polynomials
+
+
+def test_a_polynomial_that_its_bins_contradict_is_named_and_not_drawn(dropping_table, trends_of):
+    trends = trends_of(dropping_table)
+    contradicted = tuple(
+        replace(one, polynomial=replace(one.polynomial, contradicted=one.character == "all")) for one in trends.items
+    )
+    panel = make_panel(dropping_table, replace(trends, items=contradicted), "distance_m", "a-net", "default", seed=0)
+
+    assert panel.contradicted == ("all",)
+    assert [line.character for line in panel.lines if not line.low] == ["black-outfit", "yellow-shirt"]
 
 
 def test_characters_differ_by_colour_and_by_symbol(dropping_table, trends_of):
@@ -51,10 +69,10 @@ def test_of_too_many_points_a_sample_is_drawn_that_the_seed_determines(synthetic
     assert panels[0] == panels[1] != panels[2]
 
 
-def test_binned_means_are_drawn_with_their_interval(dropping_table, trends_of):
+def test_binned_means_are_drawn(dropping_table, trends_of):
     trends = trends_of(dropping_table)
     panel = make_panel(dropping_table, trends, "distance_m", "a-net", "default", seed=0)
     bins = next(t.bins for t in trends.of("distance_m", "a-net", "default") if t.character == "all")
 
-    assert [mark.x for mark in panel.marks] == [b.x for b in bins if b.mean_interval]
-    assert all(mark.low <= mark.y <= mark.high for mark in panel.marks)
+    assert [(mark.x, mark.y) for mark in panel.marks] == [(b.x, 100 * b.mean) for b in bins]
+    assert f"n = {bins[0].n}" in panel.marks[0].label

@@ -13,17 +13,18 @@ from valerie.analysis.plots import plotly_figure, static_figure
 
 @pytest.fixture
 def panel(dropping_table):
-    trends = analyze(dropping_table, resamples=200).trends
-    return make_panel(dropping_table, trends, "distance_m", "a-net", "default", seed=0)
+    trends = analyze(dropping_table).trends
+    return make_panel(dropping_table, trends, "distance_m", "b-net", "default", seed=0)
 
 
 def test_the_interactive_figure_draws_the_panels_points_curves_and_bins(panel):
     data = plotly_figure(panel)["data"]
-    named = {trace["name"]: trace for trace in data if trace["mode"] == "lines" and "name" in trace}
+    curves = [trace for trace in data if trace["mode"] == "lines" and "name" in trace]
 
     assert [trace["x"] for trace in data if trace["mode"] == "markers"][:2] == [list(p.x) for p in panel.points]
-    assert named["all"]["y"] == list(panel.lines[-1].y)
-    assert named["all"]["line"]["color"] == COMBINED_COLOR
+    assert [trace["y"] for trace in curves] == [list(line.y) for line in panel.lines]
+    assert [trace["line"]["dash"] == "solid" for trace in curves] == [bool(line.low) for line in panel.lines]
+    assert curves[-1]["line"]["color"] == COMBINED_COLOR
     assert data[-1]["y"] == [mark.y for mark in panel.marks]
     json.dumps(data, allow_nan=False)
 

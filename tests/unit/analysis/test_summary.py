@@ -4,11 +4,13 @@ import re
 import numpy as np
 import pytest
 
-from valerie.analysis.intervals import Resampler, wilson
+from valerie.analysis.design import Design
 from valerie.analysis.summary import Summary, summarize
 from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import Refusal, mean_interval
+from valerie.statistics.units import Estimand, sampling_units
 
 BASE = {
     "run_id": "r", "variant_index": 0, "camera": "camera-1", "character": "black-outfit", "sensor": "default",
@@ -72,7 +74,6 @@ def test_the_detection_rate_is_the_share_of_defined_persons_that_reach_the_thres
 
     assert (group.detected, group.defined) == (2, 3)
     assert group.detection_rate == pytest.approx(2 / 3)
-    assert group.detection_interval == wilson(2, 3)
     assert only(summarize(table, threshold=0.95)).detected == 0
 
 
@@ -135,11 +136,65 @@ def test_sensors_and_functions_are_never_mixed():
     assert group == {("net", "dark"): 0.2, ("net", "default"): 0.9, ("other", "default"): 0.7}
 
 
-def test_the_mean_has_an_interval_where_situations_suffice(dropping_table):
-    resampler = Resampler(dropping_table.situations, seed=0)
-    for group in summarize(dropping_table, resampler=resampler).rows:
-        assert group.pacc_mean_interval is not None
-        assert group.pacc_mean_interval.low < group.pacc_mean < group.pacc_mean_interval.high
+def test_a_listed_grid_has_a_spread_over_places_and_no_interval(dropping_table):
+    places = {}
+    for row in dropping_table.arrow.to_pylist():
+        if row["function"] == "a-net" and row["pacc"] is not None:
+            place = row["scene.person-1.pos.x"], row["scene.person-1.pos.y"]
+            places.setdefault(place, []).append(row["pacc"])
+    means = [np.mean(values) for values in places.values()]
+    group = next(row for row in summarize(dropping_table).rows if (row.function, row.character) == ("a-net", "all"))
+
+    for refusal in (group.pacc_mean_interval, group.pacc_pooled_interval, group.detection_interval):
+        assert isinstance(refusal, Refusal)
+        assert refusal.estimand is Estimand.LISTED_GRID
+    assert group.pacc_mean_spread is not None
+    assert group.pacc_mean_spread.places == 150
+    assert [group.pacc_mean_spread.low, group.pacc_mean_spread.high] == pytest.approx(np.quantile(means, [0.1, 0.9]))
+    text = summary_text(summarize(dropping_table))
+    assert "how much places differ" in text
+    assert "No confidence interval: the variants are listed" in text
+
+
+def drawn(rows, parameters, design="random"):
+    return EvaluationTable.from_rows(rows, parameters, {"run-1": Design(((design, 300),))})
+
+
+def test_a_drawn_design_has_the_interval_of_whole_variants(dropping_table):
+    table = drawn(dropping_table.arrow.to_pylist(), dropping_table.parameters)
+    chosen = table.codes("function").where("a-net") & np.isfinite(table.numbers("pacc"))
+    pixels = (table.numbers("tp") + table.numbers("fn"))[chosen]
+    values, units = (
+        table.numbers("pacc")[chosen],
+        sampling_units("random", table.numbers("variant_index")[chosen].astype(int)),
+    )
+    group = next(
+        row for row in summarize(table, threshold=0.7).rows if (row.function, row.character) == ("a-net", "all")
+    )
+
+    assert group.pacc_mean_interval == mean_interval(values, units)
+    assert group.pacc_pooled_interval == mean_interval(values, units, weights=pixels)
+    assert group.detection_interval == mean_interval(values >= 0.7, units)
+    assert group.pacc_mean_interval.units == 300
+    assert group.pacc_mean_spread is group.detection_spread is None
+    assert "[95 % interval] for the space that the design draws from, from 300 variants." in summary_text(
+        summarize(table)
+    )
+
+
+def test_replicates_of_a_sobol_design_narrow_its_interval(dropping_table):
+    rows, parameters = dropping_table.arrow.to_pylist(), dropping_table.parameters
+    group = next(row for row in summarize(drawn(rows, parameters, "sobol")).rows if row.character == "all")
+
+    assert "8 replicates" in group.pacc_mean_interval.method
+
+
+def test_too_few_units_are_refused_with_the_number_that_would_do(synthetic, parameters):
+    rows = synthetic(lambda *_: 0.5, xs=[0.0], ys=[5.0, 9.0], functions=("net",))
+    summary = summarize(drawn(rows, parameters))
+
+    assert summary.rows[-1].pacc_mean_interval.more_units == 2
+    assert "No confidence interval: 4 variants are too few; 2 more would do." in summary_text(summary)
 
 
 @pytest.mark.parametrize("threshold", [0.0, 1.1, -1, float("nan")])
@@ -150,8 +205,10 @@ def test_a_threshold_out_of_bounds_is_refused(threshold):
 
 
 def test_a_summary_survives_json(dropping_table):
-    summary = summarize(dropping_table, resampler=Resampler(dropping_table.situations, seed=0))
+    summary = summarize(dropping_table)
 
+    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+    summary = summarize(drawn(dropping_table.arrow.to_pylist(), dropping_table.parameters))
     assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
 
 

@@ -4,9 +4,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from valerie.analysis.design import Design
 from valerie.analysis.table import EvaluationTable, combine
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
 from valerie.measures import MEASURES
+from valerie.statistics.replicates import replicates
+from valerie.statistics.units import Estimand
 
 FLAT = {"xs": [0.0, 1.5], "ys": [5.0, 20.0]}
 
@@ -135,7 +138,7 @@ def test_a_table_may_be_empty(parameters):
 
     assert len(table) == 0
     assert table.codes("function").names == ()
-    assert len(table.situations) == len(table.evaluations) == 0
+    assert len(table.places) == len(table.units.index) == len(table.evaluations) == 0
 
 
 def test_another_file_is_refused():
@@ -175,20 +178,99 @@ def test_a_column_of_names_has_no_numbers(rows, parameters):
         table.numbers("distance")
 
 
-def test_a_situation_is_every_varied_value_but_the_character(rows, parameters):
-    table = EvaluationTable.from_rows(rows, parameters)
-    places = [(row["scene.person-1.pos.x"], row["scene.person-1.pos.y"]) for row in rows]
-    pairs = set(zip(places, table.situations.tolist(), strict=True))
-
-    assert len(pairs) == len(set(places)) == len({s for _, s in pairs}) == 4
+def of_designs(rows, parameters, **designs):
+    """A table of the rows once for each run, with the design of that run."""
+    repeated = [{**row, "run_id": run} for run in designs for row in rows]
+    return EvaluationTable.from_rows(repeated, parameters, designs)
 
 
-def test_without_varied_places_each_variant_is_a_situation(rows):
+def test_listed_variants_share_a_place_where_the_person_stands_alike(rows, parameters):
+    table = of_designs(rows, parameters, r=Design((("grid", 8),), street=3))
+    positions = [(row["scene.person-1.pos.x"], row["scene.person-1.pos.y"]) for row in rows]
+    pairs = set(zip(positions, table.places.tolist(), strict=True))
+
+    assert len(pairs) == len(set(positions)) == len({place for _, place in pairs}) == 4
+    assert (table.units.estimand, table.units.count) == (Estimand.LISTED_GRID, 8)
+
+
+def test_suns_and_headings_are_no_further_places(rows, parameters):
+    suns = [{**row, "scene.sun-1.azimuth": float(sun), "variant_index": 8 * sun + row["variant_index"]}
+            for sun in range(2) for row in rows]  # fmt: skip
+    table = of_designs(suns, {**parameters, "scene.sun-1.azimuth": "ANGLE"}, r=Design((("grid", 16),)))
+
+    assert table.places.max() + 1 == 4
+
+
+def test_where_no_person_moves_other_positions_make_the_place(rows):
     for row in rows:
-        del row["scene.person-1.pos.x"], row["scene.person-1.pos.y"]
-    table = EvaluationTable.from_rows(rows, {"scene.person-1.character": "CATEGORICAL"})
+        row["scene.car-1.pos.y"] = row.pop("scene.person-1.pos.y")
+        del row["scene.person-1.pos.x"]
+    types = {"scene.person-1.character": "CATEGORICAL", "scene.car-1.pos.y": "FLOAT"}
 
-    assert len(set(table.situations.tolist())) == len({row["variant_index"] for row in rows})
+    assert of_designs(rows, types, r=Design((("grid", 8),))).places.max() + 1 == 2
+
+
+@pytest.mark.parametrize("design", ["random", "sobol", "halton", "latin_hypercube"])
+def test_a_drawn_variant_is_a_place_and_a_unit(rows, parameters, design):
+    table = of_designs(rows, parameters, r=Design(((design, 8),)))
+    variants = {row["variant_index"] for row in rows}
+
+    assert table.places.max() + 1 == table.units.count == len(variants) == 8
+    assert table.units.estimand is Estimand.DESIGN_BOX
+
+
+def test_designs_that_are_drawn_together_know_their_replicates(synthetic, parameters):
+    rows = synthetic(lambda *_: 0.5, xs=[0.0], ys=np.arange(5.0, 105.0).tolist(), characters=("one",))
+    table = of_designs(rows, parameters, r=Design((("sobol", 60), ("latin_hypercube", 40))))
+    expected = np.concatenate([replicates(60), 8 + replicates(40)])
+
+    np.testing.assert_array_equal(table.units.replicate, expected)
+    assert table.units.replicate.max() + 1 == 16
+
+
+def test_a_list_repeated_on_several_streets_is_a_sample_of_streets(rows, parameters):
+    grid = (("grid", 8),)
+    table = of_designs(rows, parameters, a=Design(grid, street=1), b=Design(grid, street=2), c=Design(grid, street=2))
+
+    assert (table.units.estimand, table.units.count) == (Estimand.STREETS, 2)
+    np.testing.assert_array_equal(table.places, np.repeat([0, 1, 1], len(rows)))
+
+
+def test_a_list_beside_a_drawn_design_is_no_sample(rows, parameters):
+    table = of_designs(rows, parameters, r=Design((("random", 4), ("grid", 4))))
+
+    assert table.units.estimand is Estimand.LISTED_GRID
+    assert table.places.max() + 1 == 4 + 2  # four drawn variants, two positions of the grid
+
+
+def test_of_an_unknown_design_each_variant_is_a_place_and_nothing_is_a_sample(rows, parameters):
+    table = EvaluationTable.from_rows(rows, parameters)
+
+    assert table.places.max() + 1 == 8
+    assert table.units.estimand is Estimand.LISTED_GRID
+
+
+def test_tables_of_runs_on_several_streets_join_to_a_sample_of_streets(rows, parameters):
+    def of_street(street):
+        renamed = [{**row, "run_id": f"r{street}"} for row in rows]
+        return EvaluationTable.from_rows(renamed, parameters, {f"r{street}": Design((("grid", 8),), street=street)})
+
+    joined = EvaluationTable.joined([of_street(street) for street in range(6)])
+
+    assert len(joined) == 6 * len(rows)
+    assert (joined.units.estimand, joined.units.count) == (Estimand.STREETS, 6)
+    assert joined.codes("run_id").names == tuple(f"r{street}" for street in range(6))
+    with pytest.raises(InvalidInput, match="unlike parameters"):
+        EvaluationTable.joined([of_street(0), EvaluationTable.from_rows([], {})])
+
+
+def test_the_designs_survive_parquet(rows, parameters):
+    table = of_designs(rows, parameters, a=Design((("random", 4), ("grid", 4)), street=1), b=Design((("sobol", 8),)))
+    sink = io.BytesIO()
+    table.to_parquet(sink)
+    sink.seek(0)
+
+    assert EvaluationTable.from_parquet(sink).designs == table.designs
 
 
 def test_combine_tells_tuples_apart_as_python_does():

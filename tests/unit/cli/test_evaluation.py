@@ -25,7 +25,7 @@ def function(name: str, numeric_class: str, *judged_by: str) -> FunctionResult:
     matrix[ROAD, VOID if judged_by else ROAD] = 100
     card = FunctionCard(name, "0" * 64, "test", "fp32", "numpy", {}, judged_by)
     scores = collection_scores([matrix], card.judged_ids)
-    return FunctionResult(name, card, numeric_class, ("frame",), (matrix,), scores, (), 1.0)
+    return FunctionResult(name, card, numeric_class, ("frame",), (matrix,), scores, (), (), 1.0)
 
 
 def printed(*functions: FunctionResult) -> str:

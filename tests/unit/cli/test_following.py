@@ -144,7 +144,7 @@ def test_the_last_json_line_holds_state_exit_code_summary_and_report(
             return httpx.Response(200, json={"summary": {"rows": []}, "findings": {}})
         return httpx.Response(200, content=b"<html>")
 
-    progress = _progress("completed-with-failures", "1 products failed for good")
+    progress = _progress("completed-with-failures", "1 product failed for good")
     show_result(_system(answer).client, "r1", progress, tmp_path / "report.html", json_lines=True)
     event = json.loads(capsys.readouterr().out)
     assert event["event"] == "finished"

@@ -18,7 +18,7 @@ from tests.world.boxes import spec, write_box_street
 from tests.world.serving import served
 from valerie.cli.main import app
 from valerie.client import ServerProblemError
-from valerie.db import results
+from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.errors import RenderingError
 from valerie.pipeline.control import lifecycle
@@ -67,12 +67,12 @@ def test_every_annotation_of_the_run_comes_along_and_reads_back_as_it_is_stored(
     pipeline.run(run)
     out = tmp_path / "out"
     assert "3 frames written, 0 already there" in export(run, str(out))
-    frames = [f"{run}.0.0.{time}" for time in range(3)]
-    assert names(out) == sorted(f"{frame}{end}" for frame in frames for end in (".png", *(f"_{k}.npz" for k in KINDS)))
+    ids = [f"{run}.0.0.{time}" for time in range(3)]
+    assert names(out) == sorted(f"{frame}{end}" for frame in ids for end in (".png", *(f"_{k}.npz" for k in KINDS)))
     reader = ProductReader(pipeline.context.store)
     with reading(pipeline.context.engine) as connection:
-        links = results.frame_annotations(connection, FrameKey(run, 0, 0, 1))
-    arrays = {kind: np.load(io.BytesIO((out / f"{frames[1]}_{kind}.npz").read_bytes())) for kind in KINDS}
+        links = frames.annotation_links(connection, FrameKey(run, 0, 0, 1))
+    arrays = {kind: np.load(io.BytesIO((out / f"{ids[1]}_{kind}.npz").read_bytes())) for kind in KINDS}
     assert (arrays["normals"]["octahedral"] == reader.normals(links["normals"].product).octahedral).all()
     assert (arrays["boxes"]["corners"] == reader.boxes(links["boxes"].product).corners).all()
     assert arrays["joints"]["instances"].tolist() == [24001]
@@ -82,7 +82,7 @@ def test_every_annotation_of_the_run_comes_along_and_reads_back_as_it_is_stored(
     assert arrays["velocity"]["vectors"].shape == (36, 64, 2)
     assert (arrays["light"]["instances"].tolist(), arrays["light"]["irradiance"].tolist()) == ([24001], [0.5])
     assert set(arrays["light"]) == {"instances", "irradiance", "shadow_share", "contrast"}
-    assert np.asarray(Image.open(out / f"{frames[0]}.png")).shape == (36, 64, 3)
+    assert np.asarray(Image.open(out / f"{ids[0]}.png")).shape == (36, 64, 3)
 
 
 def test_only_what_is_named_is_fetched_and_what_is_there_is_not_fetched_again(

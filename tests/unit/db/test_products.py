@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Engine, event, select, update
 from tests.unit.db.rows import digest, product, write_run
 from valerie.db import products, runs, sweeping, totals
 from valerie.db.engine import reading, writing
+from valerie.db.measured import SeenPerson
 from valerie.db.models import PersonView, Product
 from valerie.db.products import Finished, Part, Wanted
 from valerie.db.statements import insert_ignoring
@@ -55,10 +56,10 @@ def done(name: str) -> Finished:
 
 def seen(name: str) -> Finished:
     """A truth with one person, stored over the statics ``s``."""
-    view = {"truth": digest(name), "instance_id": 24001, "pixel_area": 5, "pixel_area_percent": 0.1}
+    measures = {"pixel_area": 5, "pixel_area_percent": 0.1, "pixel_area_amodal": 5}
     return replace(
         done(name),
-        person_views=({**view, "pixel_area_amodal": 5},),
+        person_views=(SeenPerson(24001, measures, None, None),),
         part=Part(digest("s"), bytes=1, pixels=1),
     )
 

@@ -14,6 +14,7 @@ from valerie.parameters.distributions import Choice, Constant, Distribution, Gau
 from valerie.parameters.samplers import SAMPLERS
 from valerie.parameters.samplers.base import UnitPoints
 from valerie.parameters.space import ParameterSpace
+from valerie.statistics.replicates import replicates
 
 X, Y, HEADING = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.heading"
 CHARACTER = "scene.person-1.character"
@@ -116,10 +117,13 @@ def test_sampled_variants_follow_from_the_index_and_stay_in_range(
     assert space()[index] == listed[index]
 
 
-def test_a_latin_hypercube_in_the_space_has_one_value_per_stratum() -> None:
-    space = ParameterSpace(DEFINITIONS, [block("latin_hypercube", 50, x=Uniform(), y=Uniform(minimum=0, maximum=50))])
-    assert sorted(int(float(a.values[X]) // 2) for a in space) == list(range(50))
-    assert sorted(int(float(a.values[Y])) for a in space) == list(range(50))
+def test_each_replicate_of_a_latin_hypercube_has_one_value_per_stratum() -> None:
+    sampled = block("latin_hypercube", 80, x=Uniform(), y=Uniform(minimum=0, maximum=50))
+    space = ParameterSpace(DEFINITIONS, [block(x=steps(0, 2, 1)), sampled])
+    for number in range(8):
+        drawn = [space[3 + i] for i in np.flatnonzero(replicates(80) == number).tolist()]
+        assert sorted(int(float(a.values[X]) // 10) for a in drawn) == list(range(10))
+        assert sorted(int(float(a.values[Y]) // 5) for a in drawn) == list(range(10))
 
 
 @pytest.mark.parametrize("design", ["sobol", "latin_hypercube", "halton"])
@@ -134,8 +138,8 @@ def test_listed_values_are_drawn_with_equal_weight(design: str) -> None:
 
 
 def test_a_smaller_sobol_design_is_the_beginning_of_a_larger_one() -> None:
-    small, large = (ParameterSpace(DEFINITIONS, [block("sobol", n, x=Uniform())], seed=5) for n in (32, 128))
-    assert [a.values for a in small] == [large[i].values for i in range(32)]
+    small, large = (ParameterSpace(DEFINITIONS, [block("sobol", n, x=Uniform())], seed=5) for n in (48, 128))
+    assert [a.values for a in small] == [large[i].values for i in range(48)]
 
 
 def test_a_constant_among_the_varied_leaves_the_draws_as_they_are() -> None:
@@ -153,13 +157,17 @@ def test_blocks_of_one_design_draw_different_points_and_so_do_other_seeds() -> N
 
 
 def test_the_draws_of_a_seed_do_not_change_between_releases() -> None:
-    space = ParameterSpace(DEFINITIONS, [block(design, 4, x=Uniform()) for design in sorted(SAMPLERS)], seed=0)
-    drawn = [round(float(a.values[X]), 6) for a in space]
-    assert dict(zip(sorted(SAMPLERS), (drawn[i : i + 4] for i in range(0, 16, 4)), strict=True)) == {
-        "halton": [67.311681, 17.311681, 92.311681, 42.311681],
-        "latin_hypercube": [47.56781, 51.108648, 16.803675, 76.80066],
-        "random": [84.061949, 20.928628, 68.421103, 3.023829],
-        "sobol": [58.548368, 34.844418, 20.480534, 97.167958],
+    space = ParameterSpace(DEFINITIONS, [block(design, 40, x=Uniform()) for design in sorted(SAMPLERS)], seed=0)
+    # Two points of each of the first two replicates.
+    drawn = {
+        design: [round(float(space[40 * number + i].values[X]), 6) for i in (0, 8, 1, 9)]
+        for number, design in enumerate(sorted(SAMPLERS))
+    }
+    assert drawn == {
+        "halton": [66.169603, 16.169603, 28.213919, 78.213919],
+        "latin_hypercube": [94.043664, 78.097916, 82.611188, 4.769309],
+        "random": [84.061949, 7.593738, 20.928628, 29.688168],
+        "sobol": [74.587716, 18.397766, 99.172715, 44.194866],
     }
 
 

@@ -13,7 +13,7 @@ import pytest
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie.datasets import coco
-from valerie.db import results
+from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.db.products import Job
 from valerie.errors import Conflict, RenderingError, UnknownName
@@ -76,7 +76,7 @@ def test_they_are_read_back_and_shown(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        links = results.frame_annotations(connection, FrameKey(run, 0, 0))
+        links = frames.annotation_links(connection, FrameKey(run, 0, 0))
     reader = ProductReader(pipeline.context.store)
     assert reader.normals(links["normals"].product).octahedral.shape == (36, 64, 2)
     boxes = reader.boxes(links["boxes"].product)
@@ -92,7 +92,7 @@ def test_joints_are_made_also_where_nobody_has_a_skeleton(pipeline: Pipeline) ->
     run = pipeline.submit(spec(xs=2, ys=2, annotations=["joints"]))
     assert pipeline.run(run) == "completed"
     with reading(pipeline.context.engine) as connection:
-        link = results.frame_annotations(connection, FrameKey(run, 0, 0))["joints"]
+        link = frames.annotation_links(connection, FrameKey(run, 0, 0))["joints"]
     assert ProductReader(pipeline.context.store).joints(link.product).known.tolist() == [0]
     drawn = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="joints"))
     picture = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="picture"))

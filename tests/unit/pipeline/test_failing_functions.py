@@ -83,7 +83,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         assert lost.error.message.endswith(": no answer within 2 s")
 
         row = pipeline.row(run_id)
-        assert row.reason.startswith("1 products failed for good")
+        assert row.reason.startswith("1 product failed for good;")
         assert row.progress.stages[Stage.INFER].failed == 1
         assert row.progress.stages[Stage.INFER].done == 7
         summary = orjson.loads(pipeline.context.store.get(run_key(run_id, "summary.json")))

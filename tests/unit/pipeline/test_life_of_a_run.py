@@ -8,7 +8,7 @@ from sqlalchemy import select
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
-from valerie.db import results, runs, sweeping
+from valerie.db import frames, results, runs, sweeping
 from valerie.db.engine import reading, writing
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
@@ -79,7 +79,7 @@ class TestAnUndisturbedRun:
         run = pipeline.submit(spec(xs=2, ys=1))
         pipeline.run(run)
         with reading(pipeline.context.engine) as connection:
-            truth = results.frame(connection, FrameKey(run, 0, 0, 0)).products.truth
+            truth = frames.get(connection, FrameKey(run, 0, 0, 0)).products.truth
         whole = ProductReader(pipeline.context.store).truth(truth)
         pipeline.context.store.put(product_key("truth", truth), codecs.encode_truth(whole), replace=True)
         read = ProductReader(pipeline.context.store).truth(truth)

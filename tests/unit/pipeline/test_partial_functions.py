@@ -63,11 +63,12 @@ def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
 def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipeline, str]) -> None:
     pipeline, run = finished
     with reading(pipeline.context.engine) as connection:
-        perfect, narrowed, blank = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+        evaluations = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+    perfect, narrowed, blank = (one.score.figures for one in evaluations)
     figures = ("pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc")
-    assert {name: getattr(perfect, name) for name in figures} == dict.fromkeys(figures, 1.0)
-    assert {name: getattr(narrowed, name) for name in figures} == dict.fromkeys(figures, 1.0)
-    assert blank.pixel_accuracy < 1.0, "it is judged by all classes"
+    assert {name: perfect[name] for name in figures} == dict.fromkeys(figures, 1.0)
+    assert {name: narrowed[name] for name in figures} == dict.fromkeys(figures, 1.0)
+    assert blank["pixel_accuracy"] < 1.0, "it is judged by all classes"
 
     summary = orjson.loads(pipeline.context.store.get(run_key(run, "summary.json")))
     text = summary_text(Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"]))

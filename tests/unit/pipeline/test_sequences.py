@@ -8,7 +8,7 @@ import pytest
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
-from valerie.db import results
+from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs
 from valerie.pipeline.base.resolved_runs import read_run
@@ -68,9 +68,9 @@ def test_frames_are_chosen_by_time_and_by_where_things_are_then(pipeline: Pipeli
         assert chosen("time_s > 0.7") == [2, 3, 4]
         assert chosen("person-1.pos.x < 0.5") == [0, 1]
         assert chosen("pacc >= 0 and time_s <= 0.5") == [0, 1]
-        frames = choose_frames(connection, run)
-    assert [frame.moment["scene.person-1.pos.x"] for frame in frames] == pytest.approx([-1, 0, 1, 1, 1])
-    assert {frame.moment["scene.person-1.heading"] for frame in frames} == {270.0}
+        chosen = choose_frames(connection, run)
+    assert [frame.moment["scene.person-1.pos.x"] for frame in chosen] == pytest.approx([-1, 0, 1, 1, 1])
+    assert {frame.moment["scene.person-1.heading"] for frame in chosen} == {270.0}
 
 
 def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipeline) -> None:
@@ -80,8 +80,8 @@ def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipelin
     run_id = pipeline.submit(document)
     assert pipeline.run(run_id) == "completed"
     with reading(pipeline.context.engine) as connection:
-        frames = [frame.key for frame, _ in results.frames_page(connection, run_id, limit=100)]
-    assert frames == [FrameKey(run_id, 0, 0, time) for time in range(5)]
+        keys = [frame.key for frame, _ in frames.page(connection, run_id, limit=100)]
+    assert keys == [FrameKey(run_id, 0, 0, time) for time in range(5)]
 
 
 def test_flow_leads_to_the_next_frame_and_velocity_is_per_second(pipeline: Pipeline) -> None:
@@ -93,7 +93,7 @@ def test_flow_leads_to_the_next_frame_and_velocity_is_per_second(pipeline: Pipel
     steps, speeds = [], []
     with reading(pipeline.context.engine) as connection:
         for index in range(5):
-            links = results.frame_annotations(connection, FrameKey(run_id, 0, 0, index))
+            links = frames.annotation_links(connection, FrameKey(run_id, 0, 0, index))
             steps.append(float(reader.flow(links["flow"].product).vectors[18, 32, 0]))
             speeds.append(float(reader.velocity(links["velocity"].product).vectors[18, 32, 0]))
     # The blank engine's square moves a pixel for each metre: 2 m in 1 s.

@@ -8,13 +8,13 @@ from valerie.rendering.raster.renderer import RasterRenderer
 
 @pytest.fixture(scope="session")
 def truth_pass() -> Iterator[TruthPass]:
-    found = TruthPass()
-    yield found
-    found.close()
+    truth_pass = TruthPass()
+    yield truth_pass
+    truth_pass.close()
 
 
 @pytest.fixture(scope="session")
 def raster() -> Iterator[RasterRenderer]:
-    found = RasterRenderer()
-    yield found
-    found.close()
+    engine = RasterRenderer()
+    yield engine
+    engine.close()

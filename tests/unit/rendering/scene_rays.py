@@ -1,4 +1,4 @@
-"""The independent oracle: rays through pixel centres, traced by embree over plain triangles."""
+"""The independent oracle: rays through pixel centres, which Embree traces through plain triangles."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Triangles:
 
 
 def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles:
-    """All visible triangles in the world."""
+    """Return all visible triangles in the world."""
     corners, labels, instances = [], [], []
     for node in scene.nodes.values():
-        path, shown = node.path, True
+        path, visible = node.path, True
         while path in scene.nodes:
-            shown &= scene.nodes[path].visible
+            visible &= scene.nodes[path].visible
             path = path.rpartition(".")[0]
-        if not shown or (only_instance is not None and node.instance_id != only_instance):
+        if not visible or (only_instance is not None and node.instance_id != only_instance):
             continue
         world = scene.world_transform(node.path)
         for mesh in node.meshes:
@@ -44,7 +44,7 @@ def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles
 
 
 def pixel_rays(camera: Camera, view: View) -> NDArray[np.float64]:
-    """(H, W, 3) directions of depth 1 along the optical axis, through pixel centres; written without the engine's code."""
+    """Return rays through pixel centres, (H, W, 3), of depth 1 along the optical axis, without the engine's code."""
     focal = camera.focal_length_mm / camera.sensor_width_mm * view.width
     rows, columns = np.mgrid[0 : view.height, 0 : view.width]
     x, y = (columns + 0.5 - view.width / 2) / focal, -(rows + 0.5 - view.height / 2) / focal
@@ -71,13 +71,13 @@ def trace(
 
 
 def blocked(triangles: Triangles, points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (N,) bool, True if a surface lies in a direction from the point."""
+    """Return (N,) bool, True if a ray from the point in a direction hits a surface."""
     hits: NDArray[np.bool_] = triangles.intersector.intersects_any(points, np.broadcast_to(direction, points.shape))
     return hits
 
 
 def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Pixels of which a neighbour (of 8) has another label."""
+    """Return the pixels of which one of the eight neighbours has another label."""
     edges: NDArray[np.bool_] = maximum_filter(labels, 3) != minimum_filter(labels, 3)
     return edges
 
@@ -85,15 +85,15 @@ def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
 def assert_agrees(
     truth: GroundTruth, classes: NDArray[np.uint8], instances: NDArray[np.uint16], depth: NDArray[np.float64]
 ) -> None:
-    """Compare rendered truth with traced rays: labels may differ rarely and only at edges, depths by rounding."""
-    for drawn, traced in ((truth.class_map, classes), (truth.instance_map, instances)):
-        wrong = drawn != traced
-        assert not (wrong & ~near_edges(drawn) & ~near_edges(traced)).any()
+    """Fail unless rendered truth agrees with traced rays: labels may differ rarely and only at edges, depths by rounding."""
+    for rendered, traced in ((truth.class_map, classes), (truth.instance_map, instances)):
+        wrong = rendered != traced
+        assert not (wrong & ~near_edges(rendered) & ~near_edges(traced)).any()
         assert wrong.mean() < 0.005
     same = (truth.class_map == classes) & (truth.instance_map == instances)
     hit = np.isfinite(truth.depth)
     np.testing.assert_array_equal(hit[same], np.isfinite(depth)[same])
-    # Inside one object a pixel at a crease may see another face; all others agree to a tenth of a millimetre or 10⁻⁵.
+    # At a crease of an object, a pixel may show another face. All other depths agree to a tenth of a millimetre or 10⁻⁵.
     both = same & hit
     error = np.abs(truth.depth[both] - depth[both]) / np.maximum(depth[both], 10.0)
     assert np.quantile(error, 0.98) < 1e-5

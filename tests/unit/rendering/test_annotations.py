@@ -1,4 +1,4 @@
-"""Normals and boxes against what can be calculated by hand."""
+"""Normals and boxes against values computed by hand."""
 
 import math
 from dataclasses import replace
@@ -42,7 +42,7 @@ class TestOctahedralMap:
         back = Normals.of(unit.reshape(1, 1, 3)).vectors()[0, 0].astype(np.float64)
         assert np.rad2deg(np.linalg.norm(back - unit)) < 0.004
 
-    def test_no_surface_is_told_apart_from_every_direction(self) -> None:
+    def test_the_code_of_no_surface_differs_from_every_direction(self) -> None:
         normals = Normals.of(np.array([[[0, 0, 0], [0, 0, -1], [-1, 0, 0]]], np.float64))
         assert normals.defined.tolist() == [[False, True, True]]
         assert normals.octahedral[0, 0].tolist() == [NOTHING, NOTHING]
@@ -54,12 +54,12 @@ class TestNormals:
     def test_they_are_the_directions_of_the_planes_that_depth_shows(self, truth_pass: TruthPass) -> None:
         scene = apply({"scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2}, simple_asset())
         truth, normals = truth_pass.truth(scene, VIEW), truth_pass.normals(scene, VIEW)
-        found, there = planes(truth, scene, VIEW)
-        assert there.mean() > 0.4
-        cosine = (found * normals.vectors()).sum(axis=2)[there]
+        expected, flat = planes(truth, scene, VIEW)
+        assert flat.mean() > 0.4
+        cosine = (expected * normals.vectors()).sum(axis=2)[flat]
         assert np.quantile(cosine, 0.002) > 0.9999
 
-    def test_they_are_in_step_with_depth_also_where_leaves_are_cut_out(self, truth_pass: TruthPass) -> None:
+    def test_they_are_aligned_with_depth_even_where_leaves_are_cut_out(self, truth_pass: TruthPass) -> None:
         # A box of leaves before the first camera, with a hole in every second stripe of its sides.
         base = simple_asset().base
         stripes = np.full((64, 64, 4), 255, np.uint8)
@@ -88,13 +88,13 @@ class TestNormals:
 
 
 def planes(truth: GroundTruth, scene: Scene, view: View) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(H, W, 3) normals from depth alone, and (H, W) where a pixel and all its neighbours lie in one plane."""
+    """Return normals from depth alone, (H, W, 3), and a mask, (H, W), of pixels in one plane with all their neighbours."""
     camera = scene.cameras[view.camera]
     focal = camera.focal_length_px(view.width)
     x, y = np.meshgrid(np.arange(view.width) + 0.5 - view.width / 2, view.height / 2 - np.arange(view.height) - 0.5)
     depth = np.where(np.isfinite(truth.depth), truth.depth, 1e6).astype(np.float64)
-    seen = np.stack([x / focal * depth, y / focal * depth, -depth], axis=2)
-    points = seen @ camera.transform[:3, :3].T
+    local = np.stack([x / focal * depth, y / focal * depth, -depth], axis=2)
+    points = local @ camera.transform[:3, :3].T
     right, left = np.roll(points, -1, axis=1), np.roll(points, 1, axis=1)
     up, down = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
     normal = np.cross(right - left, up - down)
@@ -115,7 +115,7 @@ class TestBoxes:
         assert boxes.headings_deg[i] == pytest.approx(180.0)
 
     @pytest.mark.parametrize("heading", [0.0, 37.0, 90.0, 200.0, 359.0])
-    def test_a_turned_box_keeps_its_size_and_tells_its_heading(self, heading: float) -> None:
+    def test_a_turned_box_keeps_its_size_and_has_its_heading(self, heading: float) -> None:
         boxes = boxes_of(apply({"scene.person-1.heading": heading}, simple_asset()))
         i = row_of(boxes, PERSON)
         np.testing.assert_allclose(boxes.sizes[i], (0.5, 0.4, 1.8), atol=1e-5)
@@ -125,22 +125,22 @@ class TestBoxes:
         turn = math.radians(heading)
         np.testing.assert_allclose(ahead, (-0.2 * math.sin(turn), 0.2 * math.cos(turn), 0.0), atol=1e-5)
 
-    def test_before_the_camera_places_and_headings_are_relative_to_it(self) -> None:
+    def test_camera_centres_and_headings_are_relative_to_the_camera(self) -> None:
         base = simple_asset().base
         camera = replace(base.cameras["camera-1"], transform=camera_transform((2.0, 10.0, 0.9), 90.0, 0.0, 0.0))
         boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
         i = row_of(boxes, PERSON)
-        # Looking along −x from (2, 10, 0.9): the person's middle lies 2 m ahead, and its heading of 180° is 90° to the left.
+        # The camera looks along −x from (2, 10, 0.9). The person's centre is 2 m ahead, and its heading of 180° is to the left.
         np.testing.assert_allclose(boxes.camera_centres[i], (0.0, 0.0, -2.0), atol=1e-6)
         assert boxes.camera_headings_deg[i] == pytest.approx(90.0)
 
-    def test_the_projection_of_a_box_is_what_the_pin_hole_formula_gives(self) -> None:
+    def test_the_projection_of_a_box_follows_the_pinhole_formula(self) -> None:
         base = simple_asset().base
         camera = replace(base.cameras["camera-1"], transform=camera_transform((0.0, 0.0, 0.9), 0.0, 0.0, 0.0))
         boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
         focal = camera.focal_length_mm / 36.0 * VIEW.width
         i = row_of(boxes, PERSON)
-        # The nearest face stands 9.8 m before the camera: 0.5 m wide up to 1.5 m, and as deep below the axis as 0.9 m.
+        # The nearest face is 9.8 m in front of the camera, 0.5 m wide up to 1.5 m, and reaches 0.9 m below the axis.
         left, top, right, bottom = boxes.projected_boxes[i]
         assert (left, right) == pytest.approx((160 - focal * 0.25 / 9.8, 160 + focal * 0.25 / 9.8))
         assert bottom == pytest.approx(90 + focal * 0.9 / 9.8)
@@ -149,7 +149,7 @@ class TestBoxes:
             boxes.projected_corners[i].max(axis=0), (160 + focal * 0.25 / 9.8, 90 + focal * 0.9 / 9.8), rtol=1e-5
         )
 
-    def test_what_is_behind_the_camera_is_projected_nowhere(self) -> None:
+    def test_an_instance_behind_the_camera_has_no_projection(self) -> None:
         base = simple_asset().base
         camera = replace(base.cameras["camera-1"], transform=camera_transform((0.0, 20.0, 1.5), 0.0, 0.0, 0.0))
         boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
@@ -158,13 +158,13 @@ class TestBoxes:
         assert np.isnan(boxes.projected_corners[i]).all()
         assert boxes.camera_centres[i][2] > 0
 
-    def test_an_instance_that_reaches_behind_the_camera_is_bounded_by_what_is_before_it(self) -> None:
+    def test_an_instance_that_reaches_behind_the_camera_is_bounded_by_its_part_in_front(self) -> None:
         base = simple_asset().base
         car = base.world_transform("scene.car-1")[:3, 3]
         camera = replace(base.cameras["camera-1"], transform=camera_transform((*car[:2], 0.7), 0.0, 0.0, 0.0))
         box = boxes_of(replace(base, cameras={"camera-1": camera})).projected_boxes
         left, top, right, bottom = box[row_of(boxes_of(base), CAR)]
-        # From within, it fills the picture.
+        # From the inside, the car fills the image.
         assert left < 0
         assert top < 0
         assert right > VIEW.width
@@ -187,7 +187,7 @@ class TestBoxes:
                 assert top < y0 + 1
                 assert right > x1 - 1
                 assert bottom > y1 - 1
-        # Alone within the image, the projection is as tight as the amodal mask.
+        # For a person within the image, the projection is as tight as the amodal mask.
         (person,) = truth.persons
         rows, columns = np.nonzero(person.amodal)
         whole = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)

@@ -1,4 +1,4 @@
-"""The dipped beam against what UN Regulation 112 asks of one (class B, 01 series of amendments, paragraph 6.2.4)."""
+"""The dipped beam against the limits of UN Regulation 112 (class B, 01 series of amendments, paragraph 6.2.4)."""
 
 import math
 
@@ -7,13 +7,14 @@ import pytest
 
 from valerie.rendering.beams import DIPPED, DippedBeam
 
-#: Candela, as `urban-street` has them, and degrees that the cut-off is aimed down in the regulation's tests (1 %).
+#: Intensity of the lamps of `urban-street`, candela, and angle of the cut-off below the horizontal in the regulation's tests
+#: (1 %), degrees.
 INTENSITY = 12_000.0
 AIM = math.degrees(math.atan(0.01))
 
 
 def candela(right_deg: float, up_deg: float) -> float:
-    """In the regulation's coordinates: from the horizontal and the vertical plane through the lamp."""
+    """Return the intensity in the regulation's coordinates, angles from the horizontal and vertical planes through the lamp."""
     across, up = math.tan(math.radians(right_deg)), math.tan(math.radians(up_deg + AIM))
     return float(INTENSITY * DIPPED.share(np.array(across), np.array(up)))
 
@@ -37,13 +38,13 @@ def test_each_point_of_the_regulation_has_its_light(
     assert least <= candela(right, up) <= most, point
 
 
-def test_above_the_cut_off_there_is_at_most_the_light_of_zone_iii_and_enough_to_read_signs_by() -> None:
+def test_above_the_cut_off_there_is_at_most_the_light_of_zone_iii_and_enough_for_signs() -> None:
     left = [candela(right, up) for right in np.arange(-30.0, 0.1, 1.0) for up in np.arange(0.0, 30.0, 0.5)]
     assert max(left) <= 625.0
     assert candela(0.0, 4.0) >= 65.0
 
 
-def test_zone_iv_is_lit_and_zone_i_not_glaring() -> None:
+def test_zone_iv_is_lit_and_zone_i_does_not_glare() -> None:
     zone_iv = [candela(right, up) for right in np.arange(-5.15, 5.2, 0.5) for up in np.arange(-1.72, -0.85, 0.1)]
     zone_i = [candela(right, up) for right in np.arange(-9.0, 9.1, 1.0) for up in np.arange(-4.0, -1.7, 0.2)]
     assert min(zone_iv) >= 2_500.0
@@ -51,7 +52,7 @@ def test_zone_iv_is_lit_and_zone_i_not_glaring() -> None:
 
 
 def test_a_wall_ten_metres_ahead_is_dark_above_the_lamps() -> None:
-    # Lamps hang 0.65 m high; the cut-off comes down by 0.1 m over the way. Lux of one lamp along a vertical, to the left.
+    # Lamps are 0.65 m high, and the cut-off descends by 0.1 m over 10 m. Lux of one lamp along a vertical line to the left.
     heights = np.array([0.65, 1.0, 1.5, 2.5])
     lux = [candela(-2.0, math.degrees(math.atan((h - 0.65) / 10.0))) / 100.0 for h in heights]
     assert max(lux) < 5.0
@@ -60,9 +61,9 @@ def test_a_wall_ten_metres_ahead_is_dark_above_the_lamps() -> None:
 
 def test_the_flux_is_that_of_the_share_over_all_directions() -> None:
     across, up = np.meshgrid(np.linspace(-4, 4, 1601), np.linspace(-4, 0, 1601))
-    # A solid angle dx dy / (1 + x² + y²)^1.5; the level cut-off alone, as an edge of no width, without stray light.
+    # The solid angle is dx dy / (1 + x² + y²)^1.5. The beam has a level, sharp cut-off and no stray light.
     share = DippedBeam(DIPPED.spread, 0.0, 1e-9, 0.0).share(across, up)
     lumen = float((share / (1 + across**2 + up**2) ** 1.5).sum() * (8 / 1600) * (4 / 1600))
     assert DIPPED.flux() == pytest.approx(lumen, rel=0.15)
-    # Lumen of a halogen lamp's dipped beam on the road.
+    # Range of the luminous flux of a halogen lamp's dipped beam on the road, lumens.
     assert 300.0 < INTENSITY * DIPPED.flux() < 1000.0

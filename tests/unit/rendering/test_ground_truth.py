@@ -1,4 +1,4 @@
-"""Truth against rays through pixel centres, and its own laws."""
+"""Truth against rays through pixel centres, and its own invariants."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_any_pose_and_camera_agrees_with_rays(
     assert_agrees_with_rays(truth_pass, replace(scene, cameras={"camera-1": camera}), View("camera-1", 160, 90))
 
 
-def test_a_hidden_person_is_whole_in_the_amodal_mask(truth_pass: TruthPass) -> None:
+def test_the_amodal_mask_of_a_hidden_person_is_complete(truth_pass: TruthPass) -> None:
     scene = apply({"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0}, simple_asset())
     truth = truth_pass.truth(scene, VIEW)
     (person,) = truth.persons
@@ -146,16 +146,16 @@ def test_ids_depth_and_amodal_masks_are_those_from_scratch_bit_for_bit(
         "scene.sun-1.elevation": elevation,
     }
     scene, view = apply(values, simple_asset()), View(camera, 201, 117)
-    kept = truth_pass.truth(scene, view)
+    cached = truth_pass.truth(scene, view)
     fresh = TruthPass()
     scratch = fresh.truth(scene, view)
     fresh.close()
     for name in ("class_map", "instance_map", "depth"):
-        np.testing.assert_array_equal(getattr(kept, name).view(np.uint8), getattr(scratch, name).view(np.uint8))
-    assert [p.instance_id for p in kept.persons] == [p.instance_id for p in scratch.persons]
-    for one, other in zip(kept.persons, scratch.persons, strict=True):
-        np.testing.assert_array_equal(one.amodal, other.amodal)
-        assert one.padded_pixels == other.padded_pixels
+        np.testing.assert_array_equal(getattr(cached, name).view(np.uint8), getattr(scratch, name).view(np.uint8))
+    assert [p.instance_id for p in cached.persons] == [p.instance_id for p in scratch.persons]
+    for person, other in zip(cached.persons, scratch.persons, strict=True):
+        np.testing.assert_array_equal(person.amodal, other.amodal)
+        assert person.padded_pixels == other.padded_pixels
 
 
 def test_the_layer_holds_the_changed_pixels_alone_and_the_statics_nothing_that_moves(truth_pass: TruthPass) -> None:

@@ -34,7 +34,7 @@ PERSON, CAR = 24001, 26001
 
 
 def with_joints(places: NDArray[np.float64], *, x: float = 0.0, y: float = 10.0, heading: float = 0.0) -> Scene:
-    """The scene of boxes whose person has a skeleton; its camera stands at (0, 0, 1) and looks along +y."""
+    """Return a scene of boxes whose person has a skeleton. Its camera stands at (0, 0, 1) and looks along +y."""
     base = simple_asset().base
     nodes = dict(base.nodes)
     nodes["scene.person-1"] = replace(nodes["scene.person-1"], transform=place(x, y, 0.0, heading))
@@ -56,15 +56,15 @@ def truth_of(instance: int, depth: float) -> GroundTruth:
     )
 
 
-def one(scene: Scene, truth: GroundTruth) -> Joints:
+def joints_of(scene: Scene, truth: GroundTruth) -> Joints:
     joints = measure_joints(scene, VIEW, truth)
     assert joints.instances.tolist() == [PERSON]
     return joints
 
 
-def test_places_follow_the_person_and_the_pin_hole_formula() -> None:
-    # 0.3 m to the person's right and 1.4 m up; it faces the camera from 10 m away, so its right is on the left.
-    joints = one(with_joints(at((0.3, 0.0, 1.4)), heading=180.0), truth_of(PERSON, 9.9))
+def test_places_follow_the_person_and_the_pinhole_formula() -> None:
+    # The joint is 0.3 m to the person's right and 1.4 m up. The person faces the camera from 10 m, so its right is on the left.
+    joints = joints_of(with_joints(at((0.3, 0.0, 1.4)), heading=180.0), truth_of(PERSON, 9.9))
     np.testing.assert_allclose(joints.places[0, 0], (-0.3, 10.0, 1.4), atol=1e-6)
     np.testing.assert_allclose(joints.camera_places[0, 0], (-0.3, 0.4, -10.0), atol=1e-6)
     focal = simple_asset().base.cameras["camera-1"].focal_length_mm / 36.0 * VIEW.width
@@ -75,46 +75,46 @@ def test_places_follow_the_person_and_the_pin_hole_formula() -> None:
 @pytest.mark.parametrize(
     ("instance", "depth", "expected"),
     [
-        (PERSON, 9.9, VISIBLE),  # its own skin, 10 cm before the joint
+        (PERSON, 9.9, VISIBLE),  # its own skin, 10 cm in front of the joint
         (PERSON, 9.7, SELF_HIDDEN),  # its own trunk
         (CAR, 6.0, HIDDEN),
         (0, 9.95, HIDDEN),
-        (0, 30.0, VISIBLE),  # nothing is before it, though the mask has a gap there
+        (0, 30.0, VISIBLE),  # nothing is in front of it, though the mask has a gap there
     ],
 )
 def test_a_surface_in_front_of_a_joint_decides_its_visibility(instance: int, depth: float, expected: int) -> None:
-    joints = one(with_joints(at((0.0, 0.0, 1.0))), truth_of(instance, depth))
+    joints = joints_of(with_joints(at((0.0, 0.0, 1.0))), truth_of(instance, depth))
     assert (joints.visibility == expected).all()
 
 
 @pytest.mark.parametrize("x", [-8.0, 8.0])
 def test_a_joint_beyond_the_border_has_a_place_and_is_not_visible(x: float) -> None:
-    joints = one(with_joints(at((0.0, 0.0, 1.0)), x=x), truth_of(PERSON, 9.9))
+    joints = joints_of(with_joints(at((0.0, 0.0, 1.0)), x=x), truth_of(PERSON, 9.9))
     assert (joints.visibility == OUTSIDE).all()
     assert (joints.pixels[0, 0, 0] < 0) == (x < 0)
 
 
 def test_a_joint_behind_the_camera_has_no_pixel() -> None:
-    joints = one(with_joints(at((0.0, 0.0, 1.0)), y=-3.0), truth_of(PERSON, 9.9))
+    joints = joints_of(with_joints(at((0.0, 0.0, 1.0)), y=-3.0), truth_of(PERSON, 9.9))
     assert (joints.visibility == OUTSIDE).all()
     assert np.isnan(joints.pixels).all()
     assert joints.camera_places[0, 0, 2] == pytest.approx(3.0)
 
 
 def test_a_person_without_a_skeleton_is_reported_without_joints() -> None:
-    joints = one(simple_asset().base, truth_of(PERSON, 9.9))
+    joints = joints_of(simple_asset().base, truth_of(PERSON, 9.9))
     assert joints.known.tolist() == [0]
     assert np.isnan(joints.places).all()
     assert (joints.visibility == OUTSIDE).all()
 
 
-def test_limbs_join_every_joint_but_the_eyes() -> None:
+def test_limbs_connect_every_joint_except_the_eyes() -> None:
     joined = {joint for limb in LIMBS for joint in limb}
     assert {JOINTS[i] for i in set(range(len(JOINTS))) - joined} == {"left_eye", "right_eye"}
 
 
 @pytest.mark.gl
-def test_a_generated_person_shows_its_joints_where_its_body_is(truth_pass: TruthPass) -> None:
+def test_the_joints_of_a_generated_person_lie_on_its_body(truth_pass: TruthPass) -> None:
     body = figure("yellow-shirt")
     scene = with_joints(body.joints, y=6.0, heading=180.0)
     node = scene.nodes["scene.person-1.red-coat"]
@@ -124,12 +124,12 @@ def test_a_generated_person_shows_its_joints_where_its_body_is(truth_pass: Truth
         materials={**scene.materials, **{mesh.material: Material(mesh.material) for mesh in body.meshes}},
     )
     truth = truth_pass.truth(scene, VIEW)
-    joints = one(scene, truth)
+    joints = joints_of(scene, truth)
     mask = truth.instance_map == PERSON
     x, y = joints.pixels[0].astype(int).T
     on_the_body = {name for name, inside in zip(JOINTS, mask[y, x], strict=True) if inside}
     assert set(JOINTS) - on_the_body <= {"head_top"}
-    # Nothing stands before it: what is not visible is hidden by the body itself, and face and shoulders are seen.
+    # Nothing stands in front of it: only the body itself hides joints, and face and shoulders are visible.
     flags = dict(zip(JOINTS, joints.visibility[0].tolist(), strict=True))
     assert set(flags.values()) <= {VISIBLE, SELF_HIDDEN}
     assert {flags[name] for name in ("left_eye", "right_eye", "left_shoulder", "right_shoulder", "right_knee")} == {
@@ -144,33 +144,33 @@ BICYCLE, RIDER = 33001, 25001
 
 
 def with_cyclist() -> Scene:
-    """The scene of boxes whose person has gone, and a cyclist who passes 4 m before the camera from right to left."""
+    """Return a scene of boxes without persons, in which a cyclist passes 4 m in front of the camera from right to left."""
     scene = with_joints(at((0.0, 0.0, 1.0)))
     path = "scene.bicycle-1"
     bicycle, rider = build_vehicle("bicycle", 0, "blue"), build_rider("bicycle", "yellow-shirt")
     nodes = [Node(path, place(0.2, 4.0, 0.0, 70.0))]
     nodes += [Node(f"{path}.{part.name}", part.transform, part.meshes) for part in bicycle.parts]
     nodes += [Node(f"{path}.rider-1", part.transform, part.meshes, joints=part.joints) for part in rider.parts]
-    kept = {name: node for name, node in scene.nodes.items() if not name.startswith("scene.person-")}
+    others = {name: node for name, node in scene.nodes.items() if not name.startswith("scene.person-")}
     materials = {name: Material(name) for name in bicycle.materials | rider.materials}
     return replace(
-        scene, nodes=kept | classified(nodes, {f"{path}.rider-1": "rider"}, ()), materials=scene.materials | materials
+        scene, nodes=others | classified(nodes, {f"{path}.rider-1": "rider"}, ()), materials=scene.materials | materials
     )
 
 
 @pytest.mark.gl
-def test_a_riders_joints_are_seen_where_rays_from_the_camera_meet_its_body(truth_pass: TruthPass) -> None:
+def test_a_riders_joints_are_visible_where_rays_from_the_camera_hit_its_body(truth_pass: TruthPass) -> None:
     scene = with_cyclist()
     truth = truth_pass.truth(scene, VIEW)
     joints = measure_joints(scene, VIEW, truth)
     assert (joints.instances.tolist(), joints.known.tolist()) == ([RIDER], [1])
     triangles, camera = scene_rays.triangles_of(scene), scene.cameras["camera-1"]
-    ways = joints.places[0].astype(np.float64) - camera.position
-    origins = np.broadcast_to(camera.position, ways.shape)
-    hits = triangles.intersector.intersects_first(origins, ways)
-    where, rays, _ = triangles.intersector.intersects_location(origins, ways, multiple_hits=False)
-    gaps = np.full(len(JOINTS), -np.inf)  # from what is met first to the joint, along the optical axis, +y
-    gaps[rays] = joints.places[0, rays, 1] - where[:, 1]
+    rays = joints.places[0].astype(np.float64) - camera.position
+    origins = np.broadcast_to(camera.position, rays.shape)
+    hits = triangles.intersector.intersects_first(origins, rays)
+    points, indices, _ = triangles.intersector.intersects_location(origins, rays, multiple_hits=False)
+    gaps = np.full(len(JOINTS), -np.inf)  # from the first surface to the joint, along the optical axis, +y
+    gaps[indices] = joints.places[0, indices, 1] - points[:, 1]
     edges = scene_rays.near_edges(truth.instance_map)
     judged = []
     for k, name in enumerate(JOINTS):

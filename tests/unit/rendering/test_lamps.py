@@ -1,4 +1,4 @@
-"""Lamps: which shine, how strong in the image's unit, what glows."""
+"""Lamps: which of them are on, their strength in the image's unit, and the materials that glow."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,7 @@ def lit(scene: Scene) -> tuple:
     return lit_lamps(scene, sky_of(scene))
 
 
-def test_a_lamp_shines_along_its_nodes_y_from_where_its_node_is() -> None:
+def test_a_lamp_shines_from_its_node_along_the_nodes_y_axis() -> None:
     (lamp,) = lit(scene_with(Light(intensity=200.0)))
     assert lamp.position == (1.0, 2.0, 5.0)
     np.testing.assert_allclose(lamp.direction, (0, 0, -1), atol=1e-12)  # turned about x, +y looks down
@@ -43,7 +43,7 @@ def test_a_candela_is_a_lux_at_one_metre_whatever_its_colour() -> None:
     for color in ((1.0, 1.0, 1.0), (1.0, 0.7, 0.4), (0.5, 0.0, 0.0)):
         (lamp,) = lit(scene_with(Light(intensity=200.0, color=color)))
         assert np.array(lamp.strength) @ LUMINANCE == pytest.approx(200.0 * LUX)
-    # A white surface in the noon sun, 100,000 lx, shows the image's exposure.
+    # A white surface in the noon sun, 100,000 lx, has the image value `EXPOSURE`.
     assert pytest.approx(EXPOSURE) == 100_000.0 * LUX
 
 
@@ -77,12 +77,12 @@ def test_auto_follows_the_light_on_the_ground(switch: str) -> None:
         assert bool(lit(scene)) == (sky_of(scene).lux < SWITCHES[switch])
 
 
-def test_vehicles_turn_theirs_on_before_the_street_does() -> None:
+def test_the_lamps_of_vehicles_turn_on_before_those_of_the_street() -> None:
     at_sunset = {switch: bool(lit(scene_with(Light(switch=switch), -0.8))) for switch in SWITCHES}
     assert at_sunset == {"street": False, "car": True}
 
 
-def test_thick_clouds_bring_the_lamps_on_earlier() -> None:
+def test_lamps_turn_on_earlier_under_thick_clouds() -> None:
     clear = scene_with(Light(switch="car"), 0.5)
     clouded = replace(clear, environment=Environment(cloud_cover=1.0))
     assert not lit(clear)
@@ -98,15 +98,15 @@ def test_a_lamp_without_a_switch_is_always_on_and_a_hidden_one_never() -> None:
 def test_only_the_materials_that_a_lamp_names_glow_and_only_while_it_is_on() -> None:
     light = Light(switch="street", glowing=("lens",), luminance=10_000.0, color=(1.0, 0.5, 0.25))
     night, day = scene_with(light), scene_with(light, 40.0)
-    shown = glowing(night, sky_of(night))
-    assert shown.materials["post"] is night.materials["post"]
-    # 10,000 cd/m² are what a white surface in 31,416 lx has.
-    assert np.array(shown.materials["lens"].emissive) @ LUMINANCE == pytest.approx(math.pi * 10_000.0 * LUX)
+    scene = glowing(night, sky_of(night))
+    assert scene.materials["post"] is night.materials["post"]
+    # 10,000 cd/m² is the luminance of a white surface in 31,416 lx.
+    assert np.array(scene.materials["lens"].emissive) @ LUMINANCE == pytest.approx(math.pi * 10_000.0 * LUX)
     assert glowing(day, sky_of(day)) is day
     again = glowing(replace(night), sky_of(night))
-    assert again.materials["lens"] is shown.materials["lens"]
+    assert again.materials["lens"] is scene.materials["lens"]
 
 
-def test_a_lamp_of_something_movable_is_known_as_such() -> None:
+def test_a_lamp_on_a_movable_is_marked_as_movable() -> None:
     assert [lamp.movable for lamp in lit(scene_with(Light(), movable=True))] == [True]
     assert [lamp.movable for lamp in lit(scene_with(Light()))] == [False]

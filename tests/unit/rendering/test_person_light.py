@@ -23,20 +23,20 @@ PERSON = 24001
 
 
 class TestContrast:
-    def test_it_is_michelsons_of_body_and_ring(self) -> None:
+    def test_it_is_the_michelson_contrast_of_body_and_ring(self) -> None:
         luminance, mask, box = square(body=0.2, around=0.6)
         assert ring_contrast(luminance, mask, box) == pytest.approx((0.2 - 0.6) / (0.2 + 0.6))
 
-    def test_a_brighter_body_has_a_positive_one(self) -> None:
+    def test_it_is_positive_for_a_brighter_body(self) -> None:
         luminance, mask, box = square(body=0.9, around=0.1)
         assert ring_contrast(luminance, mask, box) == pytest.approx(0.8)
 
-    def test_what_lies_beyond_the_ring_or_beside_the_edge_counts_nothing(self) -> None:
+    def test_pixels_beyond_the_ring_or_at_the_edge_do_not_count(self) -> None:
         luminance, mask, box = square(body=0.2, around=0.6)
         width = ring_width(int(mask.sum()))
         assert width == 2  # a fifth of the root of 100 pixels
         rows, columns = np.indices(mask.shape)
-        # Pixels from the square's edge: 1 is the mixed border, 2 and 3 are the ring.
+        # Distance from the square's edge in pixels: 1 is the mixed border, 2 and 3 are the ring.
         away = np.maximum(np.maximum(20 - columns, columns - 29), np.maximum(15 - rows, rows - 24))
         luminance[(away == 1) | (away > 3)] = 100.0
         assert ring_contrast(luminance, mask, box) == pytest.approx(-0.5)
@@ -44,17 +44,17 @@ class TestContrast:
     def test_the_ring_grows_with_the_body(self) -> None:
         assert [ring_width(n) for n in (1, 100, 400, 10_000)] == [2, 2, 4, 20]
 
-    def test_at_the_border_of_the_image_the_ring_is_what_there_is_of_it(self) -> None:
+    def test_at_the_border_of_the_image_the_ring_is_cut_off(self) -> None:
         luminance = np.full((20, 30), 0.6, np.float32)
         mask = np.zeros((20, 30), np.bool_)
         mask[:10, :8] = True
         luminance[mask] = 0.2
-        # Ring and gap reach 3 pixels on two sides, the gap 1: 13 × 11 pixels less 11 × 9.
+        # Ring and gap reach 3 pixels on two sides, and the gap reaches 1: 13 × 11 pixels minus 11 × 9.
         luminance[5, 9] += 4.4  # one of the ring's 44
         outer = 0.6 + 4.4 / 44
         assert ring_contrast(luminance, mask, Rectangle(0, 0, 8, 10)) == pytest.approx((0.2 - outer) / (0.2 + outer))
 
-    def test_there_is_none_without_a_ring_or_without_light(self) -> None:
+    def test_it_is_undefined_without_a_ring_or_without_light(self) -> None:
         whole = np.ones((4, 4), np.bool_)
         assert ring_contrast(np.ones((4, 4), np.float32), whole, Rectangle(0, 0, 4, 4)) is None
         luminance, mask, box = square(body=0.0, around=0.0)
@@ -96,7 +96,7 @@ class TestMeans:
         assert person.shadow_share is None
         assert person.irradiance == pytest.approx(0.1)
 
-    def test_a_person_of_whom_nothing_is_seen_has_no_values(self) -> None:
+    def test_a_person_without_a_visible_pixel_has_no_values(self) -> None:
         unseen = replace(truth(), instance_map=np.zeros((36, 64), np.uint16))
         nobody = FixedLight(np.zeros((36, 64, 4), np.float32))
         assert measure_light(unseen, grey(), simple_asset().base, VIEW, nobody) == (
@@ -119,7 +119,7 @@ def grey() -> LinearImage:
 @pytest.mark.gl
 class TestLightOfTheRasterEngine:
     @pytest.mark.parametrize("elevation", [20.0, 45.0, 60.0])
-    def test_a_face_gets_the_cosine_of_the_suns_angle(
+    def test_sunlight_on_a_surface_is_the_cosine_of_the_suns_angle(
         self, raster: RasterRenderer, truth_pass: TruthPass, elevation: float
     ) -> None:
         # The person faces the camera, towards −y, and the sun stands in the south behind the camera.
@@ -130,24 +130,24 @@ class TestLightOfTheRasterEngine:
 
     @pytest.mark.parametrize("movable", [False, True])
     @pytest.mark.parametrize("shaded", [0.3, 0.9, 1.2])
-    def test_a_wall_that_shades_the_body_up_to_a_height_shades_its_share(
+    def test_the_shadow_share_is_that_of_a_wall_that_shades_the_body_up_to_a_height(
         self, raster: RasterRenderer, truth_pass: TruthPass, shaded: float, movable: bool
     ) -> None:
         # The wall stands behind the camera, 12.8 m from the body's front. With the sun straight behind both, 20° high, the
-        # wall's upper edge throws its shadow to the height `shaded` on the body.
+        # shadow of the wall's upper edge reaches the height `shaded` on the body.
         height = shaded + 12.8 * np.tan(np.deg2rad(20.0))
         scene = with_wall(lit(elevation=20.0), y=-3.0, height=float(height), movable=movable)
-        # Seen from before: a coat 0.5 m wide and 1.5 m high, and a head of 0.24 × 0.3 m, 0.08 m further away than it.
+        # Seen from the front, the coat is 0.5 m wide and 1.5 m high. The head measures 0.24 × 0.3 m and is 0.08 m farther away.
         head = 0.24 * 0.3 * (11.8 / 11.88) ** 2
         assert light_of(raster, truth_pass, scene).shadow_share == pytest.approx(
             0.5 * shaded / (0.5 * 1.5 + head), abs=0.025
         )
 
-    def test_below_an_even_sky_on_black_ground_an_upright_face_gets_half_of_what_lies_on_the_ground(
+    def test_under_an_even_sky_on_black_ground_an_upright_surface_gets_half_the_light_of_the_ground(
         self, truth_pass: TruthPass, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        # A sky of radiance L lights level ground with the integral of L cos over the hemisphere, π L. An upright face sees half
-        # of that sky: π L / 2. The table holds π L in the image's unit.
+        # The irradiance of level ground under a sky of radiance L is the integral of L cos over the hemisphere, π L. An upright
+        # surface sees half of that sky: π L / 2. The table holds π L in the image's unit.
         radiance, scene = np.array([0.6, 0.9, 1.2]), on_ground_of(0.0, in_the_open(lit()))
         even = replace(
             sky_of(scene),
@@ -160,15 +160,15 @@ class TestLightOfTheRasterEngine:
             samples = on_the_body(fresh, truth_pass, scene)
         assert (samples[:, 0] == 0.0).all()
         expected = float(radiance @ [0.2126, 0.7152, 0.0722]) / 2 / EXPOSURE
-        # The engine takes the sky from 32 directions, of which not exactly half lie before a face.
+        # The engine samples the sky in 32 directions, of which not exactly half lie in front of a surface.
         assert np.median(samples[:, 1]) == pytest.approx(expected, rel=0.04)
 
     @pytest.mark.parametrize("albedo", [0.0, 0.2, 0.6])
-    def test_an_overcast_sky_lights_an_upright_face_as_moon_and_spencers_does(
+    def test_an_overcast_sky_lights_an_upright_surface_by_the_formula_of_moon_and_spencer(
         self, raster: RasterRenderer, truth_pass: TruthPass, albedo: float
     ) -> None:
-        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, an upright face π/6 + 4/9, and from the ground
-        # half of what that reflects.
+        # The radiance is (1 + 2 sin γ) / 3 of the zenith's. The ground receives 7π/9 of that, and an upright surface π/6 + 4/9,
+        # with half of the light that the ground reflects.
         scene = on_ground_of(albedo, in_the_open(lit()))
         scene = replace(scene, environment=replace(scene.environment, cloud_cover=1.0))
         on_ground = float(sky_of(scene).sky_irradiance @ [0.2126, 0.7152, 0.0722])
@@ -176,10 +176,10 @@ class TestLightOfTheRasterEngine:
         samples = on_the_body(raster, truth_pass, scene)
         assert np.median(samples[:, 1]) == pytest.approx(expected / EXPOSURE, rel=0.03)
 
-    def test_a_white_wall_before_a_body_lights_it_and_a_black_one_does_not(
+    def test_a_white_wall_in_front_of_a_body_lights_it_and_a_black_one_does_not(
         self, raster: RasterRenderer, truth_pass: TruthPass
     ) -> None:
-        # Behind the camera and in full sun: it hides the sky from the body.
+        # The wall stands behind the camera in full sun, and hides the sky from the body.
         def by_wall(albedo: float) -> float:
             scene = with_wall(on_ground_of(0.0, in_the_open(lit(azimuth=0.0))), y=-3.0, height=40.0, movable=False)
             plaster = replace(scene.materials["plaster"], base_color=(albedo,) * 3)
@@ -190,10 +190,10 @@ class TestLightOfTheRasterEngine:
         assert white > 1.2 * black
 
     def test_light_grows_with_the_suns_irradiance(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
-        one, two = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
-        assert one.irradiance is not None
-        assert two.irradiance == pytest.approx(2 * one.irradiance, rel=1e-3)
-        assert two.shadow_share == one.shadow_share
+        dim, bright = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
+        assert dim.irradiance is not None
+        assert bright.irradiance == pytest.approx(2 * dim.irradiance, rel=1e-3)
+        assert bright.shadow_share == dim.shadow_share
 
     def test_with_the_sun_behind_the_body_lies_in_its_own_shadow(
         self, raster: RasterRenderer, truth_pass: TruthPass
@@ -216,14 +216,14 @@ class TestLightOfTheRasterEngine:
         assert person.shadow_share is None
         assert (person.irradiance or 0.0) > 0.0
 
-    def test_the_material_changes_contrast_and_no_light(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
+    def test_the_material_changes_the_contrast_but_not_the_light(
+        self, raster: RasterRenderer, truth_pass: TruthPass
+    ) -> None:
         red, blue = (light_of(raster, truth_pass, lit(character=coat)) for coat in ("red-coat", "blue-coat"))
         assert (red.irradiance, red.shadow_share) == (blue.irradiance, blue.shadow_share)
         assert red.contrast != blue.contrast
 
-    def test_measuring_leaves_no_trace_in_what_is_rendered_next(
-        self, raster: RasterRenderer, truth_pass: TruthPass
-    ) -> None:
+    def test_measuring_leaves_no_trace_in_the_next_image(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
         scene = lit(azimuth=120.0)
         first = raster.layer(scene, VIEW)
         light_of(raster, truth_pass, lit(azimuth=120.0, x=0.7))
@@ -246,20 +246,20 @@ def lit(
 
 
 def with_wall(scene: Scene, *, y: float, height: float, movable: bool) -> Scene:
-    """With a wall across at ``y``, 6 m long and 0.2 m thick."""
+    """Return the scene with a wall across at ``y``, 6 m long and 0.2 m thick."""
     wall = box_mesh((-3.0, y - 0.2, 0.0), (3.0, y, height), "plaster")
     node = Node("scene.wall-1", np.eye(4), (wall,), label_id=12, movable=movable)
     return replace(scene, nodes={**scene.nodes, node.path: node})
 
 
 def in_the_open(scene: Scene) -> Scene:
-    """Without house and car."""
+    """Return the scene without house and car."""
     nodes = {path: node for path, node in scene.nodes.items() if "building" not in path and "car" not in path}
     return replace(scene, nodes=nodes)
 
 
 def on_ground_of(albedo: float, scene: Scene) -> Scene:
-    """With a grey ground."""
+    """Return the scene with grey ground."""
     paving = replace(scene.materials["paving"], base_color=(albedo,) * 3, base_color_texture=None)
     return replace(scene, materials={**scene.materials, "paving": paving})
 
@@ -271,12 +271,12 @@ def light_of(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> Per
 
 
 def on_the_body(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> NDArray[np.float32]:
-    """(N, 4) light on the visible pixels of the person, in units of a sun of irradiance 1."""
+    """Return the light on the visible pixels of the person, (N, 4), in units of a sun of irradiance 1."""
     mask = truth_pass.truth(scene, VIEW).instance_map == PERSON
     rows, columns = np.nonzero(mask)
     corner = int(columns.min()), int(rows.min())
     box = Rectangle(*corner, int(columns.max()) - corner[0] + 1, int(rows.max()) - corner[1] + 1)
-    (found,) = raster.received(scene, VIEW, [box])
-    samples = found.samples[mask[box.slices]]
-    samples[:, :2] /= found.unit
+    (received,) = raster.received(scene, VIEW, [box])
+    samples = received.samples[mask[box.slices]]
+    samples[:, :2] /= received.unit
     return samples

@@ -42,7 +42,7 @@ def test_a_padded_canvas_shifts_pixels_by_the_padding() -> None:
 
 def test_focal_length_and_sensor_set_the_scale() -> None:
     camera = Camera("scene.camera-1", camera_transform((0, 0, 0), 0, 0, 0), focal_length_mm=50.0, sensor_width_mm=36.0)
-    # Looking along +y: a point 0.36 m to the right at 1 m lies half an image width (18 mm / 50 mm) off the middle.
+    # The camera looks along +y. A point 0.36 m to the right at 1 m is half an image width (18 mm / 50 mm) off the centre.
     (pixel,) = project(np.array([[0.36, 1.0, 0.0]]), camera, 1000, 500)
     np.testing.assert_allclose(pixel, (1000.0, 250.0, 1.0), atol=1e-9)
 
@@ -74,7 +74,7 @@ def test_light_axes_are_orthonormal_right_handed_and_point_away(direction: tuple
     assert np.linalg.det(rows) == pytest.approx(1.0)
 
 
-def test_turning_finds_the_narrow_way_of_a_diagonal_street() -> None:
+def test_turning_finds_the_narrow_side_of_a_diagonal_street() -> None:
     along = np.array(
         [[t, t, 0.0] for t in np.linspace(0, 50, 20)] + [[t + 1, t - 1, 0.0] for t in np.linspace(0, 50, 20)]
     )
@@ -106,5 +106,5 @@ def test_seen_points_lie_in_the_box_and_in_the_image() -> None:
     assert (pixels[:, 2] <= 40 + 1e-6).all()
 
 
-def test_nothing_is_seen_of_a_box_behind() -> None:
+def test_a_box_behind_the_camera_has_no_visible_points() -> None:
     assert not len(seen_points(CAMERA, View("c", 64, 36), np.array([-1.0, -30, 0]), np.array([1.0, -20, 2]), 100.0))

@@ -25,12 +25,12 @@ def test_more_rain_keeps_every_streak_and_adds_others() -> None:
     assert 0 < (little > 0.1).mean() < (much > 0.1).mean() < 0.5
 
 
-def test_without_rain_the_picture_is_untouched() -> None:
+def test_without_rain_the_image_is_unchanged() -> None:
     pixels = np.full((180, 320, 3), 0.2, np.float32)
     assert rained_on(pixels, 0.0, np.ones(3), WHOLE, 180) is pixels
 
 
-def test_a_streak_shows_the_light_of_the_drop_by_its_opacity() -> None:
+def test_a_streak_blends_in_the_light_of_the_drop_by_its_opacity() -> None:
     light = np.array([1.0, 0.5, 0.25])
     pixels = rained_on(np.zeros((180, 320, 3), np.float32), 0.3, light, WHOLE, 180)
     share = streaks(0.3, WHOLE, 180)
@@ -51,7 +51,7 @@ def test_the_streaks_are_those_of_the_raster_engine() -> None:
     share = OPACITY * streaks(sky.drops, WHOLE, 180).astype(np.float64)
 
     def fine(image: np.ndarray) -> np.ndarray:
-        """Return the fine detail of a wall: its difference from the neighbours to the left and right."""
+        """Return the fine detail of a wall, the differences from the pixels to the left and right."""
         return (image - (np.roll(image, 3, axis=1) + np.roll(image, -3, axis=1)) / 2)[5:80, 5:60].ravel()
 
     brighter = fine(wet[..., 1])

@@ -1,4 +1,4 @@
-"""The sky against what can be calculated by hand, and against its own symmetries."""
+"""The sky against values computed by hand and in tables, and against its own symmetries."""
 
 import math
 from dataclasses import replace
@@ -32,9 +32,9 @@ def test_the_suns_luminance_at_the_ground_is_its_irradiance(elevation: float) ->
     assert sky_of(scene_with(elevation, irradiance=0.7)).sun @ LUMINANCE == pytest.approx(0.7 * EXPOSURE)
 
 
-def test_clean_air_reddens_an_overhead_sun_as_its_vertical_thickness_says() -> None:
+def test_clean_air_reddens_an_overhead_sun_by_its_vertical_optical_thickness() -> None:
     sun = sky_of(scene_with(90.0, turbidity=1.0)).sun
-    # Bruneton and Neyret's Rayleigh coefficients times their scale height; white above the air is (0.96, 1, 1.07).
+    # Bruneton and Neyret's Rayleigh coefficients times their scale height. White above the atmosphere is (0.96, 1, 1.07).
     expected = 0.96 / 1.07 * math.exp((33.1e-6 - 5.8e-6) * 8000.0)
     assert sun[0] / sun[2] == pytest.approx(expected, rel=0.02)
 
@@ -67,9 +67,9 @@ def test_a_clear_noon_sky_gives_the_ground_a_fifth_to_a_third_of_the_suns_light(
 
 
 def test_the_light_is_proportional_to_the_irradiance() -> None:
-    one, three = sky_of(scene_with(35.0)), sky_of(scene_with(35.0, irradiance=3.0))
-    np.testing.assert_allclose(three.table, 3 * one.table, rtol=1e-5)
-    np.testing.assert_allclose(three.ground, 3 * one.ground)
+    single, triple = sky_of(scene_with(35.0)), sky_of(scene_with(35.0, irradiance=3.0))
+    np.testing.assert_allclose(triple.table, 3 * single.table, rtol=1e-5)
+    np.testing.assert_allclose(triple.ground, 3 * single.ground)
 
 
 @pytest.mark.parametrize("turbidity", [2.0, 10.0])
@@ -113,7 +113,7 @@ def test_the_night_sky_is_that_of_a_city_and_is_never_black() -> None:
     sky = sky_of(scene_with(-40.0))
     assert sky.lux == pytest.approx(NIGHT_LUX, rel=0.05)
     assert sky.table.min() > 0
-    # Steps of a float16 down there: a white wall still has some twenty of them.
+    # Even at night, the sky light on a white wall is about twenty of the smallest steps of a float16.
     assert float(sky.sky_irradiance.min()) > 15 * float(np.finfo(np.float16).smallest_subnormal)
 
 
@@ -124,7 +124,7 @@ def test_twilight_is_bluer_than_the_day_and_has_no_sun() -> None:
     assert not dusk.sun.any()
 
 
-def test_from_three_degrees_on_the_sky_is_that_of_the_day() -> None:
+def test_the_sky_of_dusk_joins_that_of_the_day_without_a_jump() -> None:
     day, just_before = sky_of(scene_with(DUSK + 1e-6)), sky_of(scene_with(DUSK - 1e-6))
     np.testing.assert_allclose(day.table, just_before.table, rtol=1e-4, atol=3e-6)
     np.testing.assert_allclose(day.sun, just_before.sun, rtol=1e-4)
@@ -144,13 +144,13 @@ def weather(elevation: float = 40.0, **environment: float) -> Scene:
 
 
 def on_the_ground(scene: Scene) -> np.ndarray:
-    """Irradiance of a horizontal surface by sun and sky."""
+    """Return the irradiance of a horizontal surface by sun and sky."""
     sky = sky_of(scene)
     return sky.sun * math.sin(scene.sun.elevation) + sky.sky_irradiance
 
 
 @pytest.mark.parametrize("cover", [0.0, 0.3, 0.7, 1.0])
-def test_clouds_take_of_the_light_on_the_ground_what_kasten_and_czeplak_measured(cover: float) -> None:
+def test_clouds_reduce_the_light_on_the_ground_as_kasten_and_czeplak_measured(cover: float) -> None:
     share = (on_the_ground(weather(cloud_cover=cover)) @ LUMINANCE) / (on_the_ground(weather()) @ LUMINANCE)
     assert share == pytest.approx(1 - 0.75 * cover**3.4, rel=0.01)
 
@@ -164,11 +164,11 @@ def test_an_overcast_sky_has_no_sun_is_grey_and_three_times_as_bright_above_as_a
 
 @pytest.mark.parametrize("visibility", [30.0, 200.0, 3000.0])
 def test_at_the_visibility_a_black_objects_contrast_is_two_percent(visibility: float) -> None:
-    # Less than the air itself, which turbidity describes and which is not fog.
+    # The extinction does not include clear air, which turbidity describes.
     assert math.exp(-fog_extinction(Environment(visibility=visibility)) * visibility) == pytest.approx(0.02, rel=0.15)
 
 
-def test_rain_takes_light_as_measured() -> None:
+def test_rain_attenuates_light_as_measured() -> None:
     # 25 mm/h: 1.076 · 25^0.67 = 9.3 dB/km.
     assert 10 * math.log10(math.exp(fog_extinction(Environment(rain=25.0)) * 1000)) == pytest.approx(9.3, rel=0.01)
 

@@ -1,4 +1,4 @@
-"""Visibility from maps made by hand."""
+"""Visibility from maps written by hand."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 20, 10)
-#: person-1 of the asset stands at (0, 10, 0), the camera at (0, −2, 1.5) and looks along +y.
+#: The asset's person-1 stands at (0, 10, 0). The camera stands at (0, −2, 1.5) and looks along +y.
 SCENE = simple_asset().base
 
 
@@ -51,7 +51,7 @@ def test_distance_is_euclidean_to_the_ground_origin_and_depth_along_the_axis() -
     ("x", "y", "expected"), [(0.0, 10.0, 0.0), (12.0, 10.0, 45.0), (-12.0, 10.0, -45.0), (0.0, -14.0, 180.0)]
 )
 def test_bearing_is_measured_from_the_axis_and_grows_to_the_right(x: float, y: float, expected: float) -> None:
-    # The camera stands at (0, −2, 1.5); a person at its side is as far away across as along.
+    # The camera stands at (0, −2, 1.5). At a bearing of ±45°, a person is as far away across as along.
     scene = moved(SCENE, x, y, 0.0)
     person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
     assert abs(person.bearing_deg or 0.0) == pytest.approx(abs(expected))
@@ -64,15 +64,15 @@ def test_bearing_is_measured_from_the_axis_and_grows_to_the_right(x: float, y: f
 def test_aspect_is_zero_for_a_person_who_faces_the_camera_and_positive_if_the_right_side_shows(
     heading: float, expected: float
 ) -> None:
-    # From (0, 10) the camera lies towards −y, where a heading of 180° looks; 270° faces +x, the right hand to the camera.
+    # From (0, 10) the camera is towards −y, which a heading of 180° faces. A heading of 270° faces +x, right side to the camera.
     scene = moved(SCENE, 0.0, 10.0, heading)
     person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
     assert person.aspect_deg is not None
     assert abs((person.aspect_deg - expected + 180) % 360 - 180) < 1e-6
 
 
-def test_aspect_is_against_the_line_of_sight_and_not_against_the_axis() -> None:
-    # At 45° to the right, who looks back along the street is seen 45° from the front, showing the right side.
+def test_aspect_is_relative_to_the_line_of_sight_and_not_to_the_axis() -> None:
+    # At 45° to the right, a person who faces back along the street is seen 45° from the front, with the right side visible.
     scene = moved(SCENE, 12.0, 10.0, 180.0)
     person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
     assert person.aspect_deg == pytest.approx(45.0)

@@ -114,7 +114,7 @@ def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_s
     assert found.renders > 0
     assert {one.present for one in found.products} == {None}
     assert all(one["present"] is None for one in found.model_dump(mode="json")["products"])
-    assert "it is not known what is already there" in found.warnings[-1]
+    assert "stored products are unknown" in found.warnings[-1]
 
 
 def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: Manifest, pins: Pins) -> None:

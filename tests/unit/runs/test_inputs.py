@@ -85,7 +85,15 @@ def test_a_value_changes_only_the_products_that_depend_on_it(
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
-        ({"name": "two", "seed": 5, "description": "x", "requirement": {"id": "R"}}, set()),
+        (
+            {
+                "name": "two",
+                "seed": 5,
+                "description": "x",
+                "requirements": [{"id": "R", "statistic": "mean(pacc) >= 0.8"}],
+            },
+            set(),
+        ),
         ({"sensors": [{"name": "other"}]}, set()),
         ({"sensors": [{"exposure_ev": -1}]}, MADE),
         ({"sensors": [{"curve": "srgb"}]}, MADE),
@@ -185,6 +193,12 @@ def test_settings_of_an_engine_are_inputs_of_its_pictures_however_they_were_said
 ) -> None:
     plain = frame(street, pins, {}, renderer="cycles")
     assert changed(plain, frame(street, pins, {}, renderer=given)) == expected
+
+
+def test_labels_change_the_evaluations_alone(street: Manifest, pins: Pins) -> None:
+    exact = frame(street, pins, {})
+    assert changed(exact, frame(street, pins, {}, labels="cityscapes")) == {"evaluation"}
+    assert changed(exact, frame(street, pins, {}, labels="exact")) == set()
 
 
 def test_classes_that_a_function_is_judged_by_change_its_evaluations_alone(street: Manifest, pins: Pins) -> None:

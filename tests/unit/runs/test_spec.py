@@ -89,6 +89,10 @@ def test_a_spec_survives_its_file_its_column_and_its_body(source: Any) -> None:
     assert parse(given.to_yaml()).digest == given.digest
 
 
+def required(statistic: str = "mean(pacc) >= 0.8", **values: Any) -> dict[str, Any]:
+    return {"id": "R", "statistic": statistic, **values}
+
+
 def test_a_spec_needs_a_name_and_an_asset_alone() -> None:
     least = parse({"name": "one", "asset": "urban-street"})
     assert least.resolution.model_dump() == {"width": 960, "height": 540}
@@ -108,7 +112,7 @@ def test_another_digest_follows_from_any_change() -> None:
     base = parse(spec()).digest
     changes: list[dict[str, Any]] = [
         {"name": "two"}, {"seed": 1}, {"functions": ["f"]}, {"sensors": [{"exposure_ev": 1}]},
-        {"requirement": {"id": "R1"}}, {"parent_run": "r1", "iteration": 1}, {"constraints": ["p1 < 1"]},
+        {"requirements": [required()]}, {"parent_run": "r1", "iteration": 1}, {"constraints": ["p1 < 1"]},
         {"resolution": {"width": 961, "height": 540}}, {"blocks": [{}, {}]},
     ]  # fmt: skip
     assert len({base, *(parse(spec(**change)).digest for change in changes)}) == len(changes) + 1
@@ -200,7 +204,20 @@ def test_one_block_stands_at_the_top_or_below_blocks_and_not_both() -> None:
         ({"count": 1.5, "design": "sobol"}, "count"),
         ({"points": [{"p1": [1]}], "design": "points"}, "points.0.p1"),
         ({"constants": {"p1": None}}, "constants.p1"),
-        ({"requirement": {"text": "x"}}, "requirement.id"),
+        ({"requirements": [{"statistic": "mean(pacc) >= 0.8"}]}, "requirements.0.id"),
+        ({"requirements": [{"id": "R"}]}, "requirements.0.statistic"),
+        ({"requirements": [required(), required()]}, "requirements.1"),
+        ({"requirements": [required(confidence=1.0)]}, "requirements.0.confidence"),
+        ({"requirements": [required(min_units=0)]}, "requirements.0.min_units"),
+        ({"requirements": [required(min_visible_pixels=-1)]}, "requirements.0.min_visible_pixels"),
+        ({"requirements": [required("mean(iou) >= 0.5", min_visible_pixels=9)]}, "requirements.0.min_visible_pixels"),
+        ({"requirements": [required(functions=["f"])]}, "requirements.0.functions.0"),
+        ({"requirements": [required("mean(pac) >= 0.5")]}, "requirements.0.statistic"),
+        ({"requirements": [required("mean(pacc) >= 0")]}, "requirements.0.statistic"),
+        (
+            {"requirements": [required("share(pacc >= 0.5) >= 1")], "design": "random", "count": 9},
+            "requirements.0.statistic",
+        ),
     ],
 )
 def test_bad_input_is_named_by_its_field(given: dict[str, Any], field: str) -> None:

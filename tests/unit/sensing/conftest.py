@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 96, 54
 
 @pytest.fixture(scope="session")
 def linear() -> NDArray[np.float16]:
-    """(54, 96, 3): tiles of different light, some above white, over a soft gradient."""
+    """Return a linear image, (54, 96, 3): tiles of different light, some above white, over a soft gradient."""
     rng = np.random.default_rng(3)
     tiles = np.kron(rng.uniform(0.02, 2.0, (9, 16, 3)), np.ones((6, 6, 1)))
     tiles *= np.linspace(0.7, 1.3, WIDTH)[None, :, None]

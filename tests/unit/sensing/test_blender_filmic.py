@@ -1,6 +1,6 @@
-"""Against Blender itself: ``blender_filmic_pairs.npz`` holds linear values and what Blender 4.5 wrote of them as 8-bit PNG.
+"""Blender's Filmic against Blender itself: ``blender_filmic_pairs.npz`` pairs linear values with Blender 4.5's 8-bit PNG of them.
 
-``plain`` is the view transform Filmic as it is, ``paper`` with exposure 0.5 and gamma 1.5, as in the paper's section 6.
+``plain`` is the plain view transform Filmic; ``paper`` has exposure 0.5 and gamma 1.5, as in the paper's section 6.
 """
 
 from pathlib import Path
@@ -15,11 +15,11 @@ from valerie.sensing.sensor import develop, respond
 PAIRS = Path(__file__).with_name("blender_filmic_pairs.npz")
 
 
-@pytest.mark.parametrize(("name", "given"), [("plain", {}), ("paper", {"exposure_ev": 0.5, "gamma": 1.5})])
-def test_the_curve_is_within_one_grey_level_of_blenders_own_picture(name: str, given: dict[str, float]) -> None:
+@pytest.mark.parametrize(("name", "values"), [("plain", {}), ("paper", {"exposure_ev": 0.5, "gamma": 1.5})])
+def test_the_curve_is_within_one_grey_level_of_blenders_own_image(name: str, values: dict[str, float]) -> None:
     with np.load(PAIRS) as pairs:
         linear, expected = pairs["linear"][None], pairs[name][None].astype(int)
-    picture = develop(linear, setting(curve="blender-filmic", **given)).astype(int)
+    picture = develop(linear, setting(curve="blender-filmic", **values)).astype(int)
     assert np.abs(picture - expected).max() <= 1
     # A curve that is off by e grey levels rounds otherwise in a share e of the pixels: this one is off by less than 0.03.
     assert (picture != expected).mean() < 0.03
@@ -32,11 +32,11 @@ def test_middle_grey_is_in_the_middle_and_white_is_reached_after_six_and_a_half_
 
 
 def test_it_is_monotone_in_grey() -> None:
-    shown = respond(np.geomspace(1e-6, 1e5, 3000), setting(curve="blender-filmic"))
-    assert (np.diff(shown) >= 0).all()
+    display = respond(np.geomspace(1e-6, 1e5, 3000), setting(curve="blender-filmic"))
+    assert (np.diff(display) >= 0).all()
 
 
 def test_bright_colours_lose_their_saturation() -> None:
-    shown = blender_filmic(np.array([[0.2, 0.02, 0.02], [200.0, 20.0, 20.0]], np.float32))
-    assert shown[0, 0] - shown[0, 1] > 0.2
-    assert shown[1, 0] - shown[1, 1] < 0.05
+    display = blender_filmic(np.array([[0.2, 0.02, 0.02], [200.0, 20.0, 20.0]], np.float32))
+    assert display[0, 0] - display[0, 1] > 0.2
+    assert display[1, 0] - display[1, 1] < 0.05

@@ -38,7 +38,7 @@ def test_tint_above_zero_is_magenta_and_below_green() -> None:
 
 
 def test_gains_stay_usable_at_the_ends_of_the_ranges() -> None:
-    found = np.array([white_balance_gains(k, t) for k in (2500.0, 15000.0) for t in (-30.0, 30.0)])
-    assert np.isfinite(found).all()
-    assert found.min() > 0.1
-    assert found.max() < 60.0
+    gains = np.array([white_balance_gains(k, t) for k in (2500.0, 15000.0) for t in (-30.0, 30.0)])
+    assert np.isfinite(gains).all()
+    assert gains.min() > 0.1
+    assert gains.max() < 60.0

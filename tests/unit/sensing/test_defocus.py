@@ -6,15 +6,15 @@ from valerie.sensing.defocus import circle_of_confusion, convolve, defocus, disc
 
 
 def radius_at(depth: float, f_number: float = 2.0, focus: float = 10.0, focal: float = 50.0) -> float:
-    found = circle_of_confusion(
+    radius = circle_of_confusion(
         np.array([depth], np.float32),
         focal_length_mm=focal, focal_px=focal / 36.0 * 960, f_number=f_number, focus_distance_m=focus,
     )  # fmt: skip
-    return float(found[0])
+    return float(radius[0])
 
 
 def traced(depth: float, f_number: float, focus: float, focal: float) -> float:
-    """The same by two thin lens equations, 1/f = 1/d + 1/v, and similar triangles, in pixels."""
+    """Return the radius in pixels by two thin lens equations, 1/f = 1/d + 1/v, and similar triangles."""
     image = 1.0 / (1.0 / focal - 1.0 / (1000.0 * depth))
     plane = 1.0 / (1.0 / focal - 1.0 / (1000.0 * focus))
     return 0.5 * focal / f_number * (plane - image) / image * (960 / 36.0)
@@ -38,25 +38,25 @@ def test_discs_grow_away_from_the_focal_plane_and_with_the_aperture() -> None:
     assert radius_at(30.0, f_number=1.4) == pytest.approx(2 * radius_at(30.0, f_number=2.8), rel=1e-5)
 
 
-def test_where_everything_is_sharp_nothing_changes() -> None:
+def test_a_sharp_image_does_not_change() -> None:
     image = np.random.default_rng(0).random((20, 30, 3), np.float32)
     assert defocus(image, np.full((20, 30), 0.49, np.float32)) is image
 
 
 def test_a_blurred_wall_is_its_convolution_with_a_disc() -> None:
     image = np.random.default_rng(0).random((60, 80, 3), np.float32)
-    found = defocus(image, np.full((60, 80), 2.3, np.float32))
+    blurred = defocus(image, np.full((60, 80), 2.3, np.float32))
     expected = cv2.filter2D(image, -1, disc_kernel(2.3), borderType=cv2.BORDER_CONSTANT)
     cover = cv2.filter2D(np.ones((60, 80), np.float32), -1, disc_kernel(2.3), borderType=cv2.BORDER_CONSTANT)
-    np.testing.assert_allclose(found, expected / cover[..., None], atol=1e-4)
+    np.testing.assert_allclose(blurred, expected / cover[..., None], atol=1e-4)
 
 
 def test_blur_preserves_energy() -> None:
     image = np.zeros((61, 61, 3), np.float32)
     image[30, 30] = 100.0
-    found = convolve(image, disc_kernel(6.7))
-    np.testing.assert_allclose(found.sum(axis=(0, 1)), 100.0, rtol=1e-5)
-    assert found.min() >= 0.0
+    blurred = convolve(image, disc_kernel(6.7))
+    np.testing.assert_allclose(blurred.sum(axis=(0, 1)), 100.0, rtol=1e-5)
+    assert blurred.min() >= 0.0
     even = np.full((40, 50, 3), 0.7, np.float32)
     depth_steps = np.repeat(np.linspace(-8.0, 8.0, 40, dtype=np.float32)[:, None], 50, axis=1)
     np.testing.assert_allclose(defocus(even, depth_steps), 0.7, rtol=1e-3)
@@ -67,8 +67,8 @@ def test_a_blurred_background_does_not_bleed_over_a_sharp_foreground() -> None:
     image[:, 30:] = 1.0  # bright and far
     radius = np.zeros((40, 60), np.float32)
     radius[:, 30:] = 1.5
-    found = defocus(image, radius)
-    np.testing.assert_allclose(found[:, :30], 0.0, atol=1e-5)
+    blurred = defocus(image, radius)
+    np.testing.assert_allclose(blurred[:, :30], 0.0, atol=1e-5)
 
 
 def test_a_blurred_foreground_bleeds_over_a_sharp_background() -> None:

@@ -31,25 +31,25 @@ def camera(focal: float) -> np.ndarray:
 
 @pytest.mark.parametrize("d", CASES)
 def test_the_map_is_that_of_opencv(d: Distortion) -> None:
-    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+    source = pixel_map(d, WIDTH, HEIGHT, FOCAL)
     places = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).reshape(-1, 1, 2).astype(np.float64)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-10)
     expected = cv2.undistortPoints(
-        places, camera(FOCAL * found.zoom), opencv(d), R=None, P=camera(FOCAL), criteria=criteria
+        places, camera(FOCAL * source.zoom), opencv(d), R=None, P=camera(FOCAL), criteria=criteria
     ).reshape(HEIGHT, WIDTH, 2)
-    np.testing.assert_allclose(found.x, expected[..., 0], atol=0.01)
-    np.testing.assert_allclose(found.y, expected[..., 1], atol=0.01)
+    np.testing.assert_allclose(source.x, expected[..., 0], atol=0.01)
+    np.testing.assert_allclose(source.y, expected[..., 1], atol=0.01)
 
 
 @pytest.mark.parametrize("d", CASES)
-def test_opencv_undistorts_the_distorted_picture_back_to_the_pinhole_image(d: Distortion) -> None:
-    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+def test_opencv_undistorts_the_distorted_image_back_to_the_pinhole_image(d: Distortion) -> None:
+    source = pixel_map(d, WIDTH, HEIGHT, FOCAL)
     back_x, back_y = cv2.initUndistortRectifyMap(
-        camera(FOCAL * found.zoom), opencv(d), None, camera(FOCAL), (WIDTH, HEIGHT), cv2.CV_32FC1
+        camera(FOCAL * source.zoom), opencv(d), None, camera(FOCAL), (WIDTH, HEIGHT), cv2.CV_32FC1
     )
     # The source of a distorted pixel, read at the place to which OpenCV maps a pinhole pixel.
-    again_x = cv2.remap(found.x.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
-    again_y = cv2.remap(found.y.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
+    again_x = cv2.remap(source.x.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
+    again_y = cv2.remap(source.y.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
     inside = (back_x > 1) & (back_x < WIDTH - 2) & (back_y > 1) & (back_y < HEIGHT - 2)
     assert inside.mean() > 0.3
     rows, columns = np.nonzero(inside)
@@ -58,14 +58,14 @@ def test_opencv_undistorts_the_distorted_picture_back_to_the_pinhole_image(d: Di
 
 
 @given(coefficients, st.floats(40.0, 2000.0))
-def test_every_pixel_of_the_picture_was_rendered(d: Distortion, focal: float) -> None:
-    found = pixel_map(d, WIDTH, HEIGHT, focal)
-    assert found.zoom >= 1.0
-    # A corner that tangential terms pull may be a quarter of a pixel beyond the samples of the border.
-    assert found.x.min() > -0.25
-    assert found.x.max() < WIDTH - 0.75
-    assert found.y.min() > -0.25
-    assert found.y.max() < HEIGHT - 0.75
+def test_every_pixel_of_the_distorted_image_was_rendered(d: Distortion, focal: float) -> None:
+    source = pixel_map(d, WIDTH, HEIGHT, focal)
+    assert source.zoom >= 1.0
+    # Tangential terms may pull a corner a quarter of a pixel beyond the samples of the border.
+    assert source.x.min() > -0.25
+    assert source.x.max() < WIDTH - 0.75
+    assert source.y.min() > -0.25
+    assert source.y.max() < HEIGHT - 0.75
 
 
 @given(coefficients)
@@ -79,19 +79,19 @@ def test_undistorting_is_the_inverse_of_distorting(d: Distortion) -> None:
 
 
 def test_without_coefficients_every_pixel_stays() -> None:
-    found = pixel_map(Distortion(), WIDTH, HEIGHT, FOCAL)
-    assert found.zoom == 1.0
-    np.testing.assert_array_equal(found.nearest(), np.arange(WIDTH * HEIGHT).reshape(HEIGHT, WIDTH))
+    source = pixel_map(Distortion(), WIDTH, HEIGHT, FOCAL)
+    assert source.zoom == 1.0
+    np.testing.assert_array_equal(source.nearest(), np.arange(WIDTH * HEIGHT).reshape(HEIGHT, WIDTH))
 
 
-def test_barrel_draws_in_and_pincushion_draws_out() -> None:
+def test_barrel_distortion_moves_pixels_inwards_and_pincushion_outwards() -> None:
     barrel, pincushion = (
         pixel_map(Distortion(k1=-0.3), WIDTH, HEIGHT, FOCAL),
         pixel_map(Distortion(k1=0.3), WIDTH, HEIGHT, FOCAL),
     )
     assert barrel.zoom > 1.0
     assert pincushion.zoom == 1.0
-    # Near the centre a barrel is the enlargement alone, and further out less.
+    # Near the centre, a barrel only has the enlargement; farther out, it shrinks.
     middle, edge = np.diff(barrel.x[HEIGHT // 2])[[WIDTH // 2, 0]]
     assert middle < edge
     middle, edge = np.diff(pincushion.x[HEIGHT // 2])[[WIDTH // 2, 0]]
@@ -100,20 +100,20 @@ def test_barrel_draws_in_and_pincushion_draws_out() -> None:
 
 @pytest.mark.parametrize("d", CASES)
 def test_shown_pixels_are_those_that_the_map_reads(d: Distortion) -> None:
-    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
-    within = shown_within(d, WIDTH, HEIGHT, FOCAL, found.zoom)
+    source = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+    within = shown_within(d, WIDTH, HEIGHT, FOCAL, source.zoom)
     read = np.zeros(WIDTH * HEIGHT, np.bool_)
-    read[found.nearest().ravel()] = True
+    read[source.nearest().ravel()] = True
     read = read.reshape(HEIGHT, WIDTH)
 
     def grown(mask: np.ndarray) -> np.ndarray:
         return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
-    # At the border a pixel may be read for a place half a pixel away; what is shrunk may be passed over.
+    # At the border, a place may read a pixel half a pixel away. Where the image shrinks, pixels may be skipped.
     assert not (read & ~grown(within)).any()
     assert not (within & ~grown(read)).any()
 
 
-def test_a_lens_folds_where_farther_out_would_be_shown_farther_in() -> None:
+def test_a_lens_folds_where_the_distorted_radius_begins_to_decrease() -> None:
     assert fold_radius(Distortion(k1=-0.3)) == pytest.approx(np.sqrt(1 / 0.9))
     assert fold_radius(Distortion(k1=0.3)) == np.inf

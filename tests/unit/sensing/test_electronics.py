@@ -10,7 +10,7 @@ SATURATED = 2.0**2.5
 
 
 def counted(electrons: float, noise: Noise, n: int = 200_000, seed: int = 1) -> np.ndarray:
-    """``n`` counts of a pixel that frees ``electrons`` on average, in electrons."""
+    """Return ``n`` counts, in electrons, of a pixel that frees ``electrons`` on average."""
     scale = noise.full_well_electrons / 2.0**noise.headroom_ev
     values = np.full(n, electrons / scale, np.float32)
     return expose(values, noise, generator=np.random.default_rng(seed)).astype(np.float64) * scale
@@ -19,17 +19,17 @@ def counted(electrons: float, noise: Noise, n: int = 200_000, seed: int = 1) -> 
 @pytest.mark.parametrize("electrons", [20.0, 50.0, 63.9, 64.1, 300.0, 4000.0])
 @pytest.mark.parametrize("read", [0.0, 3.0])
 def test_counts_have_mean_and_variance_of_the_poisson_gauss_model(electrons: float, read: float) -> None:
-    found = counted(electrons, Noise(shot=True, read_electrons=read))
+    counts = counted(electrons, Noise(shot=True, read_electrons=read))
     variance = electrons + read**2
-    assert abs(found.mean() - electrons) < 5 * np.sqrt(variance / found.size)
+    assert abs(counts.mean() - electrons) < 5 * np.sqrt(variance / counts.size)
     # The variance of a sample variance of a near-normal distribution is 2σ⁴/n.
-    assert abs(found.var() - variance) < 6 * variance * np.sqrt(2.2 / found.size)
+    assert abs(counts.var() - variance) < 6 * variance * np.sqrt(2.2 / counts.size)
 
 
 def test_few_photons_come_in_whole_numbers() -> None:
-    found = counted(3.0, Noise(shot=True))
-    np.testing.assert_allclose(found, np.rint(found), atol=1e-3)
-    assert abs((found < 0.5).mean() - np.exp(-3.0)) < 0.003
+    counts = counted(3.0, Noise(shot=True))
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-3)
+    assert abs((counts < 0.5).mean() - np.exp(-3.0)) < 0.003
 
 
 def test_read_noise_alone_does_not_depend_on_the_light() -> None:
@@ -37,32 +37,31 @@ def test_read_noise_alone_does_not_depend_on_the_light() -> None:
         assert abs(counted(electrons, Noise(read_electrons=20.0)).std() - 20.0) < 0.2
 
 
-def test_the_standard_normal_part_is_symmetric_where_it_stands_for_poisson() -> None:
-    found = counted(64.5, Noise(shot=True))
-    z = (found - found.mean()) / found.std()
+def test_the_normal_distribution_that_replaces_poissons_is_symmetric() -> None:
+    counts = counted(64.5, Noise(shot=True))
+    z = (counts - counts.mean()) / counts.std()
     assert abs((z**3).mean()) < 0.13
 
 
-def test_the_well_holds_no_more_than_it_can() -> None:
+def test_counts_saturate_at_the_full_well() -> None:
     noise = Noise(shot=True, full_well_electrons=1000.0)
-    found = counted(1e6, noise, n=1000)
-    np.testing.assert_allclose(found, 1000.0, rtol=1e-6)
+    counts = counted(1e6, noise, n=1000)
+    np.testing.assert_allclose(counts, 1000.0, rtol=1e-6)
 
 
 def test_nothing_is_counted_below_zero() -> None:
-    found = counted(0.0, Noise(shot=True, read_electrons=50.0), n=1000)
-    assert found.min() == 0.0
+    counts = counted(0.0, Noise(shot=True, read_electrons=50.0), n=1000)
+    assert counts.min() == 0.0
 
 
 @given(st.integers(1, 16))
-def test_a_converter_of_n_bits_tells_that_many_levels_apart(bits: int) -> None:
+def test_a_converter_of_n_bits_has_two_to_the_n_levels(bits: int) -> None:
     values = np.linspace(0.0, SATURATED, 200_000, dtype=np.float32)
-    found = expose(values, Noise(adc_bits=bits))
-    assert len(np.unique(found)) == min(2**bits, len(np.unique(found)))
-    assert len(np.unique(found)) == 2**bits
+    output = expose(values, Noise(adc_bits=bits))
+    assert len(np.unique(output)) == 2**bits
     step = SATURATED / (2**bits - 1)
-    assert np.abs(found - values).max() <= step / 2 * (1 + 1e-3) + 1e-6
-    assert (np.diff(found) >= 0).all()
+    assert np.abs(output - values).max() <= step / 2 * (1 + 1e-3) + 1e-6
+    assert (np.diff(output) >= 0).all()
 
 
 def test_counting_without_noise_and_converter_is_the_identity_below_saturation() -> None:

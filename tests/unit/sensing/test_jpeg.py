@@ -8,7 +8,7 @@ from valerie.sensing.jpeg import through_jpeg
 
 
 @pytest.mark.parametrize("quality", [1, 50, 95])
-def test_the_picture_is_what_pillow_reads_back(quality: int, linear: np.ndarray) -> None:
+def test_the_picture_is_the_one_that_pillow_reads_back(quality: int, linear: np.ndarray) -> None:
     picture = (np.clip(linear, 0, 1) * 255).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "JPEG", quality=quality)

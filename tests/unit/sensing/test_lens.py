@@ -22,7 +22,7 @@ def test_no_vignetting_is_one_everywhere() -> None:
     assert (vignetting(20, 10, 15.0, 0.0) == 1.0).all()
 
 
-def test_more_vignetting_is_darker_everywhere_but_in_the_centre() -> None:
+def test_more_vignetting_is_darker_everywhere_except_in_the_centre() -> None:
     weak, strong = vignetting(20, 10, 15.0, 1.0), vignetting(20, 10, 15.0, 2.0)
     assert (strong <= weak).all()
     assert strong[0, 0] < weak[0, 0]
@@ -36,12 +36,12 @@ def test_lateral_aberration_moves_red_outwards_and_blue_inwards_in_proportion() 
 
 
 @pytest.mark.parametrize("soil", [dirty, rained_on])
-def test_dirt_and_drops_cover_about_their_share_and_more_keeps_what_was_there(soil) -> None:  # type: ignore[no-untyped-def]
+def test_dirt_and_drops_cover_about_their_share_and_a_higher_share_keeps_the_patches(soil) -> None:  # type: ignore[no-untyped-def]
     image = np.full((180, 320, 3), 0.5, np.float32)
     image[::2] = 1.5
     touched = [(soil(image, share, 3) != image).any(axis=2) for share in (0.05, 0.15, 0.3)]
     for share, mask in zip((0.05, 0.15, 0.3), touched, strict=True):
-        assert share < mask.mean() < 3.5 * share  # the soft rims lie outside of what counts
+        assert share < mask.mean() < 3.5 * share  # the soft rims do not count towards the share
     assert (touched[0] <= touched[1]).all()
     assert (touched[1] <= touched[2]).all()
 
@@ -55,15 +55,15 @@ def test_a_clean_glass_changes_nothing(soil) -> None:  # type: ignore[no-untyped
 def test_dust_darkens_bright_areas_and_veils_dark_ones() -> None:
     image = np.zeros((90, 160, 3), np.float32)
     image[:, 80:] = 1.0
-    seen = dirty(image, 0.2, 1)
-    assert seen[:, :80].max() > 0.05
-    assert seen[:, 80:].min() < 0.6
-    assert seen.max() <= 1.0
+    soiled = dirty(image, 0.2, 1)
+    assert soiled[:, :80].max() > 0.05
+    assert soiled[:, 80:].min() < 0.6
+    assert soiled.max() <= 1.0
 
 
 def test_a_drop_shows_the_surroundings_upside_down() -> None:
     image = np.zeros((360, 640, 3), np.float32)
     image[:180] = 1.0  # bright sky over dark ground
-    seen = rained_on(image, 0.3, 1)
-    assert seen[200:].max() > 0.5
-    assert seen[:160].min() < 0.5
+    soiled = rained_on(image, 0.3, 1)
+    assert soiled[200:].max() > 0.5
+    assert soiled[:160].min() < 0.5

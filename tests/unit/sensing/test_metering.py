@@ -12,7 +12,7 @@ def grey(value: float) -> np.ndarray:
     return np.full((8, 12, 3), value, np.float16)
 
 
-def test_a_picture_as_bright_as_a_street_by_day_needs_no_correction() -> None:
+def test_an_image_as_bright_as_a_street_by_day_needs_no_correction() -> None:
     assert metered_ev(grey(DAYLIGHT)) == pytest.approx(0.0, abs=0.01)
 
 
@@ -28,9 +28,9 @@ def test_automatic_exposure_stays_in_its_range() -> None:
 
 
 def test_a_lamp_in_a_corner_hardly_counts() -> None:
-    lit = grey(0.01)
-    lit[0, 0] = 24.0
-    assert metered_ev(lit) == pytest.approx(metered_ev(grey(0.01)), abs=0.2)
+    image = grey(0.01)
+    image[0, 0] = 24.0
+    assert metered_ev(image) == pytest.approx(metered_ev(grey(0.01)), abs=0.2)
 
 
 def test_a_metered_picture_is_the_one_of_that_exposure_and_a_correction_adds_to_it() -> None:
@@ -43,7 +43,7 @@ def test_a_metered_picture_is_the_one_of_that_exposure_and_a_correction_adds_to_
         np.testing.assert_array_equal(develop(night, metered), develop(night, fixed))
 
 
-def test_without_it_the_exposure_is_what_the_setting_says() -> None:
+def test_without_automatic_exposure_the_setting_decides() -> None:
     night = grey(0.0004)
     assert develop(night, SensorSetting()).max() < 3
     assert develop(night, SensorSetting(auto_exposure=True)).min() > 60

@@ -12,12 +12,12 @@ CURVE_NAMES = sorted(CURVES)
 
 
 def image_of(*values: float) -> np.ndarray:
-    """A 1 × n grey linear image."""
+    """Return a grey linear image of 1 × n pixels."""
     return np.repeat(np.array(values, np.float16).reshape(1, -1, 1), 3, axis=2)
 
 
 def reference(value: float, setting: SensorSetting) -> int:
-    """The stage for one value, written a second time in plain Python."""
+    """Return the stage's result for one value, in an independent implementation in plain Python."""
     x = value * 2.0**setting.exposure_ev
     if setting.curve == "filmic":
 
@@ -56,15 +56,15 @@ def test_nan_and_negative_are_black_and_infinity_is_white(curve: str) -> None:
 def test_the_extreme_exposures_stay_in_range_and_monotone(curve: str, exposure: float) -> None:
     setting = SensorSetting.model_validate({"curve": curve, "exposure_ev": exposure})
     values = np.geomspace(1e-7, 65504.0, 500)
-    shown = develop(image_of(*values), setting)[0, :, 0].astype(int)
-    assert (np.diff(shown) >= 0).all()
+    levels = develop(image_of(*values), setting)[0, :, 0].astype(int)
+    assert (np.diff(levels) >= 0).all()
 
 
-def test_plain_srgb_shows_the_middle_grey_as_118() -> None:
+def test_plain_srgb_maps_middle_grey_to_118() -> None:
     assert develop(image_of(0.1800), SensorSetting(curve="srgb"))[0, 0, 0] == 118
 
 
-def test_filmic_leaves_the_middle_grey_darker_than_plain_srgb_and_holds_highlights() -> None:
+def test_filmic_maps_middle_grey_darker_than_plain_srgb_and_preserves_highlights() -> None:
     grey, bright = develop(image_of(0.18, 2.0), SensorSetting(curve="filmic"))[0, :, 0]
     assert grey < 118
     assert 200 < bright < 255

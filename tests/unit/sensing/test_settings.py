@@ -11,14 +11,14 @@ from valerie.sensing.settings import SensorSetting
 
 
 def leaves(model: type[BaseModel], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
     for name, field in model.model_fields.items():
         inner = field.annotation
         if isinstance(inner, type) and issubclass(inner, BaseModel):
-            found |= leaves(inner, f"{name}.")
+            defaults |= leaves(inner, f"{name}.")
         elif name != "name":
-            found[prefix + name] = field.get_default(call_default_factory=True)
-    return found
+            defaults[prefix + name] = field.get_default(call_default_factory=True)
+    return defaults
 
 
 def test_a_setting_has_the_parameters_of_the_list_and_no_others() -> None:
@@ -39,12 +39,12 @@ def test_both_ends_of_a_range_are_accepted_and_nothing_beyond(name: str) -> None
     assert row.maximum is not None
     group, _, field = name.rpartition(".")
     for value, fits in ((row.minimum, True), (row.maximum, True), (row.minimum - 1, False), (row.maximum + 1, False)):
-        given = {group: {field: value}} if group else {field: value}
+        values = {group: {field: value}} if group else {field: value}
         if fits:
-            assert dict(SensorSetting.model_validate(given).values())[name] == value
+            assert dict(SensorSetting.model_validate(values).values())[name] == value
         else:
             with pytest.raises(ValidationError):
-                SensorSetting.model_validate(given)
+                SensorSetting.model_validate(values)
 
 
 @pytest.mark.parametrize(
@@ -57,22 +57,22 @@ def test_a_wrong_setting_is_refused(wrong: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("values", "expected"),
     [
         ({}, {"curve": "filmic", "exposure_ev": 0, "gamma": 1}),
         ({"exposure_ev": -2, "curve": "aces"}, {"curve": "aces", "exposure_ev": -2, "gamma": 1}),
     ],
 )
-def test_settings_of_the_first_effects_keep_their_identity(given: dict[str, Any], expected: dict[str, Any]) -> None:
-    # Digests of everything that was ever computed hang on these bytes.
+def test_settings_of_the_first_effects_keep_their_identity(values: dict[str, Any], expected: dict[str, Any]) -> None:
+    # The digests of all products depend on these bytes.
     assert (
-        canonical_json(SensorSetting.model_validate(given).response())
+        canonical_json(SensorSetting.model_validate(values).response())
         == json.dumps(expected, sort_keys=True, separators=(",", ":")).encode()
     )
 
 
 @pytest.mark.parametrize(
-    ("given", "kept"),
+    ("values", "effective"),
     [
         ({"lens": {"focus_distance_m": 3}}, set()),
         ({"lens": {"focus_distance_m": 3, "f_number": 2}}, {"lens.focus_distance_m", "lens.f_number"}),
@@ -82,9 +82,9 @@ def test_settings_of_the_first_effects_keep_their_identity(given: dict[str, Any]
         ({"specimen": 4, "soiling": {"dirt": 0.1}}, {"specimen", "soiling.dirt"}),
     ],
 )
-def test_values_without_effect_are_no_part_of_a_response(given: dict[str, Any], kept: set[str]) -> None:
-    found = set(SensorSetting.model_validate(given).response())
-    assert found - {"curve", "exposure_ev", "gamma"} == kept
+def test_values_without_effect_are_no_part_of_a_response(values: dict[str, Any], effective: set[str]) -> None:
+    names = set(SensorSetting.model_validate(values).response())
+    assert names - {"curve", "exposure_ev", "gamma"} == effective
 
 
 def test_a_variant_replaces_only_the_sensor_values_that_it_names() -> None:

@@ -14,7 +14,7 @@ from tests.unit.sensing.conftest import setting
 from valerie.errors import InvalidInput
 from valerie.sensing.sensor import Shot, develop
 
-#: Every effect at a strength that is seen.
+#: Every effect at a visible strength.
 STRONG: dict[str, dict[str, Any]] = {
     "exposure": {"exposure_ev": 1.0},
     "gain": {"gain_db": 6.0},
@@ -72,11 +72,11 @@ def test_a_value_without_effect_alone_leaves_the_image_bit_for_bit(
 
 @pytest.mark.parametrize("effect", ["shot noise", "read noise"])
 def test_noise_differs_between_frames_seeds_and_specimens(effect: str, linear: NDArray[np.float16], shot: Shot) -> None:
-    given = setting(**STRONG[effect])
+    noisy = setting(**STRONG[effect])
     pictures = [
-        develop(linear, given, shot),
-        develop(linear, given, Shot(run_seed=8, content=shot.content)),
-        develop(linear, given, Shot(run_seed=7, content=("background", "other"))),
+        develop(linear, noisy, shot),
+        develop(linear, noisy, Shot(run_seed=8, content=shot.content)),
+        develop(linear, noisy, Shot(run_seed=7, content=("background", "other"))),
         develop(linear, setting(**STRONG[effect], specimen=1), shot),
     ]
     assert len({picture.tobytes() for picture in pictures}) == 4
@@ -86,18 +86,18 @@ def test_noise_differs_between_frames_seeds_and_specimens(effect: str, linear: N
 def test_places_belong_to_the_specimen_and_not_to_the_frame(
     effect: str, linear: NDArray[np.float16], shot: Shot
 ) -> None:
-    given = setting(**STRONG[effect])
-    here, there = develop(linear, given, shot), develop(linear, given, Shot(run_seed=7, content=("other", "frame")))
+    soiled = setting(**STRONG[effect])
+    here, there = develop(linear, soiled, shot), develop(linear, soiled, Shot(run_seed=7, content=("other", "frame")))
     np.testing.assert_array_equal(here, there)
     for other in (
         develop(linear, setting(**STRONG[effect], specimen=1), shot),
-        develop(linear, given, Shot(run_seed=8)),
+        develop(linear, soiled, Shot(run_seed=8)),
     ):
         assert (here != other).any()
 
 
 @pytest.mark.parametrize(
-    ("given", "missing"),
+    ("values", "missing"),
     [
         ({"distortion": {"k1": 0.1}}, "focal length"),
         ({"lens": {"vignetting": 1}}, "focal length"),
@@ -105,10 +105,10 @@ def test_places_belong_to_the_specimen_and_not_to_the_frame(
     ],
 )
 def test_a_setting_declares_the_data_that_it_needs(
-    given: dict[str, Any], missing: str, linear: NDArray[np.float16]
+    values: dict[str, Any], missing: str, linear: NDArray[np.float16]
 ) -> None:
     with pytest.raises(InvalidInput, match=missing):
-        develop(linear, setting(**given))
+        develop(linear, setting(**values))
 
 
 def test_defocus_without_depth_is_refused(linear: NDArray[np.float16]) -> None:
@@ -155,20 +155,24 @@ import numpy as np
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 linear = np.linspace(0, 2, 40 * 30 * 3).reshape(30, 40, 3).astype(np.float16)
-given = SensorSetting.model_validate_json(sys.argv[1])
-print(hashlib.sha256(develop(linear, given, Shot(run_seed=3, content=("a", "b"))).tobytes()).hexdigest())
+setting = SensorSetting.model_validate_json(sys.argv[1])
+print(hashlib.sha256(develop(linear, setting, Shot(run_seed=3, content=("a", "b"))).tobytes()).hexdigest())
 """
 
 
 @pytest.mark.processes
-def test_another_process_makes_the_same_noise_and_dirt() -> None:
-    given = setting(
+def test_another_process_draws_the_same_noise_and_dirt() -> None:
+    everything = setting(
         noise={"shot": True, "read_electrons": 9}, soiling={"dirt": 0.1, "drops": 0.1}, pixels={"hot_rate": 0.01}
     )
     root = Path(__file__).parents[3]
     other = subprocess.run(
-        [sys.executable, "-c", _SCRIPT, given.model_dump_json()], cwd=root, capture_output=True, text=True, check=True
+        [sys.executable, "-c", _SCRIPT, everything.model_dump_json()],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     linear = np.linspace(0, 2, 40 * 30 * 3).reshape(30, 40, 3).astype(np.float16)
-    here = develop(linear, given, Shot(run_seed=3, content=("a", "b")))
+    here = develop(linear, everything, Shot(run_seed=3, content=("a", "b")))
     assert other.stdout.strip() == hashlib.sha256(here.tobytes()).hexdigest()

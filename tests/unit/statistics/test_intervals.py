@@ -180,7 +180,7 @@ def test_rows_without_weight_are_no_data() -> None:
 def test_replicates_of_an_even_design_are_its_observations() -> None:
     values = mild(64)
     units = sampling_units("sobol", np.arange(64), replicate=replicates(64))
-    expected = stats.ttest_1samp(values.reshape(8, 8).mean(axis=1), 0.5).confidence_interval(0.95)
+    expected = stats.ttest_1samp(values.reshape(8, 8).mean(axis=0), 0.5).confidence_interval(0.95)
     interval = interval_of(values, units)
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
     assert interval.units == 64

@@ -4,16 +4,19 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from valerie.errors import InvalidInput
+from valerie.parameters.samplers import SAMPLERS
+from valerie.statistics.intervals import mean_interval
+from valerie.statistics.replicates import replicates
+from valerie.statistics.units import sampling_units
 from valerie.statistics.verdicts import (
     Basis,
     Outcome,
+    judge_even,
     judge_grid,
     judge_sample,
-    mean_of,
-    quantile_of,
-    share_of,
     units_to_decide,
 )
 
@@ -25,9 +28,8 @@ def draw(share, units, seed):
 @pytest.fixture(scope="module")
 def courses():
     """The outcome of every course of nine units that pass or fail, by the number of passes."""
-    requirement = share_of(0.5, 0.5, confidence=0.6)
     every = list(product([0.0, 1.0], repeat=9))
-    return [(sum(course), judge_sample(requirement, course, np.arange(9)).outcome) for course in every]
+    return [(sum(course), judge_sample(course, np.arange(9), at_least=0.5, confidence=0.6).outcome) for course in every]
 
 
 @pytest.mark.parametrize(("truth", "false"), [(0.5, Outcome.NOT_MET), (0.499999, Outcome.MET), (0.7, Outcome.NOT_MET)])
@@ -38,82 +40,73 @@ def test_false_verdicts_of_every_course_of_a_test_are_rarer_than_the_level(cours
 
 
 def test_looking_after_every_unit_gives_the_verdict_of_looking_once():
-    requirement, values = share_of(0.5, 0.9), draw(0.7, 300, 0)
-    whole = judge_sample(requirement, values, np.arange(300))
-    looks = [judge_sample(requirement, values[:n], np.arange(n)).outcome for n in range(1, 301)]
+    bound, values = 0.9, draw(0.7, 300, 0)
+    whole = judge_sample(values, np.arange(300), at_least=bound)
+    looks = [judge_sample(values[:n], np.arange(n), at_least=bound).outcome for n in range(1, 301)]
     assert whole.outcome is Outcome.NOT_MET
     assert whole.decided_after == next(n for n, outcome in enumerate(looks, 1) if outcome is not Outcome.UNDECIDED)
     assert set(looks[whole.decided_after - 1 :]) == {Outcome.NOT_MET}
 
 
 def test_the_p_value_reaches_its_half_of_the_level_when_the_test_ends():
-    requirement, values = share_of(0.5, 0.95), draw(0.85, 400, 1)
-    end = judge_sample(requirement, values, np.arange(400)).decided_after
-    at_end = judge_sample(requirement, values[:end], np.arange(end))
-    before = judge_sample(requirement, values[: end - 1], np.arange(end - 1))
+    bound, values = 0.95, draw(0.85, 400, 1)
+    end = judge_sample(values, np.arange(400), at_least=bound).decided_after
+    at_end = judge_sample(values[:end], np.arange(end), at_least=bound)
+    before = judge_sample(values[: end - 1], np.arange(end - 1), at_least=bound)
     assert at_end.p_not_met <= 0.025 < before.p_not_met
     assert at_end.p_met > 0.025
 
 
 def test_rows_of_one_unit_count_as_one():
-    requirement = share_of(0.5, 0.9)
+    bound = 0.9
     few, many = np.arange(30), np.repeat(np.arange(30), 24)
     alike = np.repeat(draw(0.6, 30, 2), 24)
-    assert judge_sample(requirement, alike, many) == judge_sample(requirement, alike[::24], few)
+    assert judge_sample(alike, many, at_least=bound) == judge_sample(alike[::24], few, at_least=bound)
 
 
 def test_a_unit_scores_the_share_of_its_rows():
-    requirement = share_of(0.5, 0.8)
-    verdict = judge_sample(requirement, [0.9, 0.1, 0.7, 0.6, 0.5, np.nan], [3, 3, 3, 3, 8, 8])
+    bound = 0.8
+    verdict = judge_sample([1.0, 0.0, 1.0, 1.0, 1.0, np.nan], [3, 3, 3, 3, 8, 8], at_least=bound)
     assert verdict.estimate == pytest.approx((3 / 4 + 1) / 2)
     assert (verdict.units, verdict.undefined) == (2, 1)
 
 
 def test_a_mean_with_little_spread_is_decided_sooner_than_a_share():
     values = np.clip(0.85 + 0.05 * np.random.default_rng(3).standard_normal(400), 0, 1)
-    mean = judge_sample(mean_of(0.7), values, np.arange(400))
-    share = judge_sample(share_of(0.5, 0.7), draw(0.85, 400, 3), np.arange(400))
+    mean = judge_sample(values, np.arange(400), at_least=0.7)
+    share = judge_sample(draw(0.85, 400, 3), np.arange(400), at_least=0.7)
     assert mean.outcome is share.outcome is Outcome.MET
     assert mean.decided_after < share.decided_after
 
 
-def test_a_quantile_is_a_share_of_rows():
-    values = np.random.default_rng(4).beta(8, 1, 500)
-    quantile = judge_sample(quantile_of(0.05, 0.6), values, np.arange(500))
-    share = judge_sample(share_of(0.6, 0.95), values, np.arange(500))
-    assert quantile == share
-    grid = judge_grid(quantile_of(0.05, float(np.quantile(values, 0.05)) - 1e-9), values)
-    assert grid.outcome is Outcome.MET
-
-
 def test_an_undecided_test_says_how_many_units_more_would_decide():
-    requirement, values = share_of(0.5, 0.95), np.tile([1.0] * 9 + [0.0], 12)
-    verdict = judge_sample(requirement, values, np.arange(120))
+    bound, values = 0.95, np.tile([1.0] * 9 + [0.0], 12)
+    verdict = judge_sample(values, np.arange(120), at_least=bound)
     assert verdict.outcome is Outcome.UNDECIDED
     assert verdict.further is not None
     # Going on with the same share decides after about that many.
     going_on = np.concatenate([values, np.tile(values, 20)])
-    end = judge_sample(requirement, going_on, np.arange(len(going_on))).decided_after
+    end = judge_sample(going_on, np.arange(len(going_on)), at_least=bound).decided_after
     assert end - 120 == pytest.approx(verdict.further, abs=40)
 
 
 def test_at_the_bound_no_number_of_units_decides():
     values = np.tile([1.0] * 19 + [0.0], 10)
-    verdict = judge_sample(share_of(0.5, 0.95), values, np.arange(200))
+    verdict = judge_sample(values, np.arange(200), at_least=0.95)
     assert (verdict.outcome, verdict.further) == (Outcome.UNDECIDED, None)
-    assert units_to_decide(share_of(0.5, 0.95), 0.95) is None
+    assert units_to_decide(0.95, at_least=0.95) is None
 
 
 @pytest.mark.parametrize("truth", [0.9, 0.98, 0.99])
 def test_the_number_of_units_said_before_is_the_number_needed_on_average(truth):
-    requirement = share_of(0.5, 0.95)
-    ends = [judge_sample(requirement, draw(truth, 2000, seed), np.arange(2000)).decided_after for seed in range(60)]
-    assert np.mean(ends) == pytest.approx(units_to_decide(requirement, truth), rel=0.3)
+    bound = 0.95
+    ends = [judge_sample(draw(truth, 2000, seed), np.arange(2000), at_least=bound).decided_after for seed in range(60)]
+    assert np.mean(ends) == pytest.approx(units_to_decide(truth, at_least=bound), rel=0.3)
 
 
 def test_many_units_are_judged_block_by_block_as_at_once():
     values = draw(0.9495, 10_000, 6)
-    whole = judge_sample(share_of(0.5, 0.95), values, np.arange(10_000))
+    whole = judge_sample(values, np.arange(10_000), at_least=0.95)
     assert whole.units == 10_000
     log = 0.0
     # One alternative alone, by hand: the sum of all bets cannot have fallen below it by more than their number.
@@ -123,44 +116,87 @@ def test_many_units_are_judged_block_by_block_as_at_once():
 
 
 def test_no_rows_are_undecided():
-    verdict = judge_sample(mean_of(0.5), [np.nan, np.nan], [0, 1])
+    verdict = judge_sample([np.nan, np.nan], [0, 1], at_least=0.5)
     assert (verdict.outcome, verdict.units, verdict.undefined, verdict.further) == (Outcome.UNDECIDED, 0, 2, None)
     assert np.isnan(verdict.estimate)
 
 
-@pytest.mark.parametrize(
-    ("passing", "failing", "missing", "outcome"),
-    [
-        (90, 10, 0, Outcome.MET),
-        (89, 11, 0, Outcome.NOT_MET),
-        (90, 0, 10, Outcome.MET),
-        (89, 0, 11, Outcome.UNDECIDED),
-        (0, 10, 90, Outcome.UNDECIDED),
-        (0, 11, 89, Outcome.NOT_MET),
-    ],
-)
-def test_a_listed_grid_is_decided_by_counting(passing, failing, missing, outcome):
-    verdict = judge_grid(share_of(0.5, 0.9), [0.8] * passing + [0.2] * failing, missing=missing)
-    assert (verdict.outcome, verdict.basis, verdict.units) == (outcome, Basis.GRID, passing + failing)
-    assert verdict.further == (missing if outcome is Outcome.UNDECIDED else None)
+@pytest.mark.parametrize(("passing", "outcome"), [(91, Outcome.MET), (90, Outcome.MET), (89, Outcome.NOT_MET)])
+def test_a_listed_grid_is_decided_by_counting(passing, outcome):
+    verdict = judge_grid([1.0] * passing + [0.0] * (100 - passing) + [np.nan], at_least=0.9)
+    assert (verdict.outcome, verdict.basis, verdict.units, verdict.undefined) == (outcome, Basis.GRID, 100, 1)
+    assert verdict.further is None
 
 
 def test_a_grid_without_rows_is_undecided():
-    verdict = judge_grid(mean_of(0.5), [np.nan], missing=3)
-    assert (verdict.outcome, verdict.further, verdict.undefined) == (Outcome.UNDECIDED, 3, 1)
-    assert judge_grid(mean_of(0.5), []).outcome is Outcome.UNDECIDED
+    verdict = judge_grid([np.nan], at_least=0.5)
+    assert (verdict.outcome, verdict.undefined) == (Outcome.UNDECIDED, 1)
+    assert judge_grid([], at_least=0.5).outcome is Outcome.UNDECIDED
 
 
-@pytest.mark.parametrize("make", [lambda: mean_of(1.0), lambda: share_of(0.5, 0.0), lambda: quantile_of(0.0, 0.5)])
-def test_a_bound_that_no_sample_can_show_is_refused(make):
+def test_a_bound_of_a_grid_is_reached_by_equality_whatever_the_rounding():
+    scores = [0.1] * 3
+    assert sum(scores) / 3 != 0.1  # 0.30000000000000004 / 3
+    assert judge_grid(scores, at_least=0.1).outcome is Outcome.MET
+    assert judge_grid([1 - score for score in scores], at_least=0.9).outcome is Outcome.MET
+    assert judge_grid([1.0] * 9, at_least=1.0).outcome is Outcome.MET
+
+
+@pytest.mark.parametrize("bound", [0.0, 1.0, float("nan")])
+def test_a_bound_that_no_sample_can_show_is_refused(bound):
     with pytest.raises(InvalidInput, match="at_least: has to lie between 0 and 1"):
-        make()
+        judge_sample([1.0], [0], at_least=bound)
+    with pytest.raises(InvalidInput, match="at_least: has to lie between 0 and 1"):
+        units_to_decide(0.9, at_least=bound)
 
 
 def test_bad_input_is_refused_by_name():
-    with pytest.raises(InvalidInput, match=r"values: has to lie between 0 and 1; got 1.5"):
-        judge_sample(mean_of(0.5), [0.2, 1.5], [0, 1])
+    with pytest.raises(InvalidInput, match=r"scores: has to lie between 0 and 1; got 1.5"):
+        judge_sample([0.2, 1.5], [0, 1], at_least=0.5)
     with pytest.raises(InvalidInput, match="units"):
-        judge_sample(mean_of(0.5), [0.2, 0.5], [0])
+        judge_sample([0.2, 0.5], [0], at_least=0.5)
     with pytest.raises(InvalidInput, match="confidence"):
-        share_of(0.5, 0.5, confidence=1.0)
+        judge_sample([0.2], [0], at_least=0.5, confidence=1.0)
+
+
+def even(share, units, seed):
+    """Pass or fail of Sobol' points in replicates: failing is a corner of the box."""
+    points = SAMPLERS["sobol"](dimensions=2, count=units, seed=seed).points(0, units)
+    return (1 - points.prod(axis=1) >= 1 - _corner(share)).astype(float)
+
+
+def _corner(share):
+    """Return c with P(u v <= c) = share for independent uniform u, v: c (1 - log c) = share."""
+    return brentq(lambda c: c * (1 - np.log(c)) - share, 1e-12, 1 - 1e-12)
+
+
+@pytest.mark.parametrize(("truth", "outcome"), [(0.97, Outcome.MET), (0.83, Outcome.NOT_MET), (0.9, Outcome.UNDECIDED)])
+def test_an_even_design_is_judged_by_its_replicates_at_its_number_of_units(truth, outcome):
+    scores = even(truth, 512, 3)
+    assert scores.mean() == pytest.approx(truth, abs=0.01)
+    verdict = judge_even(scores, np.arange(512), replicates(512), at_least=0.9)
+    interval = mean_interval(scores, sampling_units("sobol", np.arange(512), replicate=replicates(512)))
+    assert verdict.outcome is outcome
+    assert verdict.units == 512
+    assert verdict.decided_after is None
+    assert (interval.low >= 0.9, interval.high < 0.9) == (outcome is Outcome.MET, outcome is Outcome.NOT_MET)
+
+
+def test_a_false_verdict_on_an_even_design_is_rare():
+    outcomes = [
+        judge_even(even(0.9, 128, seed), np.arange(128), replicates(128), at_least=0.9).outcome for seed in range(300)
+    ]
+    # At the bound, met is right; 2.5 % of 300 are 7.5, and 17 or more have a chance of 1 in 500.
+    assert outcomes.count(Outcome.NOT_MET) <= 16
+
+
+def test_an_undecided_even_design_says_about_how_many_units_more_would_do():
+    first = judge_even(even(0.93, 64, 1), np.arange(64), replicates(64), at_least=0.9)
+    assert first.outcome is Outcome.UNDECIDED
+    assert first.further is not None
+    many = 8 * (64 + first.further)
+    decided = judge_even(even(0.93, many, 1), np.arange(many), replicates(many), at_least=0.9)
+    assert decided.outcome is Outcome.MET
+    assert judge_even([np.nan], [0], [0], at_least=0.9).outcome is Outcome.UNDECIDED
+    few = judge_even(np.ones(3), np.arange(3), np.arange(3), at_least=0.9)
+    assert (few.outcome, few.further) == (Outcome.UNDECIDED, 3)

@@ -24,7 +24,7 @@ class Sampler(Protocol):
 
 
 class SamplerFactory(Protocol):
-    """The constructor of a sampler class."""
+    """The constructor of a sampler class, or a function like it."""
 
     def __call__(self, *, dimensions: int, count: int, seed: int) -> Sampler:
         """Build a sampler of ``count`` points; ``seed`` is a 128-bit number that belongs to one block of one spec."""

@@ -1,6 +1,6 @@
 """Low-discrepancy designs of ``scipy.stats.qmc``, read at any index.
 
-The points of a smaller design are the first points of a larger one with the same seed, so a run may be continued.
+The points of a smaller design are the first points of a larger one with the same seed.
 scipy is imported where points are drawn, since importing ``scipy.stats`` takes most of a second and the API only
 describes designs.
 """

@@ -70,10 +70,10 @@ def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "option
     if not by_name and not networks:
         raise _not_allowed(host, port, field)
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
         raise InferenceError(f"{host} has no address: {error}") from None
-    for *_, place in found:
+    for *_, place in addresses:
         address = ipaddress.ip_address(str(place[0]).partition("%")[0])
         if by_name or any(address in network for network in networks):
             return Target(host, port, path, str(place[0]), secure)

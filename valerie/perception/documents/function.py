@@ -198,8 +198,8 @@ class OutputDocument(_Part):
     @property
     def reached(self) -> tuple[str, ...]:
         """Evaluated Cityscapes classes that the function can predict, in the order of train ids."""
-        found = set(self.lookup[: len(self.classes)].tolist())
-        return tuple(label.name for label in TRAIN_LABELS if label.train_id in found)
+        train_ids = set(self.lookup[: len(self.classes)].tolist())
+        return tuple(label.name for label in TRAIN_LABELS if label.train_id in train_ids)
 
     @property
     def unmapped(self) -> tuple[str, ...]:
@@ -246,11 +246,11 @@ class FunctionDocument(_Part):
             raise ValueError(f"engine {self.engine} cannot run kind {self.kind}: {' | '.join(ENGINES[self.kind])}")
         if self.precision not in PRECISIONS[self.engine]:
             raise ValueError(f"engine {self.engine} has no {self.precision}: {' | '.join(PRECISIONS[self.engine])}")
-        wanted = PAYLOADS.get(self.kind)
-        given = self.payload.format if self.payload else None
-        if given != wanted:
+        expected = PAYLOADS.get(self.kind)
+        actual = self.payload.format if self.payload else None
+        if actual != expected:
             raise ValueError(
-                f"kind {self.kind} takes {f'a file of {wanted}' if wanted else 'no file'}, not {given or 'none'}"
+                f"kind {self.kind} takes {f'a file of {expected}' if expected else 'no file'}, not {actual or 'none'}"
             )
         if self.kind in ("network", "huggingface") and not self.architecture:
             raise ValueError(f"kind {self.kind} needs an architecture")

@@ -96,27 +96,27 @@ def filled_network(
 
 
 def require_same_shapes(
-    expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]], *, field: str
+    expected: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]], *, field: str
 ) -> None:
     """Refuse tensors that are not those of a network; batch counters are optional.
 
     Raises:
         InvalidInput: names the first three tensors that are missing, unknown or of another shape.
     """
-    problems = differing_tensors(expected, given)
+    problems = differing_tensors(expected, actual)
     if problems:
-        shown = "; ".join(problems[:3])
+        first = "; ".join(problems[:3])
         more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
-        raise InvalidInput(f"the tensors are not those of the architecture: {shown}{more}", field=field)
+        raise InvalidInput(f"the tensors are not those of the architecture: {first}{more}", field=field)
 
 
-def differing_tensors(expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]]) -> list[str]:
+def differing_tensors(expected: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]]) -> list[str]:
     """Return one sentence for each tensor that is missing, unknown or of another shape; batch counters are ignored."""
-    missing = [f"{name} is missing" for name in expected if name not in given]
-    unknown = [f"{name} is unknown" for name in given if name not in expected and not name.endswith(_TRAINING_ONLY)]
+    missing = [f"{name} is missing" for name in expected if name not in actual]
+    unknown = [f"{name} is unknown" for name in actual if name not in expected and not name.endswith(_TRAINING_ONLY)]
     reshaped = [
-        f"{name} is {list(given[name])} instead of {list(shape)}"
+        f"{name} is {list(actual[name])} instead of {list(shape)}"
         for name, shape in expected.items()
-        if name in given and given[name] != shape
+        if name in actual and actual[name] != shape
     ]
     return missing + unknown + reshaped

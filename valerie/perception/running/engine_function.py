@@ -64,8 +64,8 @@ class EngineFunction:
         """
         for picture in pictures:
             if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-                given = f"{picture.dtype} {picture.shape}"
-                raise InvalidInput("not a picture", field="picture", value=given, limit="(H, W, 3) uint8, not empty")
+                layout = f"{picture.dtype} {picture.shape}"
+                raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
         if len({picture.shape for picture in pictures}) > 1:
             raise InvalidInput("pictures of different sizes", field="pictures")
         if not pictures:

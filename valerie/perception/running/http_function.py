@@ -68,8 +68,8 @@ class HttpFunction:
             InferenceError: the answer is late, its status is not 200, its version is another, or it is no label map of the frame.
         """
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-            given = f"{picture.dtype} {picture.shape}"
-            raise InvalidInput("not a picture", field="picture", value=given, limit="(H, W, 3) uint8, not empty")
+            layout = f"{picture.dtype} {picture.shape}"
+            raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
         height, width = picture.shape[:2]
         target = allowed_target(self._options.url, self._allowed)
         answer = self._ask(target, encode_png(picture), max_label_bytes(height, width))

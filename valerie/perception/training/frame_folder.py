@@ -51,8 +51,8 @@ class TrainingFrame:
         height_width = self.train_ids.shape
         has_types = self.picture.dtype == np.uint8 and self.train_ids.dtype == np.uint8
         if not has_types or len(height_width) != 2 or self.picture.shape != (*height_width, 3):
-            given = f"{self.picture.dtype} {self.picture.shape}, {self.train_ids.dtype} {height_width}"
-            raise InvalidInput("not a training frame", value=given, limit="uint8 (H, W, 3) and uint8 (H, W)")
+            layout = f"{self.picture.dtype} {self.picture.shape}, {self.train_ids.dtype} {height_width}"
+            raise InvalidInput("not a training frame", value=layout, limit="uint8 (H, W, 3) and uint8 (H, W)")
 
 
 class Shard(BaseModel):

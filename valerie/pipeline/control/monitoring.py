@@ -137,9 +137,9 @@ class _Collector:
         cpu = CounterMetricFamily(
             "valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"]
         )
-        for kind, made, lost, seconds in kinds:
-            done.add_metric([kind], made)
-            failed.add_metric([kind], lost)
+        for kind, done_count, failed_count, seconds in kinds:
+            done.add_metric([kind], done_count)
+            failed.add_metric([kind], failed_count)
             cpu.add_metric([kind], seconds)
         yield from (done, failed, cpu)
         workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])

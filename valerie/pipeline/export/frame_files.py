@@ -12,6 +12,8 @@ from valerie.datasets import cityscapes, coco
 from valerie.datasets.camera import CameraDocument, camera_document
 from valerie.datasets.cityscapes import labels_path
 from valerie.datasets.frame import LabelledFrame
+from valerie.datasets.index import IndexRow
+from valerie.datasets.polygons import lost_pixels, polygons_document
 from valerie.errors import Conflict
 from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.base.context import Context
@@ -22,7 +24,6 @@ from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import ChosenFrame
-from valerie.pipeline.reading.tables import TableRow
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.variation.conditions import with_sun_angles
@@ -59,12 +60,14 @@ class Fragment(BaseModel):
         split: that it belongs to.
         coco: None where that format is not asked for.
         rows: of the index, one per person; empty where that format is not asked for.
+        lost: `lost_pixels` of the frame's polygons; empty where none are asked for.
     """
 
     name: str
     split: str
     coco: CocoFragment | None = None
-    rows: list[TableRow] = []
+    rows: list[IndexRow] = []
+    lost: dict[str, tuple[int, int]] = {}
 
 
 class FrameWriter:
@@ -92,7 +95,7 @@ class FrameWriter:
         capture = capture_of(plan.run.resolved, frame.stored, plan.sensor)
         if capture.distorted:
             seen = capture.seen_truth(self._reader)
-            frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
+            frame = replace(frame, persons=tuple(measured_again(person, seen) for person in frame.persons))
         annotations = self._annotations(frame)
         for kind, arrays in annotations.items():
             path = root / "annotations" / split / name.city / f"{name}_{kind}.npz"
@@ -100,12 +103,15 @@ class FrameWriter:
             path.write_bytes(npz(arrays))
         labelled = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
         picture = cityscapes.write_picture(root, split, labelled)
+        fragment = Fragment(name=str(name), split=split)
         if "cityscapes" in formats:
-            cityscapes.write_labels(root, split, labelled, polygons=plan.settings.polygons)
+            polygons = polygons_document(labelled.segment_ids) if plan.settings.polygons else None
+            cityscapes.write_labels(root, split, labelled, polygons)
+            if polygons is not None:
+                fragment.lost = lost_pixels(polygons, labelled.class_map)
         for function, predictions in plan.predictions.items():
             prediction = self._reader.prediction(predictions[frame.key].digest)
             cityscapes.write_prediction(root, split, name, function, prediction)
-        fragment = Fragment(name=str(name), split=split)
         if "coco" in formats:
             fragment.coco = self._coco(root, labelled, split, picture)
         if "parquet" in formats:
@@ -127,7 +133,7 @@ class FrameWriter:
             segments=[dict(segment) for segment in coco.panoptic_segments(ids)],
         )
 
-    def _rows(self, frame: ChosenFrame, labelled: LabelledFrame, split: str, picture: Path) -> list[TableRow]:
+    def _rows(self, frame: ChosenFrame, labelled: LabelledFrame, split: str, picture: Path) -> list[IndexRow]:
         """Return the frame's rows of the index."""
         resolved = self._plan.run.resolved
         height, width = labelled.class_map.shape
@@ -142,7 +148,16 @@ class FrameWriter:
         }
         values = with_sun_angles(frame.values, resolved.manifest)
         parameters = {d.path: values.get(d.path, d.default) for d in resolved.definitions}
-        return [{**files, **row, **parameters} for row in frame.persons]
+        return [
+            {
+                **files,
+                **frame.row(person, resolved),
+                "box": person.box,
+                "amodal_box": person.amodal_box,
+                **parameters,
+            }
+            for person in frame.persons
+        ]
 
     def _annotations(self, frame: ChosenFrame) -> dict[AnnotationKind, Arrays]:
         try:
@@ -155,15 +170,9 @@ class FrameWriter:
 
     def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Arrays | None) -> LabelledFrame:
         truth = capture.seen_truth(self._reader)
-        persons = {
-            row["instance_id"]: {name: row[name] for name in _OF_PERSON}
-            for row in frame.persons
-            if row["instance_id"] is not None
-        }
+        rows = {person.instance_id: frame.row(person, self._plan.run.resolved) for person in frame.persons}
         # Joints are of the pinhole camera.
-        if joints is not None and not capture.distorted:
-            for number, points in key_points(Joints(**joints)).items():
-                persons.setdefault(number, {}).update(points)
+        points = key_points(Joints(**joints)) if joints is not None and not capture.distorted else {}
         return LabelledFrame(
             name=self._plan.name(frame),
             picture=capture.picture(self._reader),
@@ -171,7 +180,8 @@ class FrameWriter:
             instance_map=truth.instance_map,
             camera=self._camera(frame, capture) if "cityscapes" in self._plan.settings.formats else None,
             amodal={person.instance_id: person.amodal for person in truth.persons},
-            persons=persons,
+            persons={number: {name: row[name] for name in _OF_PERSON} for number, row in rows.items() if number},
+            key_points=points,
         )
 
     def _camera(self, frame: ChosenFrame, capture: Capture) -> CameraDocument:

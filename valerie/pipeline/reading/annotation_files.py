@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any, Final, TypedDict
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.db import results
+from valerie.datasets.frame import KeyPoints
+from valerie.db import frames, measured
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.measures import Source, names_from
@@ -52,8 +53,8 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
         Conflict: one is not made yet, or failed for good.
     """
     with reading(context.engine) as connection:
-        results.frame(connection, key)
-        links = results.frame_annotations(connection, key)
+        frames.get(connection, key)
+        links = frames.annotation_links(connection, key)
     for kind in kinds:
         if kind not in links:
             raise UnknownName("annotation of the run", kind, tuple(links), field="annotations")
@@ -74,10 +75,12 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
         stored = reader.annotation(kind, product)
         return {field.name: getattr(stored, field.name) for field in fields(stored)}
     with reading(context.engine) as connection:
-        rows = results.person_lights(connection, product)
+        persons = measured.person_lights(connection, product)
     # Undefined values (no sun, nothing visible) are NaN.
-    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in names_from(Source.LIGHT)}
-    return {"instances": np.array([row.instance_id for row in rows], np.int64), **values}
+    values = {
+        name: np.array([person.measures[name] for person in persons], np.float64) for name in names_from(Source.LIGHT)
+    }
+    return {"instances": np.array([person.instance_id for person in persons], np.int64), **values}
 
 
 def npz(arrays: Arrays) -> bytes:
@@ -85,18 +88,6 @@ def npz(arrays: Arrays) -> bytes:
     buffer, members = io.BytesIO(), dict[str, Any](arrays)
     np.savez_compressed(buffer, **members)
     return buffer.getvalue()
-
-
-class KeyPoints(TypedDict):
-    """COCO's key points of one person.
-
-    Attributes:
-        keypoints: x, y and flag of each joint, one after the other.
-        num_keypoints: number of joints in the image.
-    """
-
-    keypoints: list[float]
-    num_keypoints: int
 
 
 def key_points(joints: Joints) -> dict[int, KeyPoints]:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
-from valerie.db import results
+from valerie.db import frames, measured, results
 from valerie.db.engine import reading
 from valerie.db.links import StoredFrame
-from valerie.measures import Source, names_from
+from valerie.db.measured import MeasuredPerson
+from valerie.db.models import Assignment
+from valerie.db.results import EvaluationRow
+from valerie.measures import Measures, Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
-from valerie.pipeline.reading.tables import TableRow, character_of
+from valerie.pipeline.reading.tables import character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 
-_LIGHT: Final = names_from(Source.LIGHT)
+_DARK: Final = dict.fromkeys(names_from(Source.LIGHT))
+_UNSCORED: Final = dict.fromkeys(("tp", "fn", "tn", "pacc", *names_from(Source.FRAME_SCORE)))
 
 
 class Address(Protocol):
@@ -62,6 +66,49 @@ class FrameSequence:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonDetails:
+    """A person of a frame.
+
+    Attributes:
+        instance_id: label id × 1000 + n; 0 stands for a scene without persons.
+        character: which pedestrian the person is.
+        box, amodal_box: x0, y0, x1, y1 of the visible pixels and of the person alone, end exclusive.
+        measures: of place, pixels and light.
+    """
+
+    instance_id: int
+    character: str | None
+    box: Sequence[int] | None
+    amodal_box: Sequence[int] | None
+    measures: Measures
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationDetails:
+    """A function's look at a frame through one sensor setting.
+
+    Attributes:
+        sensor, function: their names.
+        prediction, scores: digests.
+        state: ``done``, ``failed``, or the state of the slower product.
+        measures: of the class person and of the frame; None until done.
+        judged_by: classes that scores over all classes are over; empty: all.
+        persons: the persons' scores.
+        images: kind of picture to its address.
+    """
+
+    sensor: str
+    function: str
+    prediction: str
+    scores: str
+    state: str
+    measures: Measures
+    judged_by: Sequence[str]
+    persons: Sequence[MeasuredPerson]
+    images: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class FrameDetails(FrameSummary):
     """A frame with its persons, scores and pictures.
 
@@ -71,8 +118,8 @@ class FrameDetails(FrameSummary):
         sequence: None where each variant and camera has one frame.
         assignment: path to value, of the variant and at the frame's time.
         annotations: kind to product.
-        persons: how each person is seen; one row for instance 0 where the scene holds no person.
-        evaluations: scores and pictures, one row per sensor setting and function.
+        persons: who is seen; where the scene holds no person, one with instance 0.
+        evaluations: one per sensor setting and function.
         images: kind of picture to its address, behind the run's first sensor setting.
         previous, next: ids of the frames beside this one in the order of the run.
     """
@@ -81,10 +128,10 @@ class FrameDetails(FrameSummary):
     width: int
     height: int
     sequence: FrameSequence | None
-    assignment: Mapping[str, Any]
+    assignment: Assignment
     annotations: Mapping[str, str]
-    persons: tuple[TableRow, ...]
-    evaluations: tuple[TableRow, ...]
+    persons: tuple[PersonDetails, ...]
+    evaluations: tuple[EvaluationDetails, ...]
     images: Mapping[str, str]
     previous: str | None
     next: str | None
@@ -99,8 +146,8 @@ def list_frames(context: Context, run_id: str, *, after: FrameKey | None, limit:
     """
     resolved = read_run(context, run_id).resolved
     with reading(context.engine) as connection:
-        page = results.frames_page(connection, run_id, after=after, limit=limit)
-    return [FrameSummary(**_summary(frame, states, resolved)) for frame, states in page]
+        page = frames.page(connection, run_id, after=after, limit=limit)
+    return [_summary(frame, states, resolved) for frame, states in page]
 
 
 def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDetails:
@@ -113,19 +160,29 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     run = read_run(context, key.run_id)
     resolved = run.resolved
     with reading(context.engine) as connection:
-        frame = results.frame(connection, key)
+        frame = frames.get(connection, key)
         states = [results.product_state(connection, digest) for digest in frame.products.required]
-        annotations = results.frame_annotations(connection, key)
-        persons = results.person_views(connection, frame.products.truth)
+        annotations = frames.annotation_links(connection, key)
+        persons = measured.person_views(connection, frame.products.truth)
         light = annotations.get("light")
-        lights = {row.instance_id: row for row in results.person_lights(connection, light.product)} if light else {}
+        lit = measured.person_lights(connection, light.product) if light else []
         evaluations = results.frame_evaluations(connection, key)
-        scores = results.person_scores(connection, [row.scores for row in evaluations])
-        previous, following = results.neighbours(connection, key)
+        scores = measured.person_scores(connection, [row.scores for row in evaluations])
+        previous, following = frames.neighbours(connection, key)
+    lights = {person.instance_id: person.measures for person in lit}
     kinds = (*FRAME_KINDS, *(kind for kind in annotations if kind in ANNOTATION_KINDS))
     step = resolved.times.step
+    summary = _summary(frame, states, resolved)
     return FrameDetails(
-        **_summary(frame, states, resolved),
+        id=summary.id,
+        variant_index=summary.variant_index,
+        camera=summary.camera,
+        time_index=summary.time_index,
+        time_s=summary.time_s,
+        background=summary.background,
+        layer=summary.layer,
+        truth=summary.truth,
+        state=summary.state,
         run_id=key.run_id,
         width=resolved.spec.resolution.width,
         height=resolved.spec.resolution.height,
@@ -133,50 +190,54 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         assignment={**frame.assignment, **resolved.at(frame.assignment, key.time)},
         annotations={kind: link.product for kind, link in annotations.items()},
         persons=tuple(
-            {
-                **row._mapping,  # noqa: SLF001  # public in SQLAlchemy
-                **{name: getattr(lights.get(row.instance_id), name, None) for name in _LIGHT},
-                "character": character_of(row.instance_id, frame.assignment, resolved),
-            }
-            for row in persons
+            PersonDetails(
+                instance_id=person.instance_id,
+                character=character_of(person.instance_id, frame.assignment, resolved),
+                box=person.box,
+                amodal_box=person.amodal_box,
+                measures={**person.measures, **lights.get(person.instance_id, _DARK)},
+            )
+            for person in persons
         ),
-        evaluations=tuple(
-            {**_evaluation(key, row, run, address), "persons": scores[row.scores]} for row in evaluations
-        ),
+        evaluations=tuple(_evaluation(key, row, scores[row.scores], run, address) for row in evaluations),
         images={kind: address(key, kind=kind) for kind in kinds},
         previous=None if previous is None else str(previous),
         next=None if following is None else str(following),
     )
 
 
-def _summary(frame: StoredFrame, states: Iterable[str], resolved: ResolvedRun) -> dict[str, Any]:
-    """Return the fields of a `FrameSummary`."""
-    return {
-        "id": str(frame.key),
-        "variant_index": frame.key.variant,
-        "camera": resolved.cameras[frame.key.camera],
-        "time_index": frame.key.time,
-        "time_s": resolved.seconds(frame.assignment, frame.key.time),
-        "background": frame.products.background,
-        "layer": frame.products.layer,
-        "truth": frame.products.truth,
-        "state": _state(states),
-    }
+def _summary(frame: StoredFrame, states: Iterable[str], resolved: ResolvedRun) -> FrameSummary:
+    return FrameSummary(
+        id=str(frame.key),
+        variant_index=frame.key.variant,
+        camera=resolved.cameras[frame.key.camera],
+        time_index=frame.key.time,
+        time_s=resolved.seconds(frame.assignment, frame.key.time),
+        background=frame.products.background,
+        layer=frame.products.layer,
+        truth=frame.products.truth,
+        state=_state(states),
+    )
 
 
-def _evaluation(key: FrameKey, row: Any, run: StoredRun, address: Address) -> TableRow:
+def _evaluation(
+    key: FrameKey, row: EvaluationRow, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
+) -> EvaluationDetails:
     sensor = run.resolved.spec.sensors[row.sensor_index].name
     function = run.resolved.spec.functions[row.function_index]
-    return {
-        **row._mapping,  # noqa: SLF001  # public in SQLAlchemy
-        "sensor": sensor,
-        "function": function,
-        "judged_by": pinned_card(run.pins, function).judged_by,
-        "state": _state((row.prediction_state, row.scores_state)),
-        "images": {
+    return EvaluationDetails(
+        sensor=sensor,
+        function=function,
+        prediction=row.prediction,
+        scores=row.scores,
+        state=_state((row.prediction_state, row.scores_state)),
+        measures=_UNSCORED if row.score is None else row.score.figures,
+        judged_by=pinned_card(run.pins, function).judged_by,
+        persons=persons,
+        images={
             kind: address(key, kind=kind, function=function, sensor=sensor) for kind in ("picture", *FUNCTION_KINDS)
         },
-    }
+    )
 
 
 def _state(states: Iterable[str]) -> str:

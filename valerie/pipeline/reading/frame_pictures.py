@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.db import results, runs
+from valerie.db import frames, results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.parameters.assignment import digest
@@ -73,8 +73,8 @@ def find_picture(
     """
     with reading(context.engine) as connection:
         resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
-        frame = results.frame(connection, key)
-        annotations = results.frame_annotations(connection, key)
+        frame = frames.get(connection, key)
+        annotations = frames.annotation_links(connection, key)
         evaluations = results.frame_evaluations(connection, key)
         states = {product: results.product_state(connection, product) for product in frame.products.required}
     states |= {link.product: link.state for link in annotations.values()}
@@ -93,7 +93,7 @@ def find_picture(
         needed.append(annotations[kind].state)
     missing = [state for state in needed if state != "done"]
     if missing:
-        raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")
+        raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
     return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
 
 

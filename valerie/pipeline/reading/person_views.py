@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
+from valerie.db.measured import SEEN, SeenPerson
 from valerie.measures import Source, names_from
 from valerie.rendering.base import GroundTruth
-from valerie.rendering.visibility import Box, Visibility, measure_pixels
+from valerie.rendering.visibility import ABSENT, Box, Visibility, measure_pixels
 
-#: Columns of `valerie.db.models.PersonView` that are measured in the picture.
-_SEEN: Final = (*names_from(Source.PIXELS), "box", "amodal_box")
-_PLACED: Final = names_from(Source.PLACE)
+_PIXELS: Final = names_from(Source.PIXELS)
+#: Stands for the persons of a frame without any, so that no result omits the frame in silence.
+NO_PERSON: Final = SeenPerson(0, {**dict.fromkeys(SEEN), "undefined_reason": ABSENT}, None, None)
 
 
-def view_row(truth: str, view: Visibility) -> dict[str, Any]:
-    """Return the row of one person in one truth (or in an evaluation whose sensor distorts)."""
-    return {
-        "truth": truth,
-        "instance_id": view.instance_id,
-        **{name: getattr(view, name) for name in (*_PLACED, *_SEEN)},
-        "box": _corners(view.box),
-        "amodal_box": _corners(view.amodal_box),
-    }
+def seen_person(view: Visibility) -> SeenPerson:
+    """Return the row of one person in one truth."""
+    measures = {name: getattr(view, name) for name in SEEN}
+    return SeenPerson(view.instance_id, measures, _corners(view.box), _corners(view.amodal_box))
 
 
 def _corners(box: Box | None) -> list[int] | None:
@@ -30,21 +25,16 @@ def _corners(box: Box | None) -> list[int] | None:
     return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
 
 
-def no_person(truth: str) -> dict[str, Any]:
-    """Return the row of a frame without any person, so that no result omits the frame in silence."""
-    return {"truth": truth, "instance_id": 0, **dict.fromkeys((*_PLACED, *_SEEN)), "undefined_reason": "absent"}
-
-
-def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]:
-    """Return the row of a person with everything that is measured in pixels taken from another truth of the same scene.
+def measured_again(person: SeenPerson, truth: GroundTruth) -> SeenPerson:
+    """Return a person with everything that is measured in pixels taken from another truth of the same scene.
 
     Args:
-        row: any of the columns of `valerie.db.models.PersonView`, and others, which stay.
+        person: as the frame's own truth shows it; its other measures stay.
         truth: as a distorting sensor sees it.
     """
-    number = row["instance_id"]
-    person = next((person for person in truth.persons if person.instance_id == number), None)
-    if person is None:  # absent, or no person at all
-        return dict(row)
-    measured = view_row("", measure_pixels(person, truth))
-    return {**row, **{name: measured[name] for name in _SEEN if name in row}}
+    shown = next((shown for shown in truth.persons if shown.instance_id == person.instance_id), None)
+    if shown is None:  # absent, or no person at all
+        return person
+    seen = seen_person(measure_pixels(shown, truth))
+    pixels = {name: seen.measures[name] for name in _PIXELS}
+    return SeenPerson(person.instance_id, {**person.measures, **pixels}, seen.box, seen.amodal_box)

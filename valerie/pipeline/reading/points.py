@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from valerie.analysis.frame_counts import ABSENT
-from valerie.db import results, runs
+from valerie.db import long_table, runs
 from valerie.db.engine import reading
+from valerie.db.long_table import Point
+from valerie.db.models import Assignment
 from valerie.errors import UnknownName
 from valerie.measures import Measure, Source, measures_from
+from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
@@ -100,12 +103,12 @@ class ScatterPoints:
     instance: list[int] = field(default_factory=list)
     undefined: Counter[str] = field(default_factory=Counter)
 
-    def add(self, row: Any, x: float, character: str | None) -> None:
-        """Add the point of a row of `valerie.db.results.points`."""
+    def add(self, row: Point, pacc: float, x: float, character: str | None) -> None:
+        """Add the point of a row with its pACC."""
         if character is not None and character not in self.characters:
             self.characters.append(character)
         self.x.append(x)
-        self.pacc.append(row.pacc)
+        self.pacc.append(pacc)
         self.variant.append(row.variant_index)
         self.camera.append(row.camera_index)
         self.time.append(row.time_index)
@@ -135,9 +138,9 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
             raise UnknownName("column to plot over", column, [axis.column for axis in axes], field="column")
         evaluated = run.progress.stages[Stage.EVAL].done if run.progress is not None else 0
         share = min(1.0, limit / max(evaluated * max(len(resolved.manifest.persons), 1), 1))
-        stored = column if column in results.COLUMNS else None
-        rows = results.points(connection, run_id, stored, share=share)
-        assignments = results.assignments(connection, run_id, {row.variant_index for row in rows})
+        stored = column if column in long_table.COLUMNS else None
+        rows = long_table.points(connection, run_id, stored, share=share)
+        assignments = runs.assignments(connection, run_id, {row.variant_index for row in rows})
     spec = resolved.spec
     points = ScatterPoints(
         column=column,
@@ -147,7 +150,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
         axes=axes,
         share=share,
     )
-    value_of = _from_row if stored else _from_assignment(column, resolved)
+    value_of = _stored_value if stored else _from_assignment(column, resolved)
     for row in rows:
         if row.undefined_reason == ABSENT:  # no spec put that person there; summaries do not count it either
             continue
@@ -157,20 +160,23 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
         assignment = assignments[row.variant_index]
         x = value_of(row, assignment)
         if x is not None:
-            points.add(row, x, character_of(row.instance_id, assignment, resolved))
+            points.add(row, row.pacc, x, character_of(row.instance_id, assignment, resolved))
     return points
 
 
-def _from_row(row: Any, _: Mapping[str, Any]) -> float | None:
-    x: float | None = row.x
-    return x
+def _stored_value(row: Point, _: Assignment) -> float | None:
+    return row.x
 
 
-def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Any, Mapping[str, Any]], float | None]:
+def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Point, Assignment], float | None]:
     """Return the function that reads a column which follows from the assignment of a row's variant."""
     if column == "time_s":
         return lambda row, assignment: resolved.seconds(assignment, row.time_index)
     if column in Conditions._fields:
         place = Conditions._fields.index(column)
         return lambda row, assignment: conditions(resolved.at(assignment, row.time_index), resolved.manifest)[place]
-    return lambda _, assignment: assignment.get(column)
+    return lambda _, assignment: _number(assignment.get(column))
+
+
+def _number(value: Value | None) -> float | None:
+    return None if value is None else float(value)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy import Connection
 
-from valerie.analysis.where import Where, compile_where
-from valerie.db import results
-from valerie.db.links import StoredFrame, key_of
+from valerie.db import frames as stored_frames
+from valerie.db import long_table
+from valerie.db.links import StoredFrame
+from valerie.db.measured import SeenPerson
+from valerie.db.models import Assignment
 from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import TableRow
+from valerie.parameters.definitions import Value
 from valerie.pipeline.base.resolved_runs import StoredRun
-from valerie.pipeline.reading.tables import TableRow, frame_columns, person_columns, table_row
+from valerie.pipeline.reading.tables import frame_columns, person_columns, table_row
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.where import Where, choices_of, compile_where
 from valerie.scene.variation.conditions import with_sun_angles
 
 
@@ -26,13 +30,14 @@ class ChosenFrame:
     Attributes:
         stored: its row.
         moment: the variant's assignment at the frame's time, as `apply` takes it.
-        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; where the frame
-            has no person, one row with empty values.
+        columns: the frame's part of its persons' rows.
+        persons: who is seen, and in which light; where the frame has no person, one with instance 0.
     """
 
     stored: StoredFrame
-    moment: Mapping[str, Any]
-    persons: tuple[TableRow, ...]
+    moment: Mapping[str, Value]
+    columns: TableRow
+    persons: tuple[SeenPerson, ...]
 
     @property
     def key(self) -> FrameKey:
@@ -40,9 +45,29 @@ class ChosenFrame:
         return self.stored.key
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> Assignment:
         """Path to value of everything that the variant or the moment sets."""
         return {**self.stored.assignment, **self.moment}
+
+    def row(self, person: SeenPerson, resolved: ResolvedRun) -> TableRow:
+        """Return the metadata columns (`valerie.runs.where.METADATA`) of a person of the frame."""
+        of_person = person_columns(person.instance_id, person.measures, self.stored.assignment, resolved)
+        return {**self.columns, **of_person}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvaluatedPerson:
+    """A row of the long table.
+
+    Attributes:
+        frame: the frame.
+        instance_id: of the person; 0 stands for a frame without persons.
+        row: the columns, with *all* assigned parameters.
+    """
+
+    frame: FrameKey
+    instance_id: int
+    row: TableRow
 
 
 def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Where:
@@ -51,11 +76,7 @@ def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Wher
     Raises:
         InvalidInput, UnknownName: as `compile_where`.
     """
-    choices = {
-        "camera": resolved.cameras,
-        "sensor": tuple(setting.name for setting in resolved.spec.sensors),
-        "function": resolved.spec.functions,
-    }
+    choices = choices_of(resolved.spec, resolved.cameras)
     return compile_where(text, resolved.definitions, choices=choices, field=field)
 
 
@@ -106,8 +127,8 @@ def choose_frames(
     if where is None:
         return list(frames)
     if where.scored:
-        rows = evaluated_rows(connection, run, sensor=sensor)
-        selected = {key for key, row in rows if where.holds(row)}
+        persons = evaluated_persons(connection, run, sensor=sensor)
+        selected = {person.frame for person in persons if where.holds(person.row)}
         return [frame for frame in frames if frame.key in selected]
     return [frame for frame in frames if _any_person(frame, run.resolved, where)]
 
@@ -116,31 +137,23 @@ def finished_frames(connection: Connection, run: StoredRun, sensor: int = 0) -> 
     """Return all frames of a run whose image and truth are stored, in order."""
     resolved = run.resolved
     name = resolved.spec.sensors[sensor].name
-    for stored, rows in results.finished_frames(connection, run.id):
-        common = {
-            **frame_columns(stored.key, stored.assignment, resolved),
-            "time_index": stored.key.time,
-            "sensor": name,
-        }
+    for stored, persons in stored_frames.finished(connection, run.id):
         yield ChosenFrame(
             stored=stored,
             moment=resolved.at(stored.assignment, stored.key.time),
-            persons=tuple(
-                {
-                    **common,
-                    **person_columns(row, stored.assignment, resolved),
-                    "box": row.box,
-                    "amodal_box": row.amodal_box,
-                }
-                for row in rows
-            ),
+            columns={
+                **frame_columns(stored.key, stored.assignment, resolved),
+                "time_index": stored.key.time,
+                "sensor": name,
+            },
+            persons=persons,
         )
 
 
-def evaluated_rows(
+def evaluated_persons(
     connection: Connection, run: StoredRun, *, sensor: int | None = None, function: int | None = None
-) -> Iterator[tuple[FrameKey, TableRow]]:
-    """Return the long table's rows with *all* assigned parameters, each with its frame.
+) -> Iterator[EvaluatedPerson]:
+    """Read the rows of the long table.
 
     Args:
         connection: to read with.
@@ -148,14 +161,18 @@ def evaluated_rows(
         sensor, function: indexes in the spec; None: all.
     """
     filters = [
-        results.Filter(column, "eq", value)
+        long_table.Filter(column, "eq", value)
         for column, value in (("sensor_index", sensor), ("function_index", function))
         if value is not None
     ]
-    resolved = run.resolved
-    for row in results.rows(connection, run.id, filters=filters):
-        values = {**row.assignment, **resolved.at(row.assignment, row.time_index)}
-        yield key_of(run.id, row), {**with_sun_angles(values, resolved.manifest), **table_row(row, run, ())}
+    for stored in long_table.rows(connection, run.id, filters=filters):
+        values = values_at(stored.frame, stored.assignment, run.resolved)
+        yield EvaluatedPerson(stored.frame, stored.instance_id, {**values, **table_row(stored, run, ())})
+
+
+def values_at(frame: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> Mapping[str, Value]:
+    """Return path to value of everything that a variant or the moment of its frame sets."""
+    return with_sun_angles({**assignment, **resolved.at(assignment, frame.time)}, resolved.manifest)
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
@@ -173,4 +190,4 @@ def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
 
 def _any_person(frame: ChosenFrame, resolved: ResolvedRun, where: Where) -> bool:
     values = with_sun_angles(frame.values, resolved.manifest)
-    return any(where.holds({**values, **row}) for row in frame.persons)
+    return any(where.holds({**values, **frame.row(person, resolved)}) for person in frame.persons)

@@ -3,42 +3,62 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Sequence
+from typing import Final
 
 import numpy as np
 from sqlalchemy import Engine
 
 from valerie.analysis.all_classes import AllClasses, all_classes
+from valerie.analysis.design import Design
 from valerie.analysis.table import EvaluationTable
-from valerie.db import results
+from valerie.db import long_table, results
 from valerie.db.engine import reading
-from valerie.db.links import key_of
+from valerie.db.long_table import LongRow
+from valerie.db.models import Assignment
+from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON
-from valerie.measures import OF_PERSON, Source, names_from
+from valerie.measures import Measures, TableRow
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
-from valerie.pipeline.base.resolved_runs import StoredRun
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
-#: Column to value of one row of a table; which parameters have columns depends on the run.
-TableRow = dict[str, Any]
 #: Columns of a person that are empty where the frame has no person.
-_PIXELS: Final = frozenset({"pixel_area", "pixel_area_percent", "pixel_area_amodal"})
-_OF_PERSON: Final = names_from(*OF_PERSON)
-_SCORES: Final = names_from(Source.PERSON_SCORE, Source.FRAME_SCORE)
+_PIXELS: Final = ("pixel_area", "pixel_area_percent", "pixel_area_amodal")
 
 
 def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of what is evaluated so far."""
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
-        rows = (table_row(row, run, varied) for row in results.rows(connection, run.id))
-        return EvaluationTable.from_rows(rows, varied)
+        rows = (table_row(row, run, varied) for row in long_table.rows(connection, run.id))
+        return EvaluationTable.from_rows(rows, varied, designs_of(run))
+
+
+def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
+    """Read the long table of several runs of the same functions, for example of one grid on several streets.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: a run has not started, or two runs mean different versions by the name of a function.
+        InvalidInput: a run is named twice, or they vary different parameters.
+    """
+    if len(set(run_ids)) < len(run_ids):
+        raise InvalidInput("name each run once", field="RUN", value=list(run_ids))
+    stored = [read_run(context, run_id) for run_id in run_ids]
+    versions: dict[str, str] = {}
+    for run in stored:
+        for name, pin in run.pins.functions.items():
+            if versions.setdefault(name, pin.digest) != pin.digest:
+                raise Conflict(f"run {run.id} evaluated another version of {name} than the runs before it")
+    return EvaluationTable.joined([read_table(context.engine, run) for run in stored])
 
 
 def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:
@@ -71,35 +91,42 @@ def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) 
     )
 
 
+def designs_of(run: StoredRun) -> dict[str, Design]:
+    """Return how the run chose its variants, by run id."""
+    space, asset = run.resolved.space, run.resolved.spec.asset
+    blocks = tuple((block.design, size) for block, size in zip(space.blocks, space.block_sizes, strict=True))
+    name, seed = (asset, 0) if isinstance(asset, str) else (str(asset["name"]), int(asset.get("seed", 0)))
+    return {run.id: Design(blocks, seed if is_generated(name) else None)}
+
+
 def varied_types(resolved: ResolvedRun) -> dict[str, str]:
     """Return path to type of the parameters that the run varies."""
     varied = set(resolved.space.varied)
     return {d.path: d.type.value for d in resolved.definitions if d.path in varied}
 
 
-def table_row(row: Any, run: StoredRun, varied: Iterable[str]) -> TableRow:
+def table_row(row: LongRow, run: StoredRun, varied: Iterable[str]) -> TableRow:
     """Return one row of the long table.
 
     Args:
-        row: of `valerie.db.results.rows`.
+        row: as it is stored.
         run: the run.
         varied: paths of the parameters that get a column.
     """
     spec = run.resolved.spec
     return {
-        **frame_columns(key_of(run.id, row), row.assignment, run.resolved),
-        **person_columns(row, row.assignment, run.resolved),
+        **frame_columns(row.frame, row.assignment, run.resolved),
+        **person_columns(row.instance_id, row.measures, row.assignment, run.resolved),
         "sensor": spec.sensors[row.sensor_index].name,
         "function": spec.functions[row.function_index],
-        **{name: getattr(row, name) for name in _SCORES},
         # An absent person has no counts.
-        "tp": row.tp or 0,
-        "fn": row.fn or 0,
+        "tp": row.measures["tp"] or 0,
+        "fn": row.measures["fn"] or 0,
         **{path: row.assignment.get(path) for path in varied},
     }
 
 
-def frame_columns(key: FrameKey, assignment: Mapping[str, Any], resolved: ResolvedRun) -> TableRow:
+def frame_columns(key: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> TableRow:
     """Return the columns of a row that say which frame it is about, and under which conditions it was taken."""
     return {
         "run_id": key.run_id,
@@ -111,17 +138,17 @@ def frame_columns(key: FrameKey, assignment: Mapping[str, Any], resolved: Resolv
     }
 
 
-def person_columns(row: Any, assignment: Mapping[str, Any], resolved: ResolvedRun) -> TableRow:
-    """Return the columns of a row that say how a person is seen."""
-    nobody = row.instance_id == 0
+def person_columns(instance_id: int, measures: Measures, assignment: Assignment, resolved: ResolvedRun) -> TableRow:
+    """Return the columns of a row that are about a person."""
     return {
-        "character": character_of(row.instance_id, assignment, resolved),
-        "instance_id": row.instance_id or None,
-        **{name: None if nobody and name in _PIXELS else getattr(row, name) for name in _OF_PERSON},
+        "character": character_of(instance_id, assignment, resolved),
+        "instance_id": instance_id or None,
+        **measures,
+        **(dict.fromkeys(_PIXELS) if instance_id == 0 else {}),
     }
 
 
-def character_of(instance_id: int, assignment: Mapping[str, Any], resolved: ResolvedRun) -> str | None:
+def character_of(instance_id: int, assignment: Assignment, resolved: ResolvedRun) -> str | None:
     """Return the pedestrian that an instance is: its CATEGORICAL parameter ``character``; None for instance 0."""
     if instance_id == 0:
         return None

@@ -15,7 +15,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
-from valerie.measures import MEASURES
+from valerie.measures import MEASURES, TableRow
 from valerie.metrics.collection import collection_scores
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scoring import score_frame
@@ -30,12 +30,13 @@ from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
-    evaluated_rows,
+    evaluated_persons,
     finished_frames,
     function_index,
     run_where,
 )
-from valerie.pipeline.reading.tables import varied_types
+from valerie.pipeline.reading.tables import designs_of, varied_types
+from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.targets import run_values
 from valerie.runs.frames import FrameKey
 from valerie.storage import codecs
@@ -71,16 +72,29 @@ class _Version:
     judged: frozenset[int]
 
 
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """Groups of persons that versions are compared on, besides all of them.
+
+    Attributes:
+        where: persons that this expression selects *by the first function's scores* form a group, the others another.
+        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
+            version by chance alone.
+    """
+
+    where: str = ""
+    region: Region | None = None
+
+
 def compare_versions(
     context: Context,
     run_id: str,
     references: Sequence[str],
     *,
     open_function: Callable[[str], PerceptionFunction],
-    where: str = "",
-    region: Region | None = None,
+    grouping: Grouping = Grouping(),
     mixed: bool = False,
-    progress: Callable[[int, int, float, str], None] = lambda *_: None,
+    progress: Callable[[EvaluationProgress], None] = lambda _: None,
 ) -> Comparison:
     """Compare functions on a run's frames; the first is "before".
 
@@ -91,11 +105,9 @@ def compare_versions(
         run_id: of the validation.
         references: names or function files; those that the run evaluated are read, the others predict all frames now.
         open_function: opens a reference.
-        where: persons that this expression selects *by the first function's scores* form a group, the others another.
-        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
-            version by chance alone.
+        grouping: of persons.
         mixed: also compare versions of unequal numeric classes, to see what precision or engine change by themselves.
-        progress: called after every frame with done, total, frames per second and the function.
+        progress: called after every predicted frame.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
@@ -125,13 +137,12 @@ def compare_versions(
         name: (table, collection_scores([version.matrices[key] for key in keys], common))
         for (name, version), table in zip(evaluated.items(), tables, strict=True)
     }
-    groups = _groups(context, run, tables[0], next(iter(evaluated)), where, region)
+    groups = _groups(context, run, tables[0], next(iter(evaluated)), grouping)
     return compare(
         compared,
         numeric_classes=[version.numeric_class for version in versions.values()],
         more_groups=groups,
         threshold=run.resolved.spec.detection_threshold,
-        seed=run.resolved.spec.seed,
     )
 
 
@@ -164,22 +175,27 @@ def _groups(
     run: StoredRun,
     table: EvaluationTable,
     before: str,
-    where: str,
-    region: Region | None,
+    grouping: Grouping,
 ) -> dict[str, NDArray[np.bool_]]:
     """Return the rows that are selected and the rows in the region, each with its opposite."""
     groups: dict[str, NDArray[np.bool_]] = {}
+    where, region = grouping.where, grouping.region
     if not where and region is None:
         return groups
     stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
     with reading(context.engine) as connection:
-        assigned = {(row["frame_id"], row["instance_id"]): row for _, row in evaluated_rows(connection, run)}
+        persons = evaluated_persons(connection, run)
+        assigned = {(str(person.frame), person.instance_id or None): person.row for person in persons}
     # The first version's scores win over the stored ones.
     rows = [{**assigned.get(key, {}), **stored[key]} for key in row_keys(table)]
     present = np.array([row["instance_id"] is not None for row in rows], np.bool_)
     if region is not None:
         inside = np.array(
-            [bool(row["instance_id"]) and region.holds(run_values(row, run.resolved)) for row in rows], np.bool_
+            [
+                bool(row["instance_id"]) and region.holds(run_values(row["instance_id"], row, run.resolved))
+                for row in rows
+            ],
+            np.bool_,
         )
         groups["in the region"], groups["outside the region"] = inside, present & ~inside
     if where:
@@ -193,9 +209,11 @@ def _stored(context: Context, run: StoredRun, function: str) -> _Evaluated:
     index = function_index(function, run.resolved)
     varied = varied_types(run.resolved)
     with reading(context.engine) as connection:
-        rows = [row for _, row in evaluated_rows(connection, run, sensor=0, function=index)]
+        rows = [person.row for person in evaluated_persons(connection, run, sensor=0, function=index)]
         predictions = results.predictions(connection, run.id, 0, index)
-    table = EvaluationTable.from_rows(({name: row.get(name) for name in _columns(varied)} for row in rows), varied)
+    table = EvaluationTable.from_rows(
+        ({name: row.get(name) for name in _columns(varied)} for row in rows), varied, designs_of(run)
+    )
     return _Evaluated(table, {key: codecs.decode_counts(stored.confusion) for key, stored in predictions.items()})
 
 
@@ -205,12 +223,12 @@ def _evaluate(
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[int, int, float, str], None],
+    progress: Callable[[EvaluationProgress], None],
 ) -> _Evaluated:
     """Predict every frame in this process, and score it as the evaluation stage does."""
     varied, name = varied_types(run.resolved), display_name(reference)
     reader = ProductReader(context.store)
-    rows: list[dict[str, object]] = []
+    rows: list[TableRow] = []
     matrices: dict[FrameKey, ConfusionMatrix] = {}
     function = open_function(reference)
     started = time.monotonic()
@@ -223,19 +241,20 @@ def _evaluate(
             matrices[frame.key], scores = scored.matrix, scored.scores
             for person in frame.persons:
                 seen = measured_again(person, truth) if capture.distorted else person
-                counts = scored.person(person["instance_id"] or 0)
+                counts = scored.person(person.instance_id)
                 row = {
-                    **seen,
+                    **frame.row(seen, run.resolved),
                     **{path: frame.stored.assignment.get(path) for path in varied},
                     "function": name,
-                    **counts.columns,
-                    **scores.columns,
+                    **counts.measures,
+                    **scores.measures,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
-            progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
+            rate = done / max(time.monotonic() - started, 1e-9)
+            progress(EvaluationProgress(name, done, len(frames), rate))
     finally:
         function.close()
-    return _Evaluated(EvaluationTable.from_rows(rows, varied), matrices)
+    return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:

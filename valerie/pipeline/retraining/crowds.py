@@ -32,12 +32,13 @@ _NEUTRAL: Final = "neutral/"
 def crowd_asset(asset: SceneAsset, persons: int = MOST_PERSONS) -> SceneAsset:
     """Return the asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
 
-    Copies have materials of their own, so that each can be recoloured alone.
+    Characters that the asset leaves out of training are removed. Copies have materials of their own, so that each can be
+    recoloured alone.
 
     Raises:
         InvalidInput: the asset has no person.
     """
-    manifest, scene = asset.manifest, asset.base
+    manifest, scene = _without_characters(asset, set(asset.manifest.training.left_out) - set(asset.manifest.movable))
     if not manifest.persons:
         raise InvalidInput("has no person to train on", field="asset", value=asset.name)
     source = manifest.persons[0]
@@ -68,6 +69,31 @@ def crowd_asset(asset: SceneAsset, persons: int = MOST_PERSONS) -> SceneAsset:
         digest("training-crowd", asset.digest, persons, REVISION),
         replace(scene, nodes=nodes, materials=materials, textures=textures),
     )
+
+
+def _without_characters(asset: SceneAsset, left_out: set[str]) -> tuple[Manifest, Scene]:
+    """Return manifest and scene without the characters at some paths: no draw then depends on them."""
+    manifest, scene = asset.manifest, asset.base
+    below = tuple(f"{path}." for path in left_out)
+    nodes = {path: n for path, n in scene.nodes.items() if path not in left_out and not path.startswith(below)}
+    parameters = tuple(
+        definition.model_copy(
+            update={
+                "choices": tuple(
+                    choice
+                    for choice in definition.choices
+                    if f"{definition.path.removesuffix('.character')}.{choice}" not in left_out
+                )
+            }
+        )
+        if definition.path.endswith(".character")
+        else definition
+        for definition in manifest.parameters
+    )
+    training = manifest.training.model_copy(
+        update={"left_out": tuple(path for path in manifest.training.left_out if path not in left_out)}
+    )
+    return manifest.model_copy(update={"parameters": parameters, "training": training}), replace(scene, nodes=nodes)
 
 
 def resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:

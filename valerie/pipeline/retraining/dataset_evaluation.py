@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS
+from valerie.measures import TableRow
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
 from valerie.metrics.instances import InstanceCounts
@@ -38,9 +39,11 @@ from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
-from valerie.pipeline.reading.tables import TableRow
 from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
 
@@ -55,7 +58,8 @@ class FunctionResult:
         names: of the frames, in order.
         matrices: (19, 20) per frame.
         scores: derived from them.
-        persons: rows of the long table, one per person in the labels; empty where the labels tell no instances apart.
+        persons: pixels of each person in the labels; empty where the labels tell no instances apart.
+        rows: of the long table, likewise; a frame without persons has one.
         seconds: wall time of reading, predicting and counting.
     """
 
@@ -65,13 +69,14 @@ class FunctionResult:
     names: tuple[str, ...]
     matrices: tuple[ConfusionMatrix, ...]
     scores: CollectionScores
-    persons: tuple[TableRow, ...]
+    persons: tuple[InstanceCounts, ...]
+    rows: tuple[TableRow, ...]
     seconds: float
 
     @property
     def person_pacc(self) -> FrameMean:
         """Mean pACC of the persons, each with the same weight; undefined where the labels tell no instances apart."""
-        return frame_mean(row["pacc"] for row in self.persons if row["instance_id"] is not None)
+        return frame_mean(person.pacc for person in self.persons)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,17 +119,16 @@ class DatasetResult:
 
     def table(self) -> EvaluationTable:
         """Return the long table: one row per (frame, function, person); columns that labels cannot fill are empty."""
-        return EvaluationTable.from_rows((row for one in self.functions for row in one.persons), {})
+        return EvaluationTable.from_rows((row for one in self.functions for row in one.rows), {})
 
     def write(self, folder: Path) -> tuple[Path, ...]:
         """Write ``evaluation.json``, ``frames.parquet`` and, where the labels tell persons apart, ``persons.parquet``."""
-        import pyarrow as pa
         import pyarrow.parquet as pq
 
         folder.mkdir(parents=True, exist_ok=True)
         written = [folder / "evaluation.json", folder / "frames.parquet"]
         written[0].write_text(json.dumps(self.as_document(), indent=1, ensure_ascii=False) + "\n")
-        pq.write_table(pa.Table.from_pylist(_frame_rows(self)), written[1], compression="zstd")
+        pq.write_table(_frame_table(self), written[1], compression="zstd")
         if self.has_instances:
             written.append(folder / "persons.parquet")
             self.table().to_parquet(written[-1])
@@ -133,7 +137,13 @@ class DatasetResult:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationProgress:
-    """Progress of an evaluation, in frames of all functions together."""
+    """Progress of an evaluation.
+
+    Attributes:
+        function: the one that is evaluated.
+        done, total: frames; on a data set those of all functions together.
+        frames_per_s: since the start.
+    """
 
     function: str
     done: int
@@ -181,7 +191,8 @@ def evaluate_dataset(
         function = open_function(reference)
         began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
-        persons: list[TableRow] = []
+        persons: list[InstanceCounts] = []
+        rows: list[TableRow] = []
         try:
             frames = ((frame, frame.picture) for frame in folder)
             for index, (frame, labels) in enumerate(predicted(function, frames)):
@@ -192,7 +203,8 @@ def evaluate_dataset(
                 scored = score_frame(truth, labels, function.card.judged_ids)
                 matrices.append(scored.matrix)
                 if folder.has_instances:
-                    persons += _person_rows(scored, name, frame, index, dataset)
+                    persons += scored.persons
+                    rows += _person_rows(scored, name, frame, index, dataset)
                 done += 1
                 rate = done / max(time.monotonic() - started, 1e-9)
                 progress(EvaluationProgress(name, done, total, rate))
@@ -205,6 +217,7 @@ def evaluate_dataset(
                     matrices=tuple(matrices),
                     scores=collection_scores(matrices, function.card.judged_ids),
                     persons=tuple(persons),
+                    rows=tuple(rows),
                     seconds=time.monotonic() - began,
                 )
             )
@@ -230,7 +243,7 @@ def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: in
         "camera": frame.name.city,
         "sensor": "as recorded",
         "function": name,
-        **scored.scores.columns,
+        **scored.scores.measures,
     }
     if not scored.persons:
         return [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
@@ -241,13 +254,16 @@ def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: in
             "instance_id": person.instance_id,
             "pixel_area": person.tp + person.fn,
             "pixel_area_percent": 100.0 * (person.tp + person.fn) / pixels,
-            **person.columns,
+            **person.measures,
         }
         for person in scored.persons
     ]
 
 
-def _frame_rows(result: DatasetResult) -> list[TableRow]:
+def _frame_table(result: DatasetResult) -> pa.Table:
+    """Return one row per frame and function: names, counts of the class person, scores, flat confusion matrix."""
+    import pyarrow as pa
+
     rows = []
     for one in result.functions:
         for name, matrix in zip(one.names, one.matrices, strict=True):
@@ -258,11 +274,11 @@ def _frame_rows(result: DatasetResult) -> list[TableRow]:
                     "function": one.name,
                     **asdict(scores.counts),
                     "pacc": scores.pacc,
-                    **scores.columns,
+                    **scores.measures,
                     "confusion": matrix.ravel().tolist(),
                 }
             )
-    return rows
+    return pa.Table.from_pylist(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
 from valerie.analysis.region import Choices, Region
 from valerie.labels import PERSON
+from valerie.measures import TableRow
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
 from valerie.pipeline.retraining.training_scenes import AS_MADE, TrainingScene
 from valerie.rendering.base import GroundTruth, View
@@ -37,9 +38,9 @@ def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
     return types
 
 
-def run_values(row: Mapping[str, Any], resolved: ResolvedRun) -> dict[str, Any]:
-    """Return the quantities of one row of a run (columns and assigned parameters)."""
-    person = f"scene.{PERSON.node_class}-{(row['instance_id'] or 0) % 1000}"
+def run_values(instance_id: int, row: TableRow, resolved: ResolvedRun) -> TableRow:
+    """Return the quantities of one person of a run, from columns and assigned parameters of its row."""
+    person = f"scene.{PERSON.node_class}-{instance_id % 1000}"
     values = {name: row.get(name) for name in MEASURED}
     for definition in resolved.definitions:
         value = row.get(definition.path, definition.default)
@@ -75,9 +76,9 @@ class Target:
             if one.undefined_reason is None
         )
 
-    def _common(self, drawn: TrainingScene) -> dict[str, Any]:
+    def _common(self, drawn: TrainingScene) -> TableRow:
         """Return the light and radiometry that the region bounds."""
-        values: dict[str, Any] = {}
+        values: TableRow = {}
         for name in self._region.bounds:
             if name.startswith("sensor."):
                 values[name] = getattr(drawn.sensor, name.removeprefix("sensor."), None)
@@ -86,7 +87,7 @@ class Target:
                 values[name] = attribute.read(drawn.scene, thing)
         return values
 
-    def _persons(self, drawn: TrainingScene) -> Iterator[tuple[int, dict[str, Any]]]:
+    def _persons(self, drawn: TrainingScene) -> Iterator[tuple[int, TableRow]]:
         camera = drawn.scene.cameras[drawn.camera]
         for number, root in person_roots(drawn.scene).items():
             values = {name: ATTRIBUTES[Thing.NODE, name].read(drawn.scene, root.path) for name in OF_PERSON}

@@ -14,6 +14,7 @@ from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.report import build_report
 from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.table import EvaluationTable
+from valerie.analysis.verdicts import RequirementVerdict, to_json
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
 from valerie.db.results import FailedLink
@@ -27,6 +28,7 @@ from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.runs.frames import FrameKey
 from valerie.runs.products import Fault
 from valerie.runs.spec import ResolvedRun
@@ -61,7 +63,8 @@ def finish_run(context: Context, run_id: str) -> None:
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
             state = RunState.COMPLETED_WITH_FAILURES
-            reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
+            products = "product" if len(roots) == 1 else "products"
+            reason = f"{len(roots)} {products} failed for good; see the report or `valerie status`"
     except ValerieError as error:
         log.exception("finish.failed", run=run_id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
@@ -90,20 +93,26 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
         threshold=resolved.spec.detection_threshold,
         seed=resolved.spec.seed,
+        spec=resolved.spec,
     )
+    verdicts = read_verdicts(context, stored, table)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
-    context.store.put(run_key(run.id, SUMMARY), summary_json(analysis), replace=True)
-    html = build_report(_report_input(context, run, stored, cards, table, analysis, failures))
+    context.store.put(run_key(run.id, SUMMARY), summary_json(analysis, verdicts), replace=True)
+    html = build_report(_report_input(context, run, stored, cards, table, analysis, verdicts, failures))
     context.store.put(run_key(run.id, REPORT), html.encode(), replace=True)
 
 
-def summary_json(analysis: Analysis) -> bytes:
+def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> bytes:
     """Return the numbers of a run as JSON."""
     return orjson.dumps(
-        {"summary": analysis.summary.to_json(), "findings": analysis.findings.to_json()},
+        {
+            "summary": analysis.summary.to_json(),
+            "findings": analysis.findings.to_json(),
+            "verdicts": to_json(verdicts),
+        },
         option=orjson.OPT_SERIALIZE_NUMPY,
     )
 
@@ -115,6 +124,7 @@ def _report_input(
     cards: tuple[FunctionCard, ...],
     table: EvaluationTable,
     analysis: Analysis,
+    verdicts: tuple[RequirementVerdict, ...],
     failures: Sequence[FailedLink],
 ) -> ReportInput:
     resolved, pins = stored.resolved, stored.pins
@@ -145,6 +155,7 @@ def _report_input(
         summary=analysis.summary,
         trends=analysis.trends,
         findings=analysis.findings,
+        verdicts=verdicts,
         variants=run.variant_count,
         frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
         rejections=rejected,

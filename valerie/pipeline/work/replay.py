@@ -5,14 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from obstore.store import MemoryStore
 
-from valerie.db import results, runs
+from valerie.db import frames, measured, results, runs
 from valerie.db.engine import reading
+from valerie.db.frames import AnnotationLink
+from valerie.db.measured import FrameScore
 from valerie.db.products import Finished, Job, Look
+from valerie.db.results import EvaluationRow
 from valerie.errors import MissingInput, NotFound, ValerieError
+from valerie.measures import Cell
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
@@ -20,7 +23,7 @@ from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import Maker
 from valerie.runs.frames import FrameKey
-from valerie.runs.states import ProductKind
+from valerie.runs.states import ProductKind, ProductState
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
@@ -44,7 +47,7 @@ class Replayed:
     digest: str
     verdict: str
     cpu_seconds: float = 0.0
-    details: Mapping[str, tuple[object, object]] = field(default_factory=dict)
+    details: Mapping[str, tuple[Cell, Cell]] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -60,8 +63,8 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, key.run_id)
-        frame = results.frame(connection, key)
-        annotations = results.frame_annotations(connection, key)
+        frame = frames.get(connection, key)
+        annotations = frames.annotation_links(connection, key)
         evaluations = results.frame_evaluations(connection, key)
     replay = _Replay(context)
     scratch = replay.scratch
@@ -90,20 +93,30 @@ class _Replay:
         self._real = context.store
         self.scratch = replace(context, store=ArtifactStore(MemoryStore(), url="memory:"))
 
-    def compare(self, maker: Maker, job: Job, name: str = "", *, stored: Any = None) -> Replayed:
-        """Make a product and compare it with the stored one."""
+    def compare(
+        self, maker: Maker, job: Job, name: str = "", *, stored: AnnotationLink | EvaluationRow | None = None
+    ) -> Replayed:
+        """Make a product and compare it with the stored one.
+
+        Args:
+            maker: of the product.
+            job: names the product.
+            name: which function and sensor.
+            stored: the link of an annotation, or an evaluation: their results are rows, not objects.
+        """
         started = time.process_time()
         try:
             finished = maker.make(job)
         except ValerieError as error:
             return Replayed(job.kind, name, job.digest, f"cannot be made here: {error}")
         seconds = time.process_time() - started
-        if job.kind == "evaluation":
-            differing = _differing(finished, stored)
-            verdict = "not stored" if stored.scores_state != "done" else "differs" if differing else "equal"
+        if isinstance(stored, EvaluationRow):
+            differing = _differing(finished.score, stored.score)
+            verdict = "not stored" if stored.score is None else "differs" if differing else "equal"
             return Replayed(job.kind, name, job.digest, verdict, seconds, differing)
-        if job.kind == "light":
-            verdict = "not stored" if stored.state != "done" else "equal" if self._same_light(finished) else "differs"
+        if job.kind is ProductKind.LIGHT and stored is not None:
+            done = stored.state is ProductState.DONE
+            verdict = "not stored" if not done else "equal" if self._same_light(finished) else "differs"
         else:
             verdict = self._verdict(job)
         return Replayed(job.kind, name, job.digest, verdict, seconds)
@@ -118,8 +131,7 @@ class _Replay:
 
     def _same_light(self, finished: Finished) -> bool:
         with reading(self.scratch.engine) as connection:
-            rows = results.person_lights(connection, finished.digest)
-        return [dict(row._mapping) for row in rows] == list(finished.person_lights)  # noqa: SLF001  # public
+            return measured.person_lights(connection, finished.digest) == list(finished.person_lights)
 
     def _same_truth(self, digest: str) -> bool:
         """Return whether two truths hold the same, one perhaps whole and the other over its statics."""
@@ -131,10 +143,10 @@ class _Replay:
         return codecs.encode_truth(fresh) == codecs.encode_truth(stored)
 
 
-def _differing(finished: Finished, stored: Any) -> dict[str, tuple[object, object]]:
-    """Return name to the stored and the new value of each score that differs; nothing where none are stored."""
-    scores = finished.score or {}
-    if stored.scores_state != "done":
+def _differing(made: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
+    """Return name to the stored and the new value of each figure that differs; nothing where none are stored."""
+    if made is None or stored is None:
         return {}
-    names = (name for name in scores if name not in ("digest", "confusion"))
-    return {name: (getattr(stored, name), scores[name]) for name in names if getattr(stored, name) != scores[name]}
+    return {
+        name: (stored.figures[name], value) for name, value in made.figures.items() if stored.figures[name] != value
+    }

@@ -87,8 +87,7 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     with _heartbeat(context, batch):
         for job in jobs:
             batch.begin(job)
-            made = _attempt(context, maker, job)
-            batch.settle(job, made)
+            batch.settle(job, _attempt(context, maker, job))
         batch.publish()
 
 
@@ -117,13 +116,13 @@ class _Batch:
         with self._lock:
             self._current = job
 
-    def settle(self, job: Job, made: Finished | None) -> None:
+    def settle(self, job: Job, product: Finished | None) -> None:
         """Note a finished product, or one that was given back or failed; publish what was finished some time ago."""
         with self._lock:
-            if made is None:
+            if product is None:
                 self._held.discard(job.digest)
             else:
-                self._finished.append(made)
+                self._finished.append(product)
             if time.monotonic() - self._published_at > _PUBLISH_SECONDS:
                 self.publish()
 

@@ -86,7 +86,7 @@ def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[in
     resolved = run.resolved
     awaited = tuple(deadlines(run.pins))
     if not awaited:
-        raise Conflict(f"run {run.id} waits for no predictions")
+        raise Conflict(f"run {run.id} is not waiting for predictions")
     sensors = [setting.name for setting in resolved.spec.sensors]
     for what, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
         if name is None and len(names) > 1:

@@ -1,1 +1,1 @@
-"""Truth that a run asks for beyond labels and depth: normals, boxes, joints."""
+"""Ground truth beyond labels and depth that a run may request: normals, boxes, joints, flow."""

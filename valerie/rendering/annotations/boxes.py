@@ -1,4 +1,4 @@
-"""Boxes of instances in world, camera and image coordinates. From scene and ground truth, in numpy and SciPy."""
+"""Boxes of instances in world, camera and image coordinates, computed from scene and ground truth without a GPU."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from valerie.scene.graph.model import Camera, Mesh, Node, Scene, freeze
 _CORNERS: Final = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))]
 )
-#: Edges as pairs of corners; the last four are those of the front.
+#: Edges as pairs of corners; the last four bound the front.
 EDGES: Final = (
     (0, 1), (3, 0), (1, 2), (4, 5), (7, 4), (5, 6), (0, 4), (1, 5),
     (2, 3), (6, 7), (2, 6), (3, 7),
@@ -30,26 +30,26 @@ EDGES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes:
-    """One upright box per instance that the scene draws, seen by the camera or not, by ascending instance id.
+    """One upright box per drawn instance, whether the camera sees it or not, by ascending instance id.
 
-    A box stands upright on its heading: its sides are parallel to the world's z and to the heading of the instance's topmost
-    node, and it is as tight as that allows around all vertices of the instance. (A model whose front does not lie along the +y of
-    its node has a box that is turned likewise: nothing is guessed from shapes.)
+    The sides of a box are parallel to the world's z and to the heading of the instance's topmost node. Among such boxes it is the
+    smallest around all vertices of the instance. The heading comes from the node alone: if a model's front does not face its
+    node's +y, the box is turned with the node.
 
     Attributes:
         instances: (N,) int64, label id × 1000 + n.
         centres: (N, 3) float32, metres in the world.
         sizes: (N, 3) float32, metres across the heading, along it, and up.
         headings_deg: (N,) float32, 0 … 360, 0 faces +y, counter-clockwise seen from above.
-        camera_centres: (N, 3) float32, metres in the camera's frame (x right, y up, −z is where it looks).
-        camera_headings_deg: (N,) float32, 0 … 360, heading less the camera's yaw: 0 faces where the camera looks.
-        pixel_areas: (N,) int64, visible pixels.
-        visible_boxes: (N, 4) int64, x0, y0, x1, y1 of the visible pixels, end exclusive; zeros where none is visible.
+        camera_centres: (N, 3) float32, metres in the camera's frame (x right, y up, the camera looks along −z).
+        camera_headings_deg: (N,) float32, 0 … 360, heading minus the camera's yaw: 0 faces the camera's viewing direction.
+        pixel_areas: (N,) int64, number of visible pixels.
+        visible_boxes: (N, 4) int64, x0, y0, x1, y1 of the visible pixels, end exclusive; zeros without a visible pixel.
         projected_boxes: (N, 4) float32, x0, y0, x1, y1 in pixels around the projection of the whole instance, hidden parts and
-            parts beyond the image's border included; NaN where all of it is behind the camera.
-        corners: (N, 8, 3) float32, metres in the world: the four below, then the four above them, each round the box from behind
-            on the left over behind on the right, seen along the heading.
-        projected_corners: (N, 8, 2) float32, the same in pixels; NaN for one that is behind the camera.
+            parts beyond the image's border included; NaN if all of it is behind the camera.
+        corners: (N, 8, 3) float32, metres in the world: the four bottom corners, then the four above them. Seen along the
+            heading, each four begin behind on the left and continue behind on the right.
+        projected_corners: (N, 8, 2) float32, the corners in pixels; NaN for a corner behind the camera.
     """
 
     instances: NDArray[np.int64]
@@ -73,7 +73,7 @@ def measure_boxes(scene: Scene, view: View, truth: GroundTruth) -> Boxes:
     """Return the boxes of all instances that a scene draws.
 
     Args:
-        scene: gives places and shapes.
+        scene: the source of positions and shapes.
         view: camera and image size.
         truth: ground truth of this scene and view.
 
@@ -90,7 +90,7 @@ def measure_boxes(scene: Scene, view: View, truth: GroundTruth) -> Boxes:
     yaw = math.atan2(float(camera.transform[0, 2]), -float(camera.transform[1, 2]))
     to_camera = view_from_world(camera)
     rows = [_box(scene, roots[number], parts[number], camera, view) for number in numbers]
-    seen = [_visible(truth, number) for number in numbers]
+    visible = [_visible(truth, number) for number in numbers]
     centres = np.array([row.centre for row in rows]).reshape(-1, 3)
     headings = np.array([row.heading for row in rows])
     corners = np.array([row.corners() for row in rows]).reshape(-1, 8, 3)
@@ -101,8 +101,8 @@ def measure_boxes(scene: Scene, view: View, truth: GroundTruth) -> Boxes:
         headings_deg=_degrees(headings),
         camera_centres=(centres @ to_camera[:3, :3].T + to_camera[:3, 3]).astype(np.float32),
         camera_headings_deg=_degrees(headings - yaw),
-        pixel_areas=np.array([area for area, _ in seen], np.int64),
-        visible_boxes=np.array([box for _, box in seen], np.int64).reshape(-1, 4),
+        pixel_areas=np.array([area for area, _ in visible], np.int64),
+        visible_boxes=np.array([box for _, box in visible], np.int64).reshape(-1, 4),
         projected_boxes=np.array([row.projected for row in rows], np.float32).reshape(-1, 4),
         corners=corners.astype(np.float32),
         projected_corners=_pixels(corners, camera, view),
@@ -111,7 +111,7 @@ def measure_boxes(scene: Scene, view: View, truth: GroundTruth) -> Boxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Box:
-    """One instance's box; heading in radians."""
+    """The box of one instance; heading in radians."""
 
     centre: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -127,32 +127,32 @@ class _Box:
 def _box(scene: Scene, root: Node, items: Sequence[DrawItem], camera: Camera, view: View) -> _Box:
     forward = scene.world_transform(root.path)[:3, 1]
     heading = math.atan2(-float(forward[0]), float(forward[1]))
-    turn = _upright(heading)
+    axes = _upright(heading)
     vertices = np.concatenate(
         [_hull(mesh) @ item.world[:3, :3].T + item.world[:3, 3] for item in items for mesh in item.meshes]
     )
-    local = vertices @ turn
+    local = vertices @ axes
     low, high = local.min(axis=0), local.max(axis=0)
-    return _Box(turn @ ((low + high) / 2), high - low, heading, _projected(vertices, camera, view))
+    return _Box(axes @ ((low + high) / 2), high - low, heading, _projected(vertices, camera, view))
 
 
 @lru_cache(maxsize=1024)
 def _hull(mesh: Mesh) -> NDArray[np.float64]:
-    """Return the (K, 3) vertices that span the convex hull of a mesh, which bound it in every direction and projection."""
+    """Return the (K, 3) vertices of a mesh's convex hull. They bound it in every direction and projection."""
     positions = mesh.positions.astype(np.float64)
     try:
         return positions[ConvexHull(positions).vertices]
-    except QhullError:  # flat, or a line
+    except QhullError:  # the mesh is flat, or a line
         return positions
 
 
 def _projected(vertices: NDArray[np.float64], camera: Camera, view: View) -> tuple[float, float, float, float]:
     forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
     nearest = float(forward @ camera.position) + camera.near
-    before = vertices @ forward >= nearest
-    if not before.any():
+    in_front = vertices @ forward >= nearest
+    if not in_front.any():
         return (math.nan,) * 4
-    if not before.all():
+    if not in_front.all():
         # The instance crosses the near plane. Its bounding box, clipped there, bounds the part in front.
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
@@ -184,6 +184,6 @@ def _upright(heading: float) -> NDArray[np.float64]:
 
 
 def _degrees(radians: NDArray[np.float64]) -> NDArray[np.float32]:
-    turned: NDArray[np.float32] = (np.rad2deg(radians) % 360.0).astype(np.float32)
-    turned[turned >= 360.0] = 0.0
-    return turned
+    degrees: NDArray[np.float32] = (np.rad2deg(radians) % 360.0).astype(np.float32)
+    degrees[degrees >= 360.0] = 0.0
+    return degrees

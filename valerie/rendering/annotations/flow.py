@@ -12,11 +12,11 @@ from valerie.scene.graph.model import freeze
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowMap:
-    """The motion across the image of each pixel's surface point.
+    """The motion of each pixel's surface point across the image.
 
     Attributes:
-        vectors: (H, W, 2) float32, to the right and down: pixels until the next frame of the sequence (flow), or pixels per
-            second (velocity). NaN where it is not defined.
+        vectors: (H, W, 2) float32, right and down: pixels until the next frame of the sequence (flow), or pixels per second
+            (velocity). NaN where the motion is undefined.
     """
 
     vectors: NDArray[np.float32]
@@ -26,5 +26,5 @@ class FlowMap:
 
     @property
     def defined(self) -> NDArray[np.bool_]:
-        """(H, W) bool; true where the vector is defined."""
+        """Mask of the defined vectors, (H, W) bool."""
         return np.isfinite(self.vectors[..., 0]) & np.isfinite(self.vectors[..., 1])

@@ -1,4 +1,4 @@
-"""Joints of persons and riders in world, camera and image coordinates. From scene and ground truth, in numpy."""
+"""Joints of persons and riders in world, camera and image coordinates, computed from scene and ground truth without a GPU."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from valerie.rendering.projection import project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.scene.graph.model import JOINTS, Camera, Scene, freeze
 
-#: Visibility of a joint: outside of the image or behind the camera; hidden by another object; hidden by the person's own body;
+#: Visibility of a joint: outside the image or behind the camera; hidden by another object; hidden by the person's own body;
 #: visible.
 OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE = 0, 1, 2, 3
-#: Largest depth, metres, of a visible joint below the person's surface at its pixel: more than flesh and clothes around a
-#: shoulder, a hip or a head, less than a trunk.
+#: Largest depth of a visible joint below the person's surface at its pixel, metres. It is more than the flesh and clothes
+#: around a shoulder, a hip or a head, and less than a trunk.
 DEPTH_WITHIN_M: Final = 0.2
 
 #: Classes of human bodies.
 _BODIES: Final = frozenset({PERSON.id, RIDER.id})
 
-#: Pairs of joints that a limb joins, for drawings.
+#: Pairs of joints that a limb connects, for drawings.
 LIMBS: Final = tuple(
     (JOINTS.index(a), JOINTS.index(b))
     for a, b in (
@@ -44,14 +44,14 @@ LIMBS: Final = tuple(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joints:
-    """The joints of every drawn person and rider, by ascending instance id. There are J = ``len(JOINTS)``, in that order.
+    """The joints of every drawn person and rider, by ascending instance id: J = ``len(JOINTS)`` each, in the order of `JOINTS`.
 
     Attributes:
         instances: (N,) int64, label id × 1000 + n.
-        known: (N,) uint8, 1 with a skeleton. 0 without one: the other arrays hold NaN and `OUTSIDE`.
+        known: (N,) uint8, 1 with a skeleton, 0 without one: then the other arrays hold NaN and `OUTSIDE`.
         places: (N, J, 3) float32, metres in the world.
-        camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, −z is where it looks).
-        pixels: (N, J, 2) float32, x and y in the image, also beyond its border; NaN behind the camera.
+        camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, the camera looks along −z).
+        pixels: (N, J, 2) float32, x and y in the image or beyond its border; NaN behind the camera.
         visibility: (N, J) uint8: `OUTSIDE`, `HIDDEN`, `SELF_HIDDEN` or `VISIBLE`.
     """
 
@@ -68,15 +68,15 @@ class Joints:
 
 
 def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
-    """Return the joints of a scene's persons and riders, seen by a camera.
+    """Return the joints of a scene's persons and riders as a camera sees them.
 
     Args:
-        scene: gives places and poses.
+        scene: the source of positions and poses.
         view: camera and image size.
-        truth: ground truth of this scene and view, which tells hidden joints.
+        truth: ground truth of this scene and view; its depth decides which joints are hidden.
 
     Raises:
-        UnknownName: The scene has no such camera.
+        UnknownName: the scene has no such camera.
     """
     camera = camera_of(scene, view)
     skeletons: dict[int, NDArray[np.float64] | None] = {}

@@ -1,8 +1,8 @@
 """Stored surface normals: the octahedral map in two 16-bit numbers per pixel.
 
-The unit sphere is projected onto the octahedron |x| + |y| + |z| = 1 and unfolded to a square (Cigolle et al. 2014, "A survey of
-efficient representations for independent unit vectors", JCGT 3(2)). Rounding to 16 bits a side
-changes a vector by at most 0.004°.
+The map projects the unit sphere onto the octahedron |x| + |y| + |z| = 1 and unfolds it to a square (Cigolle et al. 2014, "A
+survey of efficient representations for independent unit vectors", JCGT 3(2)). Rounding to 16 bits per side changes a vector by
+at most 0.004°.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from valerie.scene.graph.model import freeze
 
-#: Both numbers of a pixel in which there is no surface.
+#: Both numbers of a pixel without a surface.
 NOTHING: Final = -32768
 _SCALE: Final = 32767.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normals:
-    """The world-space surface normals of an image; the surfaces are those of the class map.
+    """The world-space surface normals of an image, for the surfaces of the class map.
 
-    A normal is the interpolated vertex normal at the pixel's centre, on the visible side. Normal maps and wetness do not change
+    A normal is the interpolated vertex normal at the pixel's centre, on the visible side. Normal maps and wetness do not affect
     it.
 
     Attributes:
@@ -38,7 +38,7 @@ class Normals:
 
     @property
     def defined(self) -> NDArray[np.bool_]:
-        """(H, W) bool; true where there is a surface."""
+        """Mask of the pixels with a surface, (H, W) bool."""
         surface: NDArray[np.bool_] = self.octahedral[..., 0] != NOTHING
         return surface
 

@@ -1,7 +1,7 @@
-"""The Blender process: found, started, spoken with, and ended when it crashes, hangs or grows too large.
+"""The Blender process: start it, exchange messages with it, and end it when it crashes, hangs or uses too much memory.
 
-Blender is under the GPL; it runs the programs of the package `inside` as programs of their own, in an environment of its own
-(docs/cycles.md), and messages over two pipes are all that it shares with this process.
+Blender is under the GPL. It runs the programs of the package `inside` in an environment of its own (docs/cycles.md). This
+process shares nothing with it but messages over two pipes.
 """
 
 from __future__ import annotations
@@ -27,38 +27,40 @@ from numpy.typing import NDArray
 from valerie.errors import MissingDependency, RenderingError, TransientError
 from valerie.settings import Settings, load_settings
 
-#: Folder of the package `inside`, which Blender's Python has not installed. Last in the path, it hides no module.
+#: Folder of the package `inside`, which is not installed in Blender's Python. At the end of the path, it hides no other module.
 _FOLDER: Final = Path(__file__).parent
 _START: Final = (
     "import runpy, sys; sys.path.append(sys.argv.pop(1)); "
     "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
 )
 _HEADER: Final = struct.Struct("<I")
-#: Seconds that importing Blender and looking for devices may take.
+#: Longest time for importing Blender and listing its devices, seconds.
 _START_SECONDS: Final = 120.0
+#: Time between two looks at the memory and the limits, seconds.
 _LOOK_SECONDS: Final = 0.5
-#: Messages of Blender for a lack of memory.
+#: Blender's messages when it runs out of memory.
 _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
+#: Bytes at the end of Blender's log in which an error message looks for the last line.
 _LONGEST_LOG: Final = 2_000
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
 class BlenderProcess:
-    """One Blender; after any failure it is gone, and the next one has to be started.
+    """One Blender process. It ends with its first failure and is not started again.
 
     Args:
         settings: interpreter, device, threads, limits of time and memory.
 
     Attributes:
-        known: keys of what was sent and not forgotten; the owner's to keep.
-        settings: that Cycles' persistent data was made with; the owner's to keep.
-        version, device, device_name: what Blender says of itself; device is ``CPU``, ``CUDA``, ``OPTIX`` ….
-        cpu_seconds: that Blender has used for requests so far.
+        known: the things that Blender holds, by key; maintained by the owner.
+        settings: the settings of Cycles' persistent data; maintained by the owner.
+        version, device, device_name: Blender's own report; the device is ``CPU``, ``CUDA``, ``OPTIX`` ….
+        cpu_seconds: CPU time of all requests so far.
 
     Raises:
-        MissingDependency: there is no environment with Blender, or it lacks the device asked for.
-        TransientError: it does not start.
+        MissingDependency: there is no environment with Blender, or the machine lacks the configured device.
+        TransientError: Blender does not start.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -93,41 +95,41 @@ class BlenderProcess:
     def ask(
         self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
     ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """One request and its answer.
+        """Send a request and return its answer: header and arrays.
 
         Args:
-            kind: what is asked for, see `inside.studio.Studio`.
-            arrays: by name.
-            silence: seconds without any sign of life after which Blender is taken for hung; None: the setting.
-            header: what else belongs to the request.
+            kind: a method of `inside.studio.Studio`.
+            arrays: arrays of the request by name.
+            silence: seconds without a sign of life after which Blender counts as hung; None takes the setting.
+            header: further entries of the request's header.
 
         Raises:
-            TransientError: Blender ended, hung, or grew beyond its memory; it has been ended.
-            RenderingError: Blender refused.
+            TransientError: Blender ended, hung, or exceeded its memory. Its process is gone.
+            RenderingError: Blender reports an error.
         """
         limit = self._silence if silence is None else silence
-        answer, made = self._exchange({"kind": kind, **header}, arrays or {}, limit)
+        answer, results = self._exchange({"kind": kind, **header}, arrays or {}, limit)
         self.cpu_seconds += float(answer.get("cpu_seconds", 0.0))
         if "error" in answer:
             if _OUT_OF_MEMORY.search(answer["error"]):
                 raise self._ended(f"Blender says {answer['error']!r}")
             raise RenderingError(f"cycles: {answer['error']}")
-        return answer, made
+        return answer, results
 
     def reset(self) -> None:
-        """Have Blender forget everything that was sent and that Cycles kept; raises as `ask`."""
+        """Clear Blender's scene and Cycles' caches. Raises the errors of `ask`."""
         self.ask("reset")
         self.known.clear()
         self.settings = None
 
     def close(self) -> None:
-        """End the process, if it still runs, and remove its folder."""
+        """End the process if it still runs, and remove its folder."""
         process, self._process = self._process, None
         if process is None:
             return
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None
-            with suppress(OSError):  # what was not sent is not wanted any more
+            with suppress(OSError):  # nobody needs the bytes that are still buffered
                 pipe.close()
         process.kill()
         process.wait()
@@ -139,25 +141,25 @@ class BlenderProcess:
     ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         if not self.alive:
             raise self._ended("Blender is not running")
-        sent = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-        entries = [{"name": n, "dtype": a.dtype.str, "shape": a.shape} for n, a in sent.items()]
+        outgoing = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        entries = [{"name": n, "dtype": a.dtype.str, "shape": a.shape} for n, a in outgoing.items()]
         text = json.dumps({**header, "arrays": entries}).encode()
         assert self._process is not None
         assert self._process.stdin is not None
         wire = Wire(self._process.stdin, self._process.stdout, self._watch, silence)
         try:
             wire.send(_HEADER.pack(len(text)) + text)
-            for array in sent.values():
+            for array in outgoing.values():
                 wire.send(array.reshape(-1).view(np.uint8).data)
             while True:
                 answer = json.loads(wire.receive(_HEADER.unpack(wire.receive(_HEADER.size))[0]))
                 if "alive" not in answer:
                     break
-            made = {}
+            incoming = {}
             for entry in answer["arrays"]:
                 dtype = np.dtype(entry["dtype"])
                 data = wire.receive(dtype.itemsize * int(np.prod(entry["shape"], dtype=np.int64)))
-                made[entry["name"]] = np.frombuffer(data, dtype).reshape(entry["shape"])
+                incoming[entry["name"]] = np.frombuffer(data, dtype).reshape(entry["shape"])
         except EOFError:
             raise self._ended("Blender ended in the middle of its work") from None
         except TimeoutError:
@@ -165,23 +167,23 @@ class BlenderProcess:
         except MemoryError as error:
             raise self._ended(str(error)) from None
         except BaseException:
-            self.close()  # an answer that nobody read would be taken for the next one
+            self.close()  # the next request would read the rest of this answer
             raise
-        return answer, made
+        return answer, incoming
 
     def _watch(self) -> None:
         assert self._process is not None
         try:
             used = psutil.Process(self._process.pid).memory_info().rss
         except psutil.Error:
-            return  # it has just ended; the pipe will say so
+            return  # the process has just ended; the pipe reports it
         if used > self._memory:
             raise MemoryError(
                 f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
             )
 
     def _ended(self, reason: str) -> TransientError:
-        """Make sure that the process is gone; what to raise."""
+        """Make sure that the process is gone, and return the error to raise."""
         log = ""
         if self._process is not None:
             self._process.kill()
@@ -195,11 +197,11 @@ class BlenderProcess:
 
 
 class Wire:
-    """Bytes through two pipes, with patience that ends.
+    """Two pipes with a time limit.
 
     Args:
-        watch: called about twice a second; may raise.
-        silence: seconds without a byte in either direction after which TimeoutError is raised.
+        watch: called about twice a second while a pipe is not ready; its errors pass through.
+        silence: seconds without a byte in either direction before TimeoutError.
     """
 
     def __init__(self, requests: IO[bytes], answers: IO[bytes] | None, watch: Any, silence: float) -> None:
@@ -210,7 +212,7 @@ class Wire:
         self._silence = silence
 
     def send(self, data: bytes | memoryview) -> None:
-        """Send all of it; raises EOFError if nobody reads."""
+        """Send all bytes. Raises EOFError if nobody reads."""
         view = memoryview(data)
         while view:
             self._wait(self._requests, writing=True)
@@ -222,7 +224,7 @@ class Wire:
                 raise EOFError from None
 
     def receive(self, size: int) -> bytes:
-        """Exactly ``size`` bytes; raises EOFError when there are no more."""
+        """Return exactly ``size`` bytes. Raises EOFError when the pipe ends earlier."""
         parts: list[bytes] = []
         while size:
             self._wait(self._answers)
@@ -245,12 +247,12 @@ class Wire:
 
 
 def interpreter(settings: Settings) -> Path:
-    """Return the Python that has Blender.
+    """Return the path of the Python that has Blender.
 
     Raises:
-        MissingDependency: there is none at that place.
+        MissingDependency: there is no interpreter at the path.
     """
-    # Not resolved: a virtual environment's interpreter is a link that leads out of it.
+    # Not resolved: the interpreter of a virtual environment is a link to one outside it.
     python = settings.cycles_python
     if not (python.is_file() and os.access(python, os.X_OK)):
         raise MissingDependency(
@@ -262,16 +264,16 @@ def interpreter(settings: Settings) -> Path:
 
 @cache
 def process_blender(pid: int) -> BlenderHolder:
-    """Return the one Blender of this process (``pid`` is its own: a forked child must not speak over its parent's pipes)."""
+    """Return the Blender of this process. ``pid`` is the process's own: a forked child must not use its parent's pipes."""
     assert pid == os.getpid()
     return BlenderHolder(load_settings())
 
 
 class BlenderHolder:
-    """Starts Blender when it is needed, and again after a failure.
+    """The current Blender process: started on first use, and again after a failure.
 
     Attributes:
-        cpu_seconds: of all Blenders so far.
+        cpu_seconds: CPU time of all Blender processes so far.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -284,18 +286,14 @@ class BlenderHolder:
         return self._past_cpu_seconds + (self._blender.cpu_seconds if self._blender is not None else 0.0)
 
     def get(self) -> BlenderProcess:
-        """Return the running Blender.
-
-        Raises:
-            MissingDependency: see `BlenderProcess`.
-        """
+        """Return the running Blender process; start one if there is none. Raises the errors of `BlenderProcess`."""
         if self._blender is None or not self._blender.alive:
             self.close()
             self._blender = BlenderProcess(self._settings)
         return self._blender
 
     def close(self) -> None:
-        """End it."""
+        """End the Blender process, if there is one."""
         if self._blender is not None:
             self._past_cpu_seconds += self._blender.cpu_seconds
             self._blender.close()
@@ -303,13 +301,13 @@ class BlenderHolder:
 
 
 def blender_program(python: Path, module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module of `inside` in Blender's Python, isolated from this environment."""
+    """Return the command that runs a module of `inside` in Blender's Python, isolated from this process's environment."""
     return [str(python), "-I", "-B", "-c", _START, str(_FOLDER), module, *arguments]
 
 
 def blender_environment() -> dict[str, str]:
-    """Return Blender's environment, without VALERIE's settings and tokens and without the user's Blender settings."""
-    kept = (
+    """Return Blender's environment variables, without VALERIE's settings and tokens and the user's Blender settings."""
+    names = (
         "PATH",
         "LANG",
         "LC_ALL",
@@ -319,5 +317,5 @@ def blender_environment() -> dict[str, str]:
         "HIP_VISIBLE_DEVICES",
         "SYSTEMROOT",
     )
-    inherited = {name: os.environ[name] for name in kept if name in os.environ}
+    inherited = {name: os.environ[name] for name in names if name in os.environ}
     return {**inherited, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": os.devnull}

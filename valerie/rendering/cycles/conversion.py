@@ -1,4 +1,4 @@
-""".blend files to glTF, once, by Blender in its own process (docs/assets.md)."""
+"""Convert .blend files to glTF in a Blender process of their own (docs/assets.md)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _LOOK_SECONDS: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """The result of a converted .blend file.
+    """The result of converting a .blend file.
 
     Attributes:
         path: the glTF file.
-        version: version of Blender.
-        notes: the omitted parts, in words.
+        version: the version of Blender.
+        notes: one sentence for each part that was left out.
     """
 
     path: Path
@@ -37,18 +37,18 @@ class Conversion:
 
 
 def convert_blend(source: Path, target: Path, settings: Settings, *, seconds: float = 1800.0) -> Conversion:
-    """Convert a .blend file to one binary glTF file. No script of the file is run.
+    """Convert a .blend file to one binary glTF file without running any of its scripts.
 
     Args:
         source: the .blend file.
         target: the .glb file to write.
-        settings: where Blender is, and how much memory it may take.
+        settings: Blender's interpreter and its memory limit.
         seconds: longest time that it may take.
 
     Raises:
-        MissingDependency: there is no Blender environment (``make cycles`` makes it).
-        InvalidInput: no .blend file, or Blender cannot read it.
-        RenderingError: Blender crashed, took too long or too much memory.
+        MissingDependency: there is no Blender environment (``make cycles`` installs it).
+        InvalidInput: the file is no .blend file, or Blender cannot read it.
+        RenderingError: Blender crashed, took too long or used too much memory.
     """
     try:
         with source.open("rb") as file:
@@ -69,7 +69,7 @@ def convert_blend(source: Path, target: Path, settings: Settings, *, seconds: fl
             raise RenderingError(f"Blender ended while it converted {source.name}: {' '.join(last) or 'no message'}")
         report = json.loads(report_path.read_text("utf-8"))
         if "error" in report or not output.is_file():
-            raise InvalidInput(f"Blender cannot convert it: {report.get('error', last)}", field=source.name)
+            raise InvalidInput(f"Blender cannot convert the file: {report.get('error', last)}", field=source.name)
         try:
             target.write_bytes(output.read_bytes())
         except OSError as error:
@@ -81,7 +81,7 @@ def _run(command: list[str], log: Any, memory: int, seconds: float) -> None:
     """Run a command to its end.
 
     Raises:
-        RenderingError: It needs too much memory or time.
+        RenderingError: the command exceeds its memory or its time.
     """
     until = time.monotonic() + seconds
     process = subprocess.Popen(
@@ -105,6 +105,6 @@ def _require_modesty(pid: int, memory: int) -> None:
     try:
         used = psutil.Process(pid).memory_info().rss
     except psutil.Error:
-        return  # it has just ended
+        return  # the process has just ended
     if used > memory:
         raise RenderingError(f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")

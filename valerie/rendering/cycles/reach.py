@@ -1,9 +1,9 @@
-"""The rectangle of an image that a path tracer renders again when movables stand in it.
+"""The rectangle of an image that a path tracer must render again for the movables.
 
-The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. So this bound is not exact, as the
-raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, its effect on indirect
-light is smaller than the noise of an image of the default quality (docs/cycles.md has the measurement). The bounds of its own
-pixels and its shadow are exact. They include its reflection in a wet road, but not reflections in distant smooth surfaces.
+The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. This bound is therefore not exact,
+unlike the raster engine's. It follows a measurement (docs/benchmarks.md): farther from a movable than `REACH` times its height,
+its effect on indirect light is below the noise of an image of default quality. The bounds of a movable's own pixels and of its
+shadow are exact. They include its reflection in a wet road, but not its reflections in distant smooth surfaces.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Scene
 from valerie.scene.light.weather import wetness
 
-#: Heights of a movable beyond which its indirect light is lost in the noise.
+#: Distance from a movable, in its heights, beyond which its indirect light is lost in the noise.
 REACH: Final = 0.5
-#: Pixels around the rectangle that the denoiser is shown at least.
+#: Smallest margin around the rectangle for the denoiser, pixels.
 _MARGIN: Final = 16
-#: Pixels per side of what the denoiser's network (Open Image Denoise's U-Net, which halves a picture four times) takes together,
-#: counted from the corner where Blender's pictures begin, the lower left.
+#: Side of the blocks that the denoiser's network pools, pixels: Open Image Denoise's U-Net halves an image four times. Blocks
+#: count from the lower left, where Blender's images begin.
 _POOLED: Final = 16
-#: Pixels: the reconstruction filter (1.5 wide), and rounding.
+#: Radius of the reconstruction filter (1.5 pixels wide) with rounding, pixels.
 _FILTER: Final = 3
 
 
 def reached_rectangle(scene: Scene, view: View) -> Rectangle:
-    """Return the rectangle of a scene's movables; empty where they reach nothing of the image.
+    """Return the rectangle that a scene's movables change; it is empty if they change nothing in the image.
 
     Raises:
         UnknownName: the scene has no such camera.
@@ -53,7 +53,7 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     corners = [box_corners(low, high) for low, high in boxes]
     toward_sun = scene.sun_direction()
     highest = max(float(high[2]) for _, high in boxes)
-    # Half of the sun's disc, over the longest way from a movable to where its shadow falls.
+    # Half of the sun's angular diameter over the longest distance between a movable and its shadow.
     penumbra = math.tan(scene.sun.angular_diameter / 2) * (highest - lowest) / max(float(toward_sun[2]), 1e-2)
     exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
     exact = with_lamps(exact, corners, camera, view, lowest, lamps)
@@ -61,16 +61,16 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     for low, high in boxes:
         height = float(high[2] - low[2])
         more = REACH * height
-        # A mirror image hangs upside down below the road.
+        # Its mirror image hangs upside down below the road.
         near.append(box_corners(low - [more, more, more + height * wet], high + more))
     return union(exact, covered_rectangle(near, camera, view))
 
 
 def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
-    """Return the part of the image that is rendered for the denoiser where only a rectangle is wanted.
+    """Return the part of the image to render so that the denoiser gives a rectangle the values of the whole image.
 
-    It begins and ends where the pixels that the denoiser's network takes together do in the whole image: else the network would
-    see other blocks of pixels than there, and differ more than a margin of any width makes good (docs/cycles.md).
+    Its edges lie on the block edges of the denoiser's network in the whole image. With other blocks, the network's result
+    would differ by more than a margin of any width could make up for (docs/benchmarks.md).
     """
     around = grown(rectangle, _MARGIN, view)
 
@@ -83,12 +83,12 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
 
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
-    """Return the lamps that shine, and of those that stand still the ones whose shadows are looked for: the raster engine's."""
+    """Return the lit lamps, with the shadow-casting ones among those that stand still, as the raster engine selects them."""
     return FrameLamps.seen_by(lit_lamps(scene, sky_of(scene)), camera_of(scene, view), view)
 
 
 def _bounds(item: DrawItem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Lowest and highest corner of a node's meshes in the world."""
+    """Return the lowest and the highest corner of a node's meshes in the world, or None without a mesh."""
     points = [
         box_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) @ item.world[:3, :3].T + item.world[:3, 3]
         for mesh in item.meshes

@@ -1,6 +1,6 @@
 """The physically based engine: Blender's Cycles, a path tracer, in a process of its own.
 
-What is rendered and in which units: `translation`. How far movables reach: `reach`. The process: `blender`.
+`translation` has the scene and its units, `reach` the bounds of a layer, and `blender` the process.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class CyclesRenderer:
     """Images by Cycles; see `valerie.rendering.base.Renderer` for the contract.
 
     Args:
-        settings: of the pictures.
-        holder: of the Blender to use; the process's own if not given.
+        settings: quality of the images; the default settings if None.
+        holder: the Blender to use; this process's own if None.
 
     Raises:
-        MissingDependency: there is no Blender environment (``make cycles`` makes it).
+        MissingDependency: there is no Blender environment (``make cycles`` installs it).
     """
 
     name: ClassVar[str] = "cycles"
@@ -51,23 +51,23 @@ class CyclesRenderer:
 
     @property
     def cpu_seconds_elsewhere(self) -> float:
-        """CPU seconds that Blender has used so far in this process's service."""
+        """CPU seconds that Blender has used so far for this process."""
         return self._holder.cpu_seconds
 
     def background(self, scene: Scene, view: View) -> LinearImage:
         """Render the frame without movables.
 
         Raises:
-            RenderingError: The image is constant or not finite.
+            RenderingError: the image is constant or not finite.
         """
         return LinearImage(self._whole(scene, view, movables=False))
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """Render the rectangle that movables change noticeably; the layer is empty if they change none."""
+        """Render the rectangle that movables change noticeably. The layer is empty if they change nothing."""
         rectangle = reached_rectangle(scene, view)
         if rectangle.empty:
             return Layer(rectangle, np.zeros((0, 0, 3), np.float16))
-        # The denoiser looks around a pixel: what it needs is rendered too and thrown away.
+        # The denoiser uses the surroundings of a pixel. They are rendered too, and cropped afterwards.
         around = denoised_window(rectangle, view) if self._settings["denoise"] else rectangle
         pixels = self._render(scene, view, around, movables=True)
         rows, columns = rectangle.y - around.y, rectangle.x - around.x
@@ -80,7 +80,7 @@ class CyclesRenderer:
         return LinearImage(self._whole(scene, view, movables=True))
 
     def close(self) -> None:
-        """Blender stays with the process, which other instances share; it ends with the process."""
+        """Do nothing: all instances in a process share Blender, which ends with the process."""
 
     def _whole(self, scene: Scene, view: View, *, movables: bool) -> NDArray[np.float16]:
         pixels = self._render(scene, view, None, movables=movables)
@@ -93,16 +93,17 @@ class CyclesRenderer:
 
 
 def numeric_class(version: str, device: str, device_name: str) -> str:
-    """E.g. ``bpy-4.5.15-cpu-avx2`` or ``bpy-4.5.15-optix-nvidia-l4``: Cycles and its denoiser have code for each kind of device.
+    """Return the numeric class, e.g. ``bpy-4.5.15-cpu-avx2`` or ``bpy-4.5.15-optix-nvidia-l4``.
 
-    Samples and the like are settings, not part of the class; neither is the number of threads, which changes no bit.
+    Cycles and its denoiser have separate code for each kind of device. Settings such as the samples are not part of the class.
+    Neither is the number of threads, which changes no bit.
     """
     kind = _instruction_set() if device == "CPU" else device_name
     return re.sub(r"[^a-z0-9.]+", "-", f"bpy {version.removesuffix(' LTS')} {device} {kind}".lower()).strip("-")
 
 
 def _instruction_set() -> str:
-    """Return the widest of the instruction sets that Cycles or its denoiser have code of their own for."""
+    """Return the widest instruction set of this CPU for which Cycles or its denoiser has code of its own."""
     try:
         lines = Path("/proc/cpuinfo").read_text("ascii", "replace").splitlines()
     except OSError:  # not Linux
@@ -111,5 +112,5 @@ def _instruction_set() -> str:
     return next((name for flag, name in _SETS if flag in flags), machine() or "unknown")
 
 
-#: Flag in /proc/cpuinfo to name.
+#: Flags in /proc/cpuinfo with the names of their instruction sets, widest first.
 _SETS: Final[tuple[tuple[str, str], ...]] = (("avx512f", "avx512"), ("avx2", "avx2"), ("sse4_2", "sse4.2"))

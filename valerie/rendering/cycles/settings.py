@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import Field
 
+from valerie.parameters.definitions import Value
 from valerie.rendering.engine import EngineSettings
 
 Sky = Literal["nishita", "scene"]
@@ -14,13 +15,13 @@ Quality = Literal["draft", "standard", "high", "paper"]
 
 
 class Preset(NamedTuple):
-    """Samples per pixel, and the use of Open Image Denoise."""
+    """Samples per pixel, and whether Open Image Denoise runs."""
 
     samples: int
     denoise: bool
 
 
-#: Presets; docs/cycles.md has their errors and costs. ``paper``: 1024 samples as in the paper, section 6.
+#: Presets; docs/benchmarks.md has their errors and costs. ``paper``: 1024 samples as in the paper, section 6.
 PRESETS: Final[Mapping[Quality, Preset]] = {
     "draft": Preset(16, denoise=True),
     "standard": Preset(64, denoise=True),
@@ -33,15 +34,15 @@ class CyclesSettings(EngineSettings):
     """Settings of Blender's Cycles.
 
     Attributes:
-        quality: a preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024, not denoised.
-        samples: light paths per pixel; overrides the preset's.
-        denoise: whether Open Image Denoise cleans the picture; overrides the preset's.
-        max_bounces: surfaces that a light path meets at most after the first.
-        light_tree: sample lamps by their importance (many lamps: less noise).
-        clamp_indirect: largest value of light after a bounce, in the image's unit; 0 for none. Keeps single bright pixels away.
-        sky: nishita: Blender's parametric sky, as bright on the ground as the raster engine's; scene: the raster engine's itself,
-            as always under clouds and in fog.
-        seed: of the noise.
+        quality: preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024, not denoised.
+        samples: light paths per pixel; overrides the preset.
+        denoise: whether Open Image Denoise removes the noise; overrides the preset.
+        max_bounces: largest number of bounces of a light path after the first surface.
+        light_tree: sample lamps by their importance, for less noise with many lamps.
+        clamp_indirect: upper limit of light after a bounce, in the image's unit; 0 for none. Suppresses single bright pixels.
+        sky: nishita: Blender's parametric sky with the raster engine's irradiance on the ground; scene: the raster engine's sky,
+            which clouds and fog always use.
+        seed: seed of the noise.
     """
 
     quality: Quality = "standard"
@@ -53,8 +54,8 @@ class CyclesSettings(EngineSettings):
     sky: Sky = "nishita"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
-    def inputs(self) -> dict[str, Any]:
-        """Return every value that the pixels depend on, with the preset resolved. Equal inputs give equal pixels."""
+    def inputs(self) -> dict[str, Value]:
+        """Return every value that the pixels depend on, with the preset resolved."""
         preset = PRESETS[self.quality]
         return {
             **self.model_dump(exclude={"quality"}),
@@ -63,5 +64,5 @@ class CyclesSettings(EngineSettings):
         }
 
     def cost(self) -> float:
-        """Return roughly the CPU time of an image relative to the default settings. It is proportional to the samples."""
+        """Return the approximate CPU time of an image relative to the default settings: the ratio of their samples."""
         return float(self.inputs()["samples"]) / PRESETS["standard"].samples

@@ -1,7 +1,7 @@
-"""A scene as the messages that Blender understands; what was sent before is not sent again.
+"""Translate a scene into messages for Blender, without sending anything twice.
 
-Meshes and textures are known by identity, materials by value. Everything is in the units of the linear image
-(`valerie.rendering.sky`): Blender's radiances are image values, with no factor between them.
+Meshes and textures are recognised by identity, materials by value. Everything is in the units of the linear image
+(`valerie.rendering.sky`): Blender's radiances are image values without a factor.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, mat
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
-#: Share of its light that a thin sheet (`Material.double_sided`) passes on; its lit side is then as in the raster engine.
+#: Share of the light that a thin sheet (`Material.double_sided`) transmits. With it, the lit side matches the raster engine's.
 _TRANSLUCENT_SHARE: Final = 0.175
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
-#: Blender's haze per unit of turbidity above pure air, so that our clear day (3) is its ordinary one (1).
+#: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
 _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
-#: Rows and columns of the picture of a sky.
+#: Rows and columns of the sky panorama.
 _PANORAMA: Final = (256, 512)
-#: Unused things beyond this, and beyond as many as are in use, are removed from Blender.
+#: Unused things are removed from Blender when there are more of them than things in use plus this number.
 _SPARE: Final = 64
 
 
 class _Placed(NamedTuple):
-    """One mesh of a node in the world; ``place`` is the node's among the drawn ones, from 1."""
+    """One mesh of a node in the world. ``place`` is the node's position among the drawn nodes, from 1."""
 
     name: str
     mesh: str
@@ -47,11 +47,11 @@ class _Placed(NamedTuple):
 
 
 class Guided(NamedTuple):
-    """The inputs of a denoiser, each (h, w, 3) float32.
+    """The inputs of the denoiser, each (h, w, 3) float32.
 
     Attributes:
         noisy: the image before denoising.
-        albedo, normal: guides of each pixel, as Cycles' denoiser takes them.
+        albedo, normal: guide images, as Cycles' denoiser expects them.
     """
 
     noisy: NDArray[np.float32]
@@ -68,11 +68,12 @@ def render(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> NDArray[np.float32]:
-    """Return the pixels of the border, (h, w, 3) float32, or of the whole image.
+    """Return the pixels inside the border, or of the whole image, (h, w, 3) float32.
 
     Args:
         settings: `CyclesSettings.inputs`.
-        movables: whether they are part of the picture.
+        border: the rectangle to render; None for the whole image.
+        movables: whether the image shows the movables.
     """
     items = _items(scene, movables=movables)
     _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
@@ -89,9 +90,9 @@ def guided(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> Guided:
-    """Render as `render` does, but without denoiser and rain, and return the denoiser's guides.
+    """Render as `render` does, but without denoiser and rain, and return the noisy image with the denoiser's guides.
 
-    Frames are composed of it to validate layers (docs/cycles.md); no product is made of it.
+    Only the validation of layers uses it (docs/benchmarks.md); no product does.
     """
     items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}
@@ -100,16 +101,16 @@ def guided(
 
 
 def denoised(blender: BlenderProcess, guided_image: Guided) -> NDArray[np.float32]:
-    """Denoise with Cycles' own denoiser. Up to float rounding, the result is that of `render` with ``denoise``."""
+    """Denoise with Cycles' own denoiser. Up to float rounding, the result equals that of `render` with ``denoise``."""
     return blender.ask("denoise", guided_image._asdict())[1]["pixels"]
 
 
 def object_index(
     blender: BlenderProcess, scene: Scene, view: View, settings: Mapping[str, Any]
 ) -> tuple[NDArray[np.int32], tuple[DrawItem, ...]]:
-    """Cycles' own object index at pixel centres, (H, W): place in the returned items plus one, 0 for the sky.
+    """Return Cycles' object index at pixel centres, (H, W), and the items: 0 for the sky, else the item's position plus one.
 
-    Checks the truth pass in tests; no product is made of it.
+    Only tests of the truth pass use it; no product does.
     """
     items = _items(scene, movables=True)
     _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
@@ -133,18 +134,18 @@ def _ask(
     movables: bool = True,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
-    # The index is taken with one sample, see `inside.film`.
+    # The index pass takes one sample, see `inside.film`.
     _keep_to(blender, {**settings, "samples": 1} if index else settings)
     sky = sky_of(scene)
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
-    # Blender's sky knows neither clouds nor fog nor dusk.
+    # Blender's sky has no clouds, fog or dusk.
     dusk = math.degrees(scene.sun.elevation) < DUSK
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0)
-    placed = [one for i, item in enumerate(items, start=1) for one in sender.placed(item, i)]
+    placed = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
-    matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
+    matrices = np.stack([mesh.world for mesh in placed]) if placed else np.zeros((0, 4, 4))
     return blender.ask(
         "render",
         {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
@@ -161,10 +162,10 @@ def _ask(
 
 
 def _keep_to(blender: BlenderProcess, settings: Mapping[str, Any]) -> None:
-    """Start anew where the last picture's settings were others.
+    """Reset Blender if the last image had other settings.
 
-    What Cycles keeps from picture to picture (Blender 4.5) fits the settings it was made with: after another number of samples
-    the noise would be another than a new Blender's. Seed and denoiser may change.
+    Cycles' persistent data (Blender 4.5) depends on the settings of its first image. After a change of the number of samples,
+    the noise would differ from a new Blender's. The seed and the denoiser may change.
     """
     lasting = {name: value for name, value in settings.items() if name not in ("seed", "denoise")}
     if blender.settings is not None and blender.settings != lasting:
@@ -173,11 +174,11 @@ def _keep_to(blender: BlenderProcess, settings: Mapping[str, Any]) -> None:
 
 
 class _Sender:
-    """Sends what Blender lacks, and notes what the picture uses.
+    """Sends the things that Blender lacks, and records the things that the image uses.
 
     Args:
-        lenses: names of materials that glow because a lamp is on: the lamp gives their light.
-        wet: whether water lies on what faces up.
+        lenses: names of materials that glow because a lamp is on. The lamp emits their light.
+        wet: whether water lies on surfaces that face up.
     """
 
     def __init__(
@@ -190,7 +191,7 @@ class _Sender:
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
-        """Send the meshes of a node and return them."""
+        """Send the meshes of a node, and return them with their materials and world matrices."""
         meshes = []
         for i, mesh in enumerate(item.meshes):
             if not mesh.faces.size:
@@ -201,15 +202,15 @@ class _Sender:
         return meshes
 
     def forget_unused(self) -> None:
-        """Remove what this picture does not use, once that is much: memory stays flat over changing scenes."""
-        known = self._blender.known
-        unused = [key for key in known if key not in self._used]
+        """Remove the things that this image does not use once there are many of them. It bounds the memory of many scenes."""
+        things = self._blender.known
+        unused = [key for key in things if key not in self._used]
         if len(unused) > len(self._used) + _SPARE:
             kinds = ("mesh", "material", "texture")
             lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
             self._blender.ask("forget", meshes=lists["mesh"], materials=lists["material"], textures=lists["texture"])
             for key in unused:
-                del known[key]
+                del things[key]
 
     def _mesh(self, mesh: Mesh, world: Matrix) -> tuple[str, Matrix]:
         if not _sheared(world):
@@ -217,7 +218,7 @@ class _Sender:
             if self._is_new(key, mesh):
                 self._send_mesh(key, mesh, mesh.positions, mesh.normals)
             return key, world
-        # Blender's objects have a place, a rotation and a scale; anything else goes into the vertices.
+        # Blender's objects have a position, a rotation and a scale. The vertices take any other transform.
         key = f"mesh-{id(mesh):x}-{world.tobytes().hex()}"
         if self._is_new(key, mesh):
             turn = np.linalg.inv(world[:3, :3])
@@ -259,7 +260,7 @@ class _Sender:
         return key
 
     def _is_new(self, key: str, thing: object) -> bool:
-        """Note the use; the thing is kept, so that its identity stays taken."""
+        """Record a use, and return True if Blender lacks the thing. The reference to it keeps its ``id`` from being reused."""
         self._used.add(key)
         if key in self._blender.known:
             return False
@@ -278,7 +279,7 @@ def _camera(camera: Camera) -> dict[str, Any]:
 
 
 def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
-    """Sun, air and sky. The sun is ours at every elevation; Blender's sky is as bright on the ground as ours."""
+    """Return sun, air and sky. The sun is ours at every elevation, and Blender's sky gets our sky's irradiance on the ground."""
     return {
         "light": {
             "sun": sky.sun.tolist(),
@@ -299,8 +300,10 @@ def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
 
 
 def _lamp(lamp: Lamp) -> dict[str, Any]:
-    """Return a lamp for Blender, whose energy in watts is that of a sphere: radiant intensity is energy / 4π, and a white surface
-    shows its irradiance divided by π.
+    """Return a lamp for Blender.
+
+    Blender's energy is the power of a whole sphere: the radiant intensity is energy / 4π, and a white surface shows its
+    irradiance divided by π.
     """
     strength = np.array(lamp.strength)
     peak = float(strength.max())
@@ -318,7 +321,7 @@ def _lamp(lamp: Lamp) -> dict[str, Any]:
 
 
 def _panorama(sky: Sky) -> NDArray[np.float32]:
-    """Return an equirectangular image of our sky, (H, W, 3): zenith at the top, +x in the middle, +y a quarter to the left."""
+    """Return an equirectangular image of our sky, (H, W, 3): zenith at the top, +x at the centre, +y a quarter to the left."""
     height, width = _PANORAMA
     elevation = np.maximum(np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi, 0.0)
     direction = np.pi - (np.arange(width) + 0.5) / width * 2 * np.pi

@@ -1,9 +1,10 @@
-"""The compatibility engine: pyrender 0.1.45 (https://github.com/mmatl/pyrender, MIT), as the paper's first renderer family.
+"""The compatibility engine: pyrender 0.1.45 (https://github.com/mmatl/pyrender, MIT), the paper's first kind of renderer.
 
-What it lacks, honestly: no normal maps, no alpha cut-outs (both are unfinished in its shader), no sky picture, no sky light but
-a constant ambient, no ambient occlusion, no reflections of surroundings, no soft shadows, no specular tint, no camera effects.
-Its output is 8 bits per channel with a gamma of 2.2; this adapter scales the light down before and up after, and undoes the
-gamma exactly, so that the linear image reaches `HEADROOM`, in 255 steps per channel, and is clipped there.
+It has no normal maps (unfinished in its shader), no visible sky, a constant ambient term as its only sky light, no ambient
+occlusion, no reflections of surroundings, no soft shadows, no specular tint and no camera effects. Shadows ignore alpha. Its
+shader writes alpha but cuts nothing; GL then covers as many of a pixel's samples as alpha says. Its output has 8 bits per
+channel with a gamma of 2.2. This adapter scales the light down before rendering and up afterwards, and inverts the gamma
+exactly. The linear image thus has 255 steps per channel up to `HEADROOM`, where it is clipped.
 """
 
 from __future__ import annotations
@@ -27,26 +28,28 @@ from valerie.scene.graph.model import Material, Mesh, Scene, Texture
 
 #: Brightest value of the linear image.
 HEADROOM: Final = 4.0
-#: Below this its pictures are black: a white wall is then step 7 of 255.
+#: Illuminance below which its images are nearly black: a white wall is then step 7 of 255.
 DARKEST_LUX: Final = 50.0
 _GAMMA: Final = 2.2
-#: Texels per side of the shadow map, which covers the whole scene.
+#: Texels per side of the shadow map. It covers the whole scene.
 _SHADOW_MAP: Final = 4096
 _BACKGROUNDS: Final = 4
+#: GL_LINEAR.
+_LINEAR: Final = 9729
 
 
 class PyrenderRenderer:
     """Images by pyrender; see `valerie.rendering.base.Renderer` for the contract.
 
-    A layer is the bounding rectangle of all pixels in which the frame differs from the background, which is rendered too
-    (and kept for the next layer of the same camera and light).
+    A layer is the bounding rectangle of all pixels in which the frame differs from the background. The background is rendered for
+    this comparison, and cached for the next layer with the same camera and light.
 
     Raises:
         MissingDependency: pyrender is not installed, or there is no EGL driver.
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 3
+    revision: ClassVar[int] = 4
 
     def __init__(self) -> None:
         self._library = _import_pyrender()
@@ -66,7 +69,7 @@ class PyrenderRenderer:
         """Render the frame without movables.
 
         Raises:
-            RenderingError: The image is constant.
+            RenderingError: the image is constant.
         """
         return LinearImage(self._render(scene, view, draw_items(scene, movable=False)))
 
@@ -91,7 +94,7 @@ class PyrenderRenderer:
         return LinearImage(self._render(scene, view, items))
 
     def close(self) -> None:
-        """Forget everything; the EGL context stays with the process."""
+        """Clear the caches. The EGL context belongs to the process and stays open."""
         self._meshes.clear()
         self._textures.clear()
         self._backgrounds.clear()
@@ -105,14 +108,14 @@ class PyrenderRenderer:
             tuple((id(item.node), item.world.tobytes()) for item in statics),
             tuple(material_of(scene, mesh, item.node.path) for item in statics for mesh in item.meshes),
         )
-        found = self._backgrounds.get(key)
-        if found is None:
+        entry = self._backgrounds.get(key)
+        if entry is None:
             while len(self._backgrounds) >= _BACKGROUNDS:
                 del self._backgrounds[next(iter(self._backgrounds))]
-            # The scene is kept, so that the identities in the key stay taken.
-            found = (scene, self.background(scene, view))
-            self._backgrounds[key] = found
-        return found[1]
+            # The reference to the scene keeps the identities in the key from being reused.
+            entry = (scene, self.background(scene, view))
+            self._backgrounds[key] = entry
+        return entry[1]
 
     def _render(self, scene: Scene, view: View, items: tuple[DrawItem, ...]) -> NDArray[np.float16]:
         """Render a linear image, (height, width, 3)."""
@@ -120,7 +123,7 @@ class PyrenderRenderer:
         sky = sky_of(scene)
         if sky.lux < DARKEST_LUX:
             raise RenderingError(
-                f"pyrender shows no night: the ground has {sky.lux:.3g} lx, its 8 bits begin at {DARKEST_LUX:g} lx"
+                f"pyrender cannot show the night: the ground has {sky.lux:.3g} lx, its 8 bits begin at {DARKEST_LUX:g} lx"
             )
         library = self._library
         target = library.Scene(bg_color=_encoded(sky.haze), ambient_light=_ambient(sky) / HEADROOM)
@@ -141,7 +144,7 @@ class PyrenderRenderer:
         flags = library.RenderFlags.NONE
         strength = float(sky.sun.max())
         if strength > 0:
-            # Its shader divides diffuse reflection by π; our image unit has no π.
+            # The library's shader divides diffuse reflection by π; our image unit has no π.
             light = library.DirectionalLight(color=sky.sun / strength, intensity=np.pi * strength / HEADROOM)
             target.add(light, pose=_pose_along(-sky.sun_direction))
             flags |= library.RenderFlags.SHADOWS_DIRECTIONAL
@@ -156,17 +159,17 @@ class PyrenderRenderer:
         return pixels
 
     def _mesh(self, mesh: Mesh, material: Material, scene: Scene) -> Any:
-        """Return the library's mesh, kept by identity for the next frame."""
+        """Return the library's mesh, cached by identity for the next frame."""
         key = (id(mesh), material)
-        found = self._meshes.get(key)
-        if found is None:
-            # Its shader reads roughness and metallic where it has put them, in the first two channels.
-            color = self._texture(scene, material.base_color_texture, (0, 1, 2))
+        entry = self._meshes.get(key)
+        if entry is None:
+            # The library's shader reads roughness and metallic from the first two channels.
+            color = self._texture(scene, material.base_color_texture, (0, 1, 2), material.alpha_cutoff)
             rough = self._texture(scene, material.roughness_texture, (1, 2, 0))
             primitive = self._library.Primitive(
                 positions=mesh.positions,
                 normals=mesh.normals,
-                # The library's textures are uploaded bottom row first.
+                # The library uploads textures with the bottom row first.
                 texcoord_0=np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1) if color or rough else None,
                 indices=mesh.faces,
                 material=self._library.MetallicRoughnessMaterial(
@@ -179,33 +182,45 @@ class PyrenderRenderer:
                     doubleSided=material.double_sided,
                 ),
             )
-            found = (mesh, self._library.Mesh([primitive]))
-            self._meshes[key] = found
-        return found[1]
+            entry = (mesh, self._library.Mesh([primitive]))
+            self._meshes[key] = entry
+        return entry[1]
 
-    def _texture(self, scene: Scene, name: str | None, channels: tuple[int, int, int]) -> Any:
+    def _texture(
+        self, scene: Scene, name: str | None, channels: tuple[int, int, int], cutoff: float | None = None
+    ) -> Any:
         if name is None:
             return None
         texture = scene.textures[name]
-        key = (id(texture), channels)
-        found = self._textures.get(key)
-        if found is None:
+        if texture.image.shape[2] < 4:
+            cutoff = None
+        key = (id(texture), channels, cutoff)
+        entry = self._textures.get(key)
+        if entry is None:
             image = np.ascontiguousarray(texture.image[..., channels])
-            found = (texture, self._library.Texture(source=image, source_channels="RGB"))
-            self._textures[key] = found
-        return found[1]
+            if cutoff is None:
+                copy = self._library.Texture(source=image, source_channels="RGB")
+            else:
+                solid = np.where(texture.image[..., 3:] >= 255 * cutoff, 255, 0).astype(np.uint8)
+                # Without mipmaps: the mean of bars and gaps would be neither.
+                sampler = self._library.Sampler(magFilter=_LINEAR, minFilter=_LINEAR)
+                copy = self._library.Texture(
+                    source=np.concatenate([image, solid], axis=2), source_channels="RGBA", sampler=sampler
+                )
+            entry = (texture, copy)
+            self._textures[key] = entry
+        return entry[1]
 
     def _forget_all_but(self, used: set[Hashable]) -> None:
-        """Drop what the last frame did not use, once that is much: memory stays flat over changing materials."""
+        """Drop the meshes that the last frame did not use once there are many of them. It bounds the memory of many materials."""
         if len(self._meshes) > 2 * len(used) + 64:
             self._meshes = {key: mesh for key, mesh in self._meshes.items() if key in used}
 
 
 def _import_pyrender() -> Any:
-    # Both must be set before the library is imported: it binds its GL platform at import, and reads its sizes of shadow maps
-    # from module globals.
+    # The library binds its GL platform at import.
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-    # pyrender 0.1.45 says np.infty for the bounds that shadows need; numpy 2 took the name away.
+    # pyrender 0.1.45 uses np.infty in the bounds of shadows; numpy 2 has removed the name.
     if not hasattr(np, "infty"):
         np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201
     try:
@@ -216,16 +231,17 @@ def _import_pyrender() -> Any:
             import pyrender.renderer
     except Exception as error:
         raise MissingDependency(f"pyrender cannot be imported ({error}); install valerie[render]") from error
+    # The library reads the size of its shadow maps from module globals.
     pyrender.light.SHADOW_TEX_SZ = pyrender.renderer.SHADOW_TEX_SZ = _SHADOW_MAP
     return pyrender
 
 
 @cache
 def _process_renderer() -> tuple[Any, str]:
-    """Return the library's renderer and the driver's numeric class: one per process, kept until it ends.
+    """Return the library's renderer and the driver's numeric class. There is one renderer, which lives as long as the process.
 
-    Once deleted, or merely collected, it terminates the whole EGL display, and with that the contexts of all others in this
-    process (the truth pass, the raster engine).
+    Deleting it, or its garbage collection, would terminate the EGL display and with it the contexts of the truth pass and the
+    raster engine.
     """
     library = _import_pyrender()
     try:
@@ -234,14 +250,16 @@ def _process_renderer() -> tuple[Any, str]:
         raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
     from OpenGL import GL
 
+    # Of this context, which stays current from its creation on.
+    GL.glEnable(GL.GL_SAMPLE_ALPHA_TO_COVERAGE)
     return renderer, numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
 
 
 def _ordered_node(library: Any) -> Any:
-    """Return a node class that is drawn in the order in which nodes were added.
+    """Return a node class whose nodes are drawn in the order in which they were added.
 
-    The library keeps nodes in a set and draws those at equal distance in its order, which with the usual hash (an address)
-    differs from frame to frame; where surfaces coincide, so would the picture.
+    The library keeps nodes in a set and draws nodes of equal distance in the order of the set. With the default hash, an
+    address, this order would differ from frame to frame, and so would the image where surfaces coincide.
     """
 
     class OrderedNode(library.Node):  # type: ignore[misc]
@@ -254,19 +272,19 @@ def _ordered_node(library: Any) -> Any:
 
 
 def _encoded(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear colour as the library's shader would have written it."""
+    """Return a linear colour as the library's shader would write it."""
     encoded: NDArray[np.float64] = np.clip(linear / HEADROOM, 0, 1) ** (1 / _GAMMA)
     return encoded
 
 
 def _ambient(sky: Sky) -> NDArray[np.float64]:
-    """One colour for light from all sides: half the sky, half the ground."""
+    """Return the ambient colour: half the sky's, half the ground's."""
     ambient: NDArray[np.float64] = 0.5 * (sky.sky_irradiance + sky.ground)
     return ambient
 
 
 def _pose_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (4, 4) pose whose −z is ``direction``."""
+    """Return the pose, (4, 4), whose −z is ``direction``."""
     back = -direction / np.linalg.norm(direction)
     reference = np.array([0.0, 1.0, 0.0]) if abs(back[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     right = np.cross(reference, back)

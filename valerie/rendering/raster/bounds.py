@@ -1,8 +1,8 @@
 """The rectangle of an image that movables can change: a bound that is never too small, by construction.
 
-Light leaves a movable's trace in four ways: its own pixels, its shadow (a prism from its box away from the sun down to the
-lowest ground), near occlusion (a screen radius that shrinks with depth), and filters of a few pixels. The raster engine mirrors
-statics alone, and has no bounce from movables, so there is no fifth.
+A movable changes pixels in four ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
+ground), by ambient occlusion (within a screen radius that shrinks with depth), and through filters of a few pixels. There is no
+fifth way, since the raster engine mirrors only statics and movables reflect no light onto other surfaces.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class Reach:
     """The reach of the engine's filters.
 
     Attributes:
-        occlusion_radius: metres, beyond which near occlusion is exactly nothing.
-        largest_occlusion: pixels, largest screen radius of it.
-        penumbra: metres, widest shadow edge.
-        filters: pixels, sum of all that blurs, antialiases or picks neighbours.
+        occlusion_radius: distance beyond which ambient occlusion is exactly zero, metres.
+        largest_occlusion: largest screen radius of ambient occlusion, pixels.
+        penumbra: widest shadow edge, metres.
+        filters: sum of the radii of blurs, antialiasing and neighbour selection, pixels.
     """
 
     occlusion_radius: float
@@ -35,9 +35,9 @@ class Reach:
     filters: int
 
     def occlusion_pixels(self, nearest: float, focal: float) -> int:
-        """Pixels around a movable whose nearest point has depth ``nearest`` that may be occluded by it.
+        """Return the width, in pixels, of the margin that a movable with its nearest point at depth ``nearest`` may occlude.
 
-        A receiver more than the radius in front of it is not; one at that depth has the widest kernel.
+        Receivers more than the radius in front of the movable are not occluded. A receiver at that depth has the widest kernel.
         """
         depth = nearest - self.occlusion_radius
         widest = self.largest_occlusion
@@ -49,13 +49,14 @@ class Reach:
 def changed_rectangle(
     boxes: Iterable[Points], camera: Camera, view: View, toward_sun: Points, lowest: float, reach: Reach
 ) -> Rectangle:
-    """Bound of all pixels that movables change.
+    """Return a bound of all pixels that movables change.
 
     Args:
         boxes: (8, 3) world corners of each movable mesh's bounding box, metres.
+        camera, view: the camera and the size of its image.
         toward_sun: (3,) unit vector; a sun at or below the horizon casts no shadows.
-        lowest: metres, height below which there is nothing to receive a shadow.
-        reach: of the engine's filters.
+        lowest: height of the lowest surface that can receive a shadow, metres.
+        reach: reach of the engine's filters.
 
     Returns:
         A rectangle inside the image; empty if nothing can change.
@@ -85,12 +86,12 @@ def changed_rectangle(
 
 
 def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:
-    """Bound of the pixels that things in ``boxes`` (world corners, (8, 3) each) cover themselves.
+    """Return a bound of the pixels that things inside ``boxes`` (world corners, (8, 3) each) cover themselves.
 
-    The image is widened by ``pad_x`` and ``pad_y`` pixels on each side; the rectangle counts from its top left corner.
+    The image is padded by ``pad_x`` and ``pad_y`` pixels on each side. The rectangle counts from the padded image's top left.
     """
-    seen = _seen(list(boxes), camera, view)
-    points = np.concatenate(seen)[:, :2] if seen else np.zeros((0, 2))
+    visible = _seen(list(boxes), camera, view)
+    points = np.concatenate(visible)[:, :2] if visible else np.zeros((0, 2))
     if not len(points):
         return Rectangle(0, 0, 0, 0)
     limit = np.array([view.width + 2 * pad_x, view.height + 2 * pad_y])
@@ -103,7 +104,7 @@ def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x
 
 
 def union(first: Rectangle, second: Rectangle) -> Rectangle:
-    """Return the smallest rectangle around both."""
+    """Return the smallest rectangle around two rectangles."""
     if first.empty or second.empty:
         return second if first.empty else first
     x, y = min(first.x, second.x), min(first.y, second.y)
@@ -113,7 +114,7 @@ def union(first: Rectangle, second: Rectangle) -> Rectangle:
 
 
 def grown(rectangle: Rectangle, pixels: int, view: View) -> Rectangle:
-    """Return the rectangle with ``pixels`` more on each side, inside the image."""
+    """Return a rectangle extended by ``pixels`` on each side, as far as the image reaches."""
     more = Rectangle(
         rectangle.x - pixels, rectangle.y - pixels, rectangle.width + 2 * pixels, rectangle.height + 2 * pixels
     )
@@ -121,7 +122,7 @@ def grown(rectangle: Rectangle, pixels: int, view: View) -> Rectangle:
 
 
 def _seen(hulls: Sequence[Points], camera: Camera, view: View) -> list[Points]:
-    """For each hull pixels and depths (N, 3) that bound the part of it in front of the near plane."""
+    """Return for each hull the pixels and depths, (N, 3), that bound its part in front of the near plane."""
     if not hulls:
         return []
     forward = -camera.transform[:3, 2]
@@ -136,7 +137,7 @@ def _seen(hulls: Sequence[Points], camera: Camera, view: View) -> list[Points]:
 
 
 def _shadow_prism(corners: Points, toward_sun: Points, lowest: float, penumbra: float) -> Points:
-    """Return (128, 3) points that span a box, grown by the penumbra, and its shadow down to height ``lowest``."""
+    """Return (128, 3) points that span a box, extended by the penumbra, and its shadow down to height ``lowest``."""
     cube = box_corners(np.full(3, -penumbra), np.full(3, penumbra))
     top = (corners[:, None] + cube[None]).reshape(-1, 3)
     drop = max(float(top[:, 2].max()) - lowest, 0.0) + penumbra

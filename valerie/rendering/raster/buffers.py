@@ -1,4 +1,4 @@
-"""Vertices and triangles on the graphics card."""
+"""Vertices and triangles on the GPU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Buffers:
 
     Args:
         gl: the current context.
-        vertices: name of a vertex attribute to its values, a row per vertex.
+        vertices: values of each vertex attribute by name, a row per vertex.
         faces: (F, 3) uint32 indices of vertices.
     """
 
@@ -29,24 +29,24 @@ class Buffers:
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """Return the vertex array of a program, with those attributes that it reads."""
-        found = self._arrays.get(program.glo)
-        if found is None:
-            found = self._arrays[program.glo] = self._gl.vertex_array(
+        """Return the vertex array of a program, with the attributes that it reads."""
+        array = self._arrays.get(program.glo)
+        if array is None:
+            array = self._arrays[program.glo] = self._gl.vertex_array(
                 program, self._read_by(program), index_buffer=self._faces
             )
-        return found
+        return array
 
     def array_with(self, program: moderngl.Program, elsewhere: Buffers) -> moderngl.VertexArray:
         """Return the vertex array of a program that also reads the positions of ``elsewhere``. The caller releases it."""
-        there = (elsewhere._vertices["in_position"], _ATTRIBUTES["in_position"], "in_elsewhere")
-        return self._gl.vertex_array(program, [*self._read_by(program), there], index_buffer=self._faces)
+        positions = (elsewhere._vertices["in_position"], _ATTRIBUTES["in_position"], "in_elsewhere")
+        return self._gl.vertex_array(program, [*self._read_by(program), positions], index_buffer=self._faces)
 
     def _read_by(self, program: moderngl.Program) -> list[tuple[moderngl.Buffer, str, str]]:
         return [(buffer, _ATTRIBUTES[name], name) for name, buffer in self._vertices.items() if name in program]
 
     def release(self) -> None:
-        """Free all of it."""
+        """Free the buffers and the vertex arrays."""
         for array in self._arrays.values():
             array.release()
         for buffer in (*self._vertices.values(), self._faces):

@@ -1,4 +1,4 @@
-"""A small cache with a fixed number of entries, whose entries own GL objects."""
+"""A small cache with a fixed capacity, whose entries own GL objects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Generic, Protocol, TypeVar
 
 
 class Releasable(Protocol):
-    """Something that holds GL objects until it is told to let go."""
+    """An object that owns GL objects until its release."""
 
     def release(self) -> None: ...
 
@@ -17,7 +17,7 @@ Entry = TypeVar("Entry", bound=Releasable)
 
 
 class LeastRecentlyUsed(Generic[Entry]):
-    """Keeps the entries used last, and releases what it drops: memory stays flat over any number of frames.
+    """A cache of the most recently used entries. It releases the entries that it drops, so that memory stays bounded.
 
     Args:
         capacity: largest number of entries, at least 1.
@@ -31,11 +31,11 @@ class LeastRecentlyUsed(Generic[Entry]):
         return len(self._entries)
 
     def __iter__(self) -> Iterator[Entry]:
-        """The entries, the one used last at the end."""
+        """Iterate over the entries, the most recently used one last."""
         return iter(tuple(self._entries.values()))
 
     def get(self, key: Hashable, make: Callable[[], Entry]) -> Entry:
-        """Return the entry of ``key``, made now if it is not there."""
+        """Return the entry of ``key``, after creating it with ``make`` if it is missing."""
         entry = self._entries.get(key)
         if entry is not None:
             self._entries.move_to_end(key)

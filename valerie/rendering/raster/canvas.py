@@ -1,8 +1,8 @@
-"""Caches between frames: the statics' image, and the targets in which frames are composed.
+"""Caches between frames: the image of the statics, and the targets in which frames are composed.
 
-A layer differs from the statics' image in few tiles. So the targets keep the statics' values from frame to frame, with one mask
-per pass of the tiles that hold them. Movables are drawn over a part; the tiles that they change are recomputed and then marked
-as invalid. The cache never affects a pixel: a tile is computed either now or earlier from equal inputs.
+A layer differs from the statics' image in few tiles. The targets therefore keep the statics' values from frame to frame, and a
+mask per pass tells which tiles hold them. The tiles that movables change are recomputed, and then marked as invalid. The cache
+never affects a pixel: a tile is computed from equal inputs, either now or earlier.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 Area = tuple[int, int, int, int]
 
 _NEIGHBOURS: Final = np.ones((3, 3), np.uint8)
-#: Rows of tiles read at once.
+#: Rows of tiles that one read covers.
 _BAND: Final = 16
 
 
 class StaticSurfaces:
-    """The statics seen by one camera: the G-buffer, and depths and ambient occlusion that bound the effect of movables.
+    """The statics seen by one camera: their G-buffer, and the depths and ambient occlusion that bound the effect of movables.
 
     Rows count from the bottom. Entries are valid where ``known``.
 
     Attributes:
         target: the G-buffer.
-        nearest, farthest: depths in metres per tile, over all samples of its pixels and of their neighbours, which the tent
-            filter blends in.
+        nearest, farthest: range of depth of each tile, metres, over all samples of its pixels and of the neighbouring pixels that
+            the tent filter blends in.
         open: per tile, True if no pixel has ambient occlusion before the blur.
-        smooth: (height, width) uint8, ambient occlusion after the blur; 255 for none.
+        smooth: (height, width) uint8, ambient occlusion after the blur; 255 means none.
     """
 
     def __init__(self, target: Target, grid: TileGrid) -> None:
@@ -53,9 +53,9 @@ class StaticSurfaces:
         self.smooth = np.zeros((grid.height, grid.width), np.uint8)
 
     def learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
-        """Read the tiles of ``mask`` that are not known yet. Their ambient occlusion is in ``targets``."""
+        """Read the tiles of ``mask`` that are not known yet. ``targets`` holds their ambient occlusion."""
         mask = mask & ~self.known
-        # Band by band, since a buffer for the whole image would be allocated from the system anew each time.
+        # Band by band: the system would allocate a buffer for the whole image anew each time.
         for first in range(0, self.grid.shape[0], _BAND):
             band = self.grid.none()
             band[first : first + _BAND] = mask[first : first + _BAND]
@@ -74,7 +74,7 @@ class StaticSurfaces:
         inner = np.s_[y - bottom : y - bottom + height, x - left : x - left + width]
         nearest = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
         low: NDArray[np.float32] = cv2.erode(nearest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
-        # Movables change nothing on the sky, so it does not count.
+        # The sky does not count, since movables do not change it.
         window = np.where(window < 1, window, 0)
         farthest = np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
         high: NDArray[np.float32] = cv2.dilate(farthest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
@@ -134,7 +134,7 @@ class Canvas:
         )
 
     def take(self, camera: Hashable, light: Hashable) -> None:
-        """Prepare for the statics seen by this camera under this light; keep the tiles that are still valid."""
+        """Prepare for the statics seen by this camera under this light, and keep the tiles that are still valid."""
         if camera != self._camera:
             self.forget()
             self._camera = camera
@@ -142,10 +142,10 @@ class Canvas:
             self.skylit, self.shaded = self.grid.none(), self.grid.none()
             self._light = light
 
-    def light(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the pixels of the ``wanted`` tiles, and all inputs that are not valid."""
+    def light(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the pixels of these tiles, and all of their inputs that are not valid."""
         spans = self.grid.spans
-        shaded = widened(wanted) & ~self.shaded
+        shaded = widened(tiles) & ~self.shaded
         self.occlude(frame, widened(shaded))
         self.light_sky(frame, widened(shaded))
         classified = shaded & ~self.classified
@@ -153,20 +153,20 @@ class Canvas:
         self.classified |= classified
         frame.shade(spans(shaded))
         self.shaded |= shaded
-        frame.resolve.run(spans(wanted))
+        frame.resolve.run(spans(tiles))
 
-    def light_sky(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the sky light of the ``wanted`` tiles."""
-        skylit = wanted & ~self.skylit
+    def light_sky(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the sky light of these tiles."""
+        skylit = tiles & ~self.skylit
         opened = skylit & ~self.opened
         frame.open_sky(self.grid.spans(opened))
         self.opened |= opened
         frame.light_sky(self.grid.spans(skylit))
         self.skylit |= skylit
 
-    def occlude(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the ambient occlusion of the ``wanted`` tiles."""
-        smoothed = wanted & ~self.smoothed
+    def occlude(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the ambient occlusion of these tiles."""
+        smoothed = tiles & ~self.smoothed
         occluded = widened(smoothed) & ~self.occluded
         frame.occlusion.run(self.grid.spans(occluded))
         self.occluded |= occluded
@@ -174,7 +174,7 @@ class Canvas:
         self.smoothed |= smoothed
 
     def cover(self, tiles: Mask) -> None:
-        """Mark tiles in which movables came or went as invalid. Ambient occlusion is the caller's to mark."""
+        """Mark tiles in which movables appear or disappear as invalid. The caller marks the ambient occlusion."""
         self.classified &= ~tiles
         self.opened &= ~tiles
         self.skylit &= ~tiles
@@ -182,20 +182,20 @@ class Canvas:
     def receive(self, frame: LitFrame, lighting: Lighting, areas: Sequence[Area]) -> list[NDArray[np.float32]]:
         """Return the light that arrives on the surfaces in each area, with movables: (height, width, 4), rows from the bottom.
 
-        The tiles that it overwrites are invalid afterwards.
+        The overwritten tiles are invalid afterwards.
         """
         if self._received is None:
             self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
-        wanted = self.grid.none()
+        tiles = self.grid.none()
         for area in areas:
-            wanted |= self.grid.touching(area)
-        near = widened(wanted)
+            tiles |= self.grid.touching(area)
+        near = widened(tiles)
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.occlude(frame, near)
         self.cover(near)
         self.light_sky(frame, near)
-        lighting.receive(frame, self._received, self.grid.spans(wanted))
+        lighting.receive(frame, self._received, self.grid.spans(tiles))
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.cover(near)
@@ -211,12 +211,12 @@ class Canvas:
         return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
 
     def read_moving(self, area: Area) -> Mask:
-        """Return a mask, (height, width), of the pixels of an area that show a movable, drawn last, in a sample."""
+        """Return a mask, (height, width), of the pixels in an area of which a sample shows one of the movables drawn last."""
         x, y, width, height = (n * SAMPLES for n in area)
         rows = _read(self.targets.moving.framebuffer, (x, y, width, height), 1, "u2", 2).reshape(height, width)
         across = np.logical_or.reduce([rows[:, i::SAMPLES] for i in range(SAMPLES)])
-        seen: Mask = np.logical_or.reduce([across[i::SAMPLES] for i in range(SAMPLES)])
-        return seen
+        pixels: Mask = np.logical_or.reduce([across[i::SAMPLES] for i in range(SAMPLES)])
+        return pixels
 
     def release(self) -> None:
         """Free the targets."""

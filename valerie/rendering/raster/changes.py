@@ -1,4 +1,4 @@
-"""Conservative bounds, by tile, of the parts of a frame that movables may change."""
+"""Conservative bounds, in tiles, of the parts of a frame that movables may change."""
 
 from __future__ import annotations
 
@@ -15,82 +15,88 @@ from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap
 from valerie.rendering.raster.tiles import TILE, Mask, widened
 from valerie.scene.graph.model import Camera
 
-#: Metres by which a caster may lie behind a receiver along the light and still count: the receiver's plane, clamped to a slope
-#: of 6 in both directions, over the widest penumbra.
+#: Largest distance by which a caster may lie behind a receiver along the light and still count, metres: the rise of the
+#: receiver's plane, whose slope is at most 6 in both directions, over the widest penumbra.
 _STEEPEST = 6 * math.sqrt(2) * LARGEST_PENUMBRA + 0.05
 
 
 def occluded_tiles(
     body: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, reach: Reach
 ) -> Mask:
-    """Tiles whose near occlusion, before its blur, may differ from the statics'.
+    """Return the tiles whose ambient occlusion, before its blur, may differ from the statics'.
 
-    Occlusion is a sum of what the taps around a pixel contribute, none of it negative, and a tap contributes only if it lies
-    within a radius in space. So a tile stays as it is if no tap of it reaches a tile with movables; or if it is free
-    of occlusion as it is, and all movables lie more than the radius before or behind it.
+    Occlusion is a sum of non-negative contributions of the taps around a pixel. A tap contributes only within a radius in space.
+    A tile therefore does not change if none of its taps reaches a tile with movables, or if it has no occlusion and all movables
+    lie more than the radius in front of it or behind it.
 
     Args:
-        body: tiles in which movables are seen.
+        body: tiles with visible movables.
         bodies: (8, 3) world corners of the movables' boxes.
+        surfaces: the statics seen by the camera.
+        camera, view: the camera and the size of its image.
+        reach: reach of the engine's filters.
     """
     if not body.any():
         return body
     focal = camera.focal_length_px(view.width)
     with np.errstate(divide="ignore"):
         taps = np.clip(reach.occlusion_radius * focal / surfaces.nearest, 1.5, reach.largest_occlusion) + 1
-    found = widened(body)
+    near = widened(body)
     for steps in range(2, math.ceil((reach.largest_occlusion + 1) / TILE) + 2):
-        found |= widened(body, steps) & (taps >= (steps - 1) * TILE)
+        near |= widened(body, steps) & (taps >= (steps - 1) * TILE)
     matrix = np.linalg.inv(camera.transform)
     depths = -(np.concatenate(list(bodies)) @ matrix[2, :3] + matrix[2, 3])
     radius = reach.occlusion_radius + 0.01
     apart = (surfaces.nearest > depths.max() + radius) | (surfaces.farthest < depths.min() - radius)
-    reached: Mask = body | (found & ~(surfaces.open & apart))
+    reached: Mask = body | (near & ~(surfaces.open & apart))
     return reached
 
 
 def shadowed_tiles(
-    wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
+    candidates: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
 ) -> Mask:
-    """Return those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
+    """Return those of the ``candidates`` whose static surfaces may lie in the movables' shadow.
 
-    What a camera sees in a tile lies in a frustum between two depths; its box in the light's axes is held against those of the
-    movables, and against what their shadow map really holds.
+    The visible surfaces of a tile lie in a frustum between two depths. The test compares the frustum's box in the light's axes
+    with the boxes of the movables, and then with the occupied texels of their shadow map.
 
     Args:
+        candidates: the tiles to test.
         bodies: (8, 3) world corners of the movables' boxes.
+        surfaces: the statics seen by the camera.
+        camera, view: the camera and the size of its image.
         shadow: the movables' shadow map.
     """
-    found = np.zeros_like(wanted)
-    rows, columns = np.nonzero(wanted & (surfaces.nearest < camera.far * 0.999))
+    shadowed = np.zeros_like(candidates)
+    rows, columns = np.nonzero(candidates & (surfaces.nearest < camera.far * 0.999))
     if not len(rows) or not bodies:
-        return found
+        return shadowed
     light = shadow.light
     focal = camera.focal_length_px(view.width)
-    # A pixel more on each side: pixels take samples of their neighbours.
+    # One more pixel on each side, since pixels blend samples of their neighbours.
     x = np.stack([columns * TILE - 1, (columns + 1) * TILE + 1], axis=1) - view.width / 2
     y = np.stack([rows * TILE - 1, (rows + 1) * TILE + 1], axis=1) - view.height / 2
     rays = np.empty((len(rows), 2, 2, 3))
     rays[..., 0] = x[:, :, None] / focal
     rays[..., 1] = y[:, None, :] / focal
     rays[..., 2] = -1
-    seen = rays.reshape(len(rows), 4, 3) @ (light.rows @ camera.transform[:3, :3]).T
+    edges = rays.reshape(len(rows), 4, 3) @ (light.rows @ camera.transform[:3, :3]).T
     eye = light.rows @ camera.position
     near, far = surfaces.nearest[rows, columns], surfaces.farthest[rows, columns]
-    spans = np.concatenate([seen * near[:, None, None], seen * far[:, None, None]], axis=1) + eye
+    spans = np.concatenate([edges * near[:, None, None], edges * far[:, None, None]], axis=1) + eye
     low, high = spans.min(axis=1), spans.max(axis=1)
     border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / shadow.target.size[0] + 0.03
     boxes = [corners @ light.rows.T for corners in bodies]
-    # Few tiles come near any of the movables, so that few are held against each.
+    # Few tiles are near any movable, so few need a test against each of them.
     near_any = np.flatnonzero(_meets(low, high, np.concatenate(boxes), border))
     low, high = low[near_any], high[near_any]
     hit = np.zeros(len(near_any), np.bool_)
     for box in boxes:
         hit |= _meets(low, high, box, border)
     hit[hit] = shadow.holds(low[hit, :2] - border, high[hit, :2] + border)
-    kept = near_any[hit]
-    found[rows[kept], columns[kept]] = True
-    return found
+    tiles = near_any[hit]
+    shadowed[rows[tiles], columns[tiles]] = True
+    return shadowed
 
 
 def _meets(low: Points, high: Points, caster: Points, border: float) -> Mask:
@@ -98,5 +104,5 @@ def _meets(low: Points, high: Points, caster: Points, border: float) -> Mask:
     first, last = caster.min(axis=0), caster.max(axis=0)
     across = (low[:, 0] < last[0] + border) & (high[:, 0] > first[0] - border)
     across &= (low[:, 1] < last[1] + border) & (high[:, 1] > first[1] - border)
-    met: Mask = across & (high[:, 2] > first[2] - _STEEPEST)
-    return met
+    meets: Mask = across & (high[:, 2] > first[2] - _STEEPEST)
+    return meets

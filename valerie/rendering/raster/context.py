@@ -20,10 +20,10 @@ _INCLUDE: Final = re.compile(r'^#include "([a-z_]+\.glsl)"$', re.MULTILINE)
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """Return a shader of this package with its includes put in and ``defines`` set, ready to compile.
+    """Return the source of a shader, with its includes inserted and ``defines`` set, ready to compile.
 
     Args:
-        name: file below ``shaders/`` without ``.glsl``, e.g. ``lighting.frag``.
+        name: file name in ``shaders/`` without ``.glsl``, e.g. ``lighting.frag``.
         defines: preprocessor symbols and their values.
     """
     text = (_SHADERS / f"{name}.glsl").read_text("utf-8")
@@ -33,13 +33,13 @@ def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
 
 
 class GraphicsContext:
-    """One headless OpenGL 4.3 context (EGL): llvmpipe without a GPU, the vendor's driver with one; the same code.
+    """A headless OpenGL 4.3 context (EGL), on the vendor's driver with a GPU and on llvmpipe without one.
 
-    Make one per process and hand it to `RasterRenderer` and `TruthPass`, which then share uploaded scenes (`process_context`
-    does that). All drawing happens inside `current`, so that another library's context in the process is not disturbed.
+    `RasterRenderer` and `TruthPass` share uploaded scenes if they share a context; `process_context` is the process's own. All
+    drawing happens inside `current`, so that it does not disturb another library's context.
 
     Raises:
-        MissingDependency: no EGL library or no driver for OpenGL 4.3.
+        MissingDependency: there is no EGL library, or no driver for OpenGL 4.3.
     """
 
     def __init__(self) -> None:
@@ -57,10 +57,10 @@ class GraphicsContext:
 
     @contextmanager
     def current(self) -> Iterator[moderngl.Context]:
-        """Make this context the current one of the thread, and give the previous one back afterwards.
+        """Make this context the thread's current one, and restore the previous one afterwards.
 
         Raises:
-            RenderingError: the driver refused something (out of memory, say).
+            RenderingError: the driver reports an error, such as a lack of memory.
         """
         with self.gl:
             try:
@@ -69,7 +69,7 @@ class GraphicsContext:
                 raise RenderingError(f"OpenGL ({self.numeric_class}): {error}") from error
 
     def program(self, vertex: str, fragment: str, **defines: int) -> moderngl.Program:
-        """Return the program of two shader files; compiled at the first call."""
+        """Return the program of two shader files. It is compiled at the first call."""
         key = (vertex, fragment, tuple(sorted(defines.items())))
         program = self._programs.get(key)
         if program is None:
@@ -80,7 +80,7 @@ class GraphicsContext:
         return program
 
     def close(self) -> None:
-        """Free the context and all that lives in it."""
+        """Free the context and its resources."""
         if not self.closed:
             self.closed = True
             with self.gl:
@@ -93,5 +93,5 @@ class GraphicsContext:
 
 @cache
 def process_context() -> GraphicsContext:
-    """Return the one context of this process, made at the first call."""
+    """Return the context of this process. It is created at the first call."""
     return GraphicsContext()

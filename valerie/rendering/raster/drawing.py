@@ -1,4 +1,4 @@
-"""Drawing of surfaces, with the program and the GL state that each kind of surface needs."""
+"""Draw surfaces with the program and the GL state that each kind of surface needs."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class SurfaceDrawer:
     Args:
         context: owns the programs; it must be current in every call.
         fragment: name of the shader, e.g. ``surface.frag``.
-        textures: use of textures beside the alpha of cut surfaces: ``ignored``, ``known`` (the shader gets texture coordinates
-            and frames but no texture) or ``read``.
+        textures: use of textures apart from the alpha of cut surfaces: ``ignored``, ``known`` (the shader gets texture
+            coordinates and tangent frames but no texture) or ``read``.
         depth_test: if False, draw over everything.
         all_faces: if True, draw back faces of single-sided surfaces too, as shadow casters need.
         panes: treatment of `Material.transmission`: draw a pane ``whole`` (for labels), ``sampled`` (some samples show the
@@ -88,7 +88,7 @@ class SurfaceDrawer:
         table: moderngl.Texture,
         values: Mapping[str, Any],
     ) -> None:
-        """Draw meshes into the target in use, each with its shape at another moment and with uniforms of its own."""
+        """Draw meshes into the target in use, each with its positions at another moment and its own uniforms."""
         for mesh, elsewhere, own in placed:
             program = self._ready(mesh.kind, textures, table, {**values, **own}, movable=True, elsewhere=True)
             mesh.draw(program, elsewhere)
@@ -108,16 +108,16 @@ class SurfaceDrawer:
         defines = {"MOVABLE": 1} if movable else {}
         if elsewhere:
             defines["ELSEWHERE"] = 1
-        bound: dict[str, Any] = {"material_table": table}
+        samplers: dict[str, Any] = {"material_table": table}
         if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1
-            bound["color_textures"] = textures.arrays[kind.color_side]
+            samplers["color_textures"] = textures.arrays[kind.color_side]
         if kind.normal_side and read:
             defines["NORMAL_TEXTURE"] = 1
-            bound["normal_textures"] = textures.arrays[kind.normal_side]
+            samplers["normal_textures"] = textures.arrays[kind.normal_side]
         if kind.roughness_side and read:
             defines["ROUGHNESS_TEXTURE"] = 1
-            bound["roughness_textures"] = textures.arrays[kind.roughness_side]
+            samplers["roughness_textures"] = textures.arrays[kind.roughness_side]
         if self._textures == "known" and (kind.color_side or kind.normal_side or kind.roughness_side):
             defines["TEXTURED"] = 1
             if kind.normal_side:
@@ -133,7 +133,7 @@ class SurfaceDrawer:
         gl.enable_only(flags)
         if self._sampler is not None:
             gl.clear_samplers()
-        bind(program, bound, None if kind.cut else self._sampler)
+        bind(program, samplers, None if kind.cut else self._sampler)
         set_uniforms(program, values)
         return program
 

@@ -4,8 +4,8 @@ The flow at a pixel centre p that shows the surface point X is π'(X') − p. X'
 moment, and π' is the camera's projection then. The flow is defined even if another object hides X' then.
 
 The flow of statics follows from the depth of the ground truth and the two cameras. Movables are drawn with the vertex shader of
-the truth pass; a further attribute holds each vertex's position at the other moment. This covers rigid motion and changes of
-pose alike. The sky is infinitely far away and moves only as the camera turns.
+the truth pass, with each vertex's position at the other moment as a further attribute. This covers rigid motion and changes of
+pose alike. The sky is infinitely far away and moves only when the camera turns.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from valerie.rendering.raster.targets import Target, gl_rectangle
 from valerie.rendering.scene_reading import camera_of
 from valerie.scene.graph.model import Camera, Scene
 
-#: Largest relative difference between the depth of a movable and that of the truth where the truth shows the movable. Another
-#: program may round depths differently.
+#: Largest relative difference between the depths of a movable here and in the truth. Different programs may round depths
+#: differently.
 _SAME_DEPTH: Final = 1e-5
 
 Flow = NDArray[np.float32]
 
 
 class FlowPass:
-    """The pass that draws flow. It shares uploaded scenes with engine and truth pass.
+    """The pass that draws optical flow. It shares uploaded scenes with the engine and the truth pass.
 
     Args:
         context: GL context; by default that of the process.
@@ -61,7 +61,7 @@ class FlowPass:
             point lies behind the camera then.
 
         Raises:
-            UnknownName: The scenes have no such camera.
+            UnknownName: the scenes have no such camera.
         """
         camera = camera_of(now, view)
         flow = still_flow(truth.depth, camera, camera_of(then, view))
@@ -93,7 +93,7 @@ class FlowPass:
         return velocity
 
     def close(self) -> None:
-        """Free the resources of this pass. The context stays open: it belongs to its creator."""
+        """Free the resources of this pass. The context stays open, since its creator owns it."""
         if not self._context.closed:
             with self._context.current():
                 self._target.clear()
@@ -186,9 +186,9 @@ def _insert_movables(flow: Flow, samples: NDArray[np.float32], truth: GroundTrut
     ids = np.abs(samples[..., 3]).astype(np.int64)
     depth = truth.depth[part]
     with np.errstate(invalid="ignore"):
-        shown = np.abs(samples[..., 2] - depth) <= _SAME_DEPTH * depth
-    shown &= (ids // 65536 == truth.class_map[part]) & (ids % 65536 == truth.instance_map[part]) & (ids > 0)
-    rows, columns = np.nonzero(shown)
+        visible = np.abs(samples[..., 2] - depth) <= _SAME_DEPTH * depth
+    visible &= (ids // 65536 == truth.class_map[part]) & (ids % 65536 == truth.instance_map[part]) & (ids > 0)
+    rows, columns = np.nonzero(visible)
     targets = samples[rows, columns]
     centres = np.stack([columns + rectangle.x + 0.5, rows + rectangle.y + 0.5], axis=1)
     vectors = (targets[:, :2] - centres).astype(np.float32)

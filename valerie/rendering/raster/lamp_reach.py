@@ -1,4 +1,4 @@
-"""The choice of lamps with shadow maps, and bounds of the pixels that movables change by lamplight. Numpy only.
+"""The choice of lamps with shadow maps, and bounds of the pixels that movables change by lamplight. Uses no GPU.
 
 Movables change pixels by their shadows. A movable that carries a lamp may change the whole image.
 """
@@ -20,17 +20,18 @@ from valerie.rendering.raster.bounds import covered_rectangle, grown, union
 from valerie.rendering.raster.tiles import Mask, TileGrid
 from valerie.scene.graph.model import Camera, Matrix
 
-#: Lamps with shadow maps: of those that stand still, and of those that hang on movables. Texels per side of each.
+#: Largest number of static lamps with shadow maps, and of lamps on movables.
 LAMP_TILES: Final = 8
 MOVING_TILES: Final = 4
+#: Texels per side of a lamp's shadow map.
 LAMP_MAP: Final = 1024
-#: Texels of a map that its filter, and the offset along the normal, reach.
+#: Reach of a shadow map's filter and of the offset along the normal, texels.
 FILTER_TEXELS: Final = 4.0
-#: Radians: a wider cone has no useful projection, so such a lamp throws no shadow.
+#: Widest outer angle of a lamp with a shadow, radians. A wider cone has no useful projection.
 _WIDEST: Final = math.radians(80.0)
-#: Metres from a lamp to the nearest thing in its map: its own housing throws no shadow.
+#: Near plane of a lamp's shadow map, metres. It leaves out the lamp's own housing.
 _NEAR: Final = 0.25
-#: Pixels that samples of neighbours reach.
+#: Reach of the filters that blend neighbouring samples, pixels.
 _FILTERS: Final = 4
 
 
@@ -41,7 +42,7 @@ class LampView:
     Attributes:
         lamp: the lamp.
         clip_from_world: (4, 4), world to clip space.
-        texel: metres of a texel at a distance of one metre along the axis.
+        texel: size of a texel at a distance of one metre along the axis, metres.
     """
 
     lamp: Lamp
@@ -50,7 +51,7 @@ class LampView:
 
     @classmethod
     def of(cls, lamp: Lamp) -> LampView:
-        """Return the map's projection: a square around the cone."""
+        """Return the projection of a lamp's map, a square around its cone."""
         rows = light_axes(-np.array(lamp.direction))
         view = np.eye(4)
         view[:3, :3] = rows
@@ -69,9 +70,9 @@ class FrameLamps:
     """The lamps of a frame.
 
     Attributes:
-        lit: all that shine, in the scene's order.
-        shadowed: those with shadow maps that stand still.
-        moving_shadowed: those with shadow maps that hang on movables.
+        lit: all lamps that are on, in the scene's order.
+        shadowed: the static lamps with shadow maps.
+        moving_shadowed: the lamps on movables with shadow maps.
     """
 
     lit: tuple[Lamp, ...]
@@ -80,39 +81,41 @@ class FrameLamps:
 
     @classmethod
     def seen_by(cls, lit: tuple[Lamp, ...], camera: Camera, view: View) -> FrameLamps:
-        """Return the lamps of a frame; those with maps are picked by camera and view alone."""
+        """Return the lamps of a frame. The choice of lamps with maps depends only on the lamps, the camera and the view."""
         return cls(lit, with_shadows(lit, camera), moving_with_shadows(lit, camera, view))
 
     @property
     def moving(self) -> bool:
-        """True if a movable carries a lamp that shines."""
+        """True if a movable carries a lamp that is on."""
         return any(lamp.movable for lamp in self.lit)
 
     @property
     def still(self) -> tuple[Lamp, ...]:
-        """The static lamps: those of an image without movables."""
+        """The static lamps, which light an image without movables."""
         return tuple(lamp for lamp in self.lit if not lamp.movable)
 
 
 def with_shadows(lamps: Sequence[Lamp], camera: Camera) -> tuple[LampView, ...]:
-    """Views of the lamps that stand still and whose shadows are drawn: the nearest to the camera, by distance."""
-    able = [lamp for lamp in lamps if not lamp.movable and lamp.outer <= _WIDEST]
-    able.sort(key=lambda lamp: _distance(lamp, camera))
-    return tuple(LampView.of(lamp) for lamp in able[:LAMP_TILES])
+    """Return the views of the static lamps with shadows: those nearest to the camera, by distance."""
+    candidates = [lamp for lamp in lamps if not lamp.movable and lamp.outer <= _WIDEST]
+    candidates.sort(key=lambda lamp: _distance(lamp, camera))
+    return tuple(LampView.of(lamp) for lamp in candidates[:LAMP_TILES])
 
 
 def moving_with_shadows(lamps: Sequence[Lamp], camera: Camera, view: View) -> tuple[LampView, ...]:
-    """Views of the lamps of movables whose shadows are drawn, strongest first: of those whose light may reach the picture, the
-    ones that would light the camera most if they faced it. So a head lamp goes before a tail lamp, and near before far.
+    """Return the views of the lamps on movables with shadows, strongest first.
+
+    Among the lamps whose light may reach the image, they are those that would light the camera most if they faced it. A head lamp
+    thus precedes a tail lamp, and a near lamp a far one.
     """
-    able = [lamp for lamp in lamps if lamp.movable and lamp.outer <= _WIDEST]
-    able.sort(key=lambda lamp: -sum(lamp.strength) / max(_distance(lamp, camera), 1.0) ** 2)
-    seen = (lamp for lamp in able if not covered_rectangle([light_hull(lamp)], camera, view).empty)
-    return tuple(LampView.of(lamp) for lamp in islice(seen, MOVING_TILES))
+    candidates = [lamp for lamp in lamps if lamp.movable and lamp.outer <= _WIDEST]
+    candidates.sort(key=lambda lamp: -sum(lamp.strength) / max(_distance(lamp, camera), 1.0) ** 2)
+    visible = (lamp for lamp in candidates if not covered_rectangle([light_hull(lamp)], camera, view).empty)
+    return tuple(LampView.of(lamp) for lamp in islice(visible, MOVING_TILES))
 
 
 def light_hull(lamp: Lamp) -> Points:
-    """Return (5, 3) points that span all that a lamp may light, with a cone of at most 80°: itself, and a square at its reach."""
+    """Return (5, 3) points that span the space that a lamp with a cone of at most 80° may light: its position and a square."""
     rows = light_axes(-np.array(lamp.direction))
     wide = math.tan(lamp.outer) * lamp.reach
     square = np.array([(x, y, lamp.reach) for x in (-wide, wide) for y in (-wide, wide)])
@@ -127,12 +130,14 @@ def _distance(lamp: Lamp, camera: Camera) -> float:
 def with_lamps(
     rectangle: Rectangle, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
 ) -> Rectangle:
-    """Return the rectangle that movables change, with what they change by lamplight.
+    """Return the rectangle that movables change, including their changes by lamplight.
 
     Args:
-        rectangle: what they change without lamps.
+        rectangle: the rectangle that they change without lamps.
         boxes: (8, 3) world corners of the movables' boxes.
-        lowest: metres, below which nothing receives light.
+        camera, view: the camera and the size of its image.
+        lowest: height of the lowest surface that receives light, metres.
+        lamps: the lamps of the frame.
     """
     if lamps.moving:
         return Rectangle(0, 0, view.width, view.height)
@@ -145,7 +150,7 @@ def with_lamps(
 def lamp_shadowed_tiles(
     grid: TileGrid, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
 ) -> Mask:
-    """Return the tiles in which movables may change lamplight; arguments as `with_lamps`."""
+    """Return the tiles in which movables may change lamplight. The arguments are those of `with_lamps`."""
     tiles = grid.none()
     if lamps.moving:
         return ~tiles
@@ -161,19 +166,20 @@ def _shadow(box: Points, camera: Camera, view: View, lamp: LampView, lowest: flo
     hull = shadow_hull(box, lamp, lowest)
     if hull is None:
         return Rectangle(0, 0, view.width, view.height)
-    seen = covered_rectangle([hull], camera, view) if len(hull) else Rectangle(0, 0, 0, 0)
-    return seen if seen.empty else grown(seen, _FILTERS, view)
+    rectangle = covered_rectangle([hull], camera, view) if len(hull) else Rectangle(0, 0, 0, 0)
+    return rectangle if rectangle.empty else grown(rectangle, _FILTERS, view)
 
 
 def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None:
-    """Return (N, 3) points that span all places that a box keeps a lamp's light from; (0, 3) if the box is out of its reach.
+    """Return points that span the space that a box shadows from a lamp.
 
     Args:
-        corners: (8, 3) of the box, metres.
-        lowest: metres, below which nothing receives light.
+        corners: (8, 3) corners of the box, metres.
+        view: the lamp's shadow map.
+        lowest: height of the lowest surface that receives light, metres.
 
     Returns:
-        None if the box is so near that its shadow goes anywhere.
+        (N, 3); (0, 3) if the box is out of the lamp's reach; None if it is so near that its shadow may fall anywhere.
     """
     if not within_reach(corners, view.lamp):
         return np.zeros((0, 3))
@@ -181,20 +187,20 @@ def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None
     middle = corners.mean(axis=0)
     size = float(np.linalg.norm(corners - middle, axis=1).max())
     distance = float(np.linalg.norm(middle - lamp))
-    # The reach, at the box, of the filter and of the offset along the normal.
-    more = 0.1 + FILTER_TEXELS * view.texel * (distance + size)
-    if distance < 2.0 * (size + more):
+    # The reach of the filter and of the offset along the normal at the box.
+    margin = 0.1 + FILTER_TEXELS * view.texel * (distance + size)
+    if distance < 2.0 * (size + margin):
         return None
     outward = np.sign(corners - middle)
-    grown = corners + outward * more
-    way = grown - lamp
-    length = np.linalg.norm(way, axis=1)
-    # Twice the reach: chords between the ends of rays lie nearer than the rays' ends.
+    near = corners + outward * margin
+    rays = near - lamp
+    length = np.linalg.norm(rays, axis=1)
+    # Twice the reach, since chords between the ends of rays lie nearer than the ends.
     farthest = 2.0 * view.lamp.reach / length
     with np.errstate(divide="ignore"):
-        down = np.where(way[:, 2] < -1e-6, (lowest - more - lamp[2]) / np.minimum(way[:, 2], -1e-6), np.inf)
-    ends = lamp + way * np.maximum(np.minimum(farthest, down), 1.0)[:, None]
-    return np.concatenate([grown, ends])
+        down = np.where(rays[:, 2] < -1e-6, (lowest - margin - lamp[2]) / np.minimum(rays[:, 2], -1e-6), np.inf)
+    far = lamp + rays * np.maximum(np.minimum(farthest, down), 1.0)[:, None]
+    return np.concatenate([near, far])
 
 
 def within_reach(corners: Points, lamp: Lamp) -> bool:

@@ -1,8 +1,8 @@
-"""Light of lamps in the raster engine: a table of them for the shader, and shadow maps of the nearest.
+"""Light of lamps in the raster engine: a table of all lamps for the shader, and shadow maps of some.
 
-Every lamp lights what its cone and reach hold, as far away as its light counts. The `LAMP_TILES` nearest of those that stand
-still, and the `MOVING_TILES` strongest of those that hang on movables, throw shadows of statics and of movables; others throw
-none. The statics' maps are kept: of lamps that stand still for all frames of a camera, of the others while they do not move.
+Every lamp lights the surfaces within its cone and its reach. The `LAMP_TILES` nearest static lamps and the `MOVING_TILES`
+strongest lamps on movables cast shadows of statics and of movables; the others cast none. The shadow maps of the statics are
+cached: for static lamps over all frames of a camera, and for lamps on movables while these do not move.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Prepared, Statics
 
-#: Tiles of an atlas across.
+#: Tiles per row of an atlas.
 LAMP_ACROSS: Final = 4
-#: Rows of tiles: of lamps that stand still, and of those that hang on movables.
+#: Rows of tiles of static lamps, and of lamps on movables.
 _STILL_ROWS: Final = LAMP_TILES // LAMP_ACROSS
 _MOVING_ROWS: Final = MOVING_TILES // LAMP_ACROSS
-#: Share of the lamps' light on the ground that comes back from it.
+#: Share of the lamps' light that the ground reflects.
 _GROUND_ALBEDO: Final = 0.1
 #: RGBA texels per lamp.
 _TEXELS: Final = 5
 
 
 class LampMaps:
-    """Depth seen from lamps, one tile of an atlas each."""
+    """Depth maps of lamps, one tile of an atlas each."""
 
     def __init__(self, gl: moderngl.Context, rows: int) -> None:
         self.target = Target(gl, (LAMP_ACROSS * LAMP_MAP, rows * LAMP_MAP), (), depth=True)
@@ -49,14 +49,14 @@ class LampMaps:
         return self.target.depth
 
     def begin(self) -> None:
-        """Empty the atlas."""
+        """Clear the atlas."""
         framebuffer = self.target.framebuffer
         framebuffer.viewport = (0, 0, *self.target.size)
         self.target.use()
         self.target.clear()
 
     def tile(self, index: int) -> None:
-        """Draw into one tile from here on."""
+        """Direct the next drawing into one tile."""
         framebuffer = self.target.framebuffer
         framebuffer.viewport = (index % LAMP_ACROSS * LAMP_MAP, index // LAMP_ACROSS * LAMP_MAP, LAMP_MAP, LAMP_MAP)
         framebuffer.use()
@@ -67,7 +67,7 @@ class LampMaps:
 
 
 class LampShadows:
-    """Makes the maps."""
+    """Draws the lamps' shadow maps."""
 
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
@@ -75,7 +75,7 @@ class LampShadows:
         self._movable: LampMaps | None = None
 
     def static(self, statics: Statics, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
-        """Return the statics' maps, in as many rows as they take."""
+        """Return the statics' maps, in as many rows of tiles as they need."""
         maps = LampMaps(self._context.gl, max(-(-len(views) // LAMP_ACROSS), 1))
         maps.begin()
         for index, view in enumerate(views):
@@ -84,7 +84,7 @@ class LampShadows:
         return maps
 
     def movable(self, prepared: Prepared, lamps: FrameLamps, table: moderngl.Texture) -> LampMaps:
-        """Return the movables' maps, those of lamps that stand still first; valid until the next call."""
+        """Return the movables' maps, those of static lamps first. They are valid until the next call."""
         if self._movable is None:
             self._movable = LampMaps(self._context.gl, _STILL_ROWS + _MOVING_ROWS)
         self._movable.begin()
@@ -104,15 +104,15 @@ class LampShadows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LampLight:
-    """All that the shader reads of lamps.
+    """The lamps' data for the shader.
 
     Attributes:
-        lamps: those that shine.
-        tiles: of those with maps, by tile.
-        static: the statics' maps as lamps that stand still see them.
-        moving: the statics' maps as lamps of movables see them; None where none of these has a map.
-        movable: the movables' maps, of both; None where there are no movables.
-        bounce: (3,) radiance of the ground by lamps that stand still.
+        lamps: the lamps that are on.
+        tiles: the views of the lamps with maps, by tile.
+        static: the statics' maps seen from static lamps.
+        moving: the statics' maps seen from lamps on movables; None if none of these has a map.
+        movable: the movables' maps seen from both; None without movables.
+        bounce: (3,) radiance of the ground by static lamps.
     """
 
     lamps: tuple[Lamp, ...]
@@ -131,7 +131,7 @@ class LampLight:
         """Return the lamp table, (N, 5, 4) float32: five RGBA texels per lamp.
 
         0: position, 1 / reach² · 1: axis, cosine of the outer angle · 2: strength, 1 / (difference of the cosines) ·
-        3: tile (−1: none), texel at one metre, 0, 0 · 4: up, 1 for a dipped beam.
+        3: tile (−1: none), texel size at one metre, 0, 0 · 4: up, 1 for a dipped beam.
         """
         maps = {view.lamp: (tile, view.texel) for tile, view in self.tiles.items()}
         rows = np.zeros((len(self.lamps), _TEXELS, 4), np.float32)
@@ -146,7 +146,7 @@ class LampLight:
         return rows
 
     def matrices(self) -> NDArray[np.float32]:
-        """Return (LAMP_TILES + MOVING_TILES, 4, 4) float32 world to clip space, column-major."""
+        """Return the matrices from world to clip space, (LAMP_TILES + MOVING_TILES, 4, 4) float32, column-major."""
         matrices = np.zeros((LAMP_TILES + MOVING_TILES, 4, 4), np.float32)
         for tile, view in self.tiles.items():
             matrices[tile] = view.clip_from_world.T
@@ -154,7 +154,7 @@ class LampLight:
 
 
 def tiles_of(lamps: FrameLamps, *, movable: bool) -> dict[int, LampView]:
-    """Tile to lamp; without those of movables if told so."""
+    """Return the views of lamps with maps, by tile; with the lamps on movables if ``movable`` is True."""
     moving = lamps.moving_shadowed if movable else ()
     return dict(enumerate(lamps.shadowed)) | dict(enumerate(moving, start=LAMP_TILES))
 
@@ -163,8 +163,8 @@ def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
     """Return the ground's radiance by lamps, (3,), as if their light fell evenly on it: an estimate of the light on walls.
 
     Args:
-        lamps: those that stand still.
-        low, high: (3,) metres, corners of the street.
+        lamps: the static lamps.
+        low, high: (3,) corners of the street, metres.
     """
     area = max(float(np.prod((high - low)[:2])), 1.0)
     flux = np.zeros(3)

@@ -1,4 +1,4 @@
-"""Shading of a G-buffer: sky light, ambient occlusion, sun, reflections, air and antialiasing, over parts of the image."""
+"""Shading of a G-buffer over parts of the image: sky light, ambient occlusion, sun, reflections, haze and antialiasing."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED"
 
 
 class SkyLight:
-    """Light of one sky and its sun, and of what a scene's statics give back of it.
+    """The light of one sky and its sun, with the light that a scene's statics reflect.
 
     Attributes:
         table: the sky's radiance, for `lighting.frag`.
         hidden, weights: see `sky_weights`.
-        hiding: radiance of what hides the sky in each direction, for `lighting.frag`.
+        hiding: radiance of the surfaces that hide the sky in each direction, for `lighting.frag`.
         ground: (3,) radiance of the ground.
         on_walls: (3,) see `Reflected`.
     """
@@ -53,11 +53,13 @@ class SkyLight:
         self.table.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.table.repeat_x = self.table.repeat_y = False
         directions, sample = sky_maps.directions, statics.geometry.sample
-        back = reflected(sample, sky_maps.openness, sky_maps.prominence, directions, statics.albedo, statics.share, sky)
-        self.hidden, self.weights = sky_weights(sky, directions, back.hidden, back.ground)
-        self.hiding = gl.texture((len(directions), 1), 3, back.hidden.astype(np.float32).tobytes(), dtype="f4")
+        light = reflected(
+            sample, sky_maps.openness, sky_maps.prominence, directions, statics.albedo, statics.share, sky
+        )
+        self.hidden, self.weights = sky_weights(sky, directions, light.hidden, light.ground)
+        self.hiding = gl.texture((len(directions), 1), 3, light.hidden.astype(np.float32).tobytes(), dtype="f4")
         self.hiding.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.ground, self.on_walls = back.ground, back.on_walls
+        self.ground, self.on_walls = light.ground, light.on_walls
 
     def release(self) -> None:
         """Free the textures."""
@@ -67,11 +69,11 @@ class SkyLight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """Surfaces that light falls on.
+    """The surfaces to light.
 
     Attributes:
         statics: G-buffer of the scene without its movables.
-        materials: table of the scene's materials.
+        materials: material table of the scene.
     """
 
     statics: Target
@@ -80,7 +82,7 @@ class Surfaces:
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """Camera of a frame, and the size of its image."""
+    """The camera of a frame and the size of its image."""
 
     camera: Camera
     view: View
@@ -91,11 +93,11 @@ class Daylight:
     """Sun and sky of a frame.
 
     Attributes:
-        sun: of the scene.
+        sun: the scene's sun.
         sky: radiance of sun and sky.
-        maps: how much of the sky each place sees.
+        maps: visibility of the sky from each place.
         light: light of this sky, with the light that the statics reflect.
-        shadow: shadows of the statics.
+        shadow: shadow map of the statics.
     """
 
     sun: Sun
@@ -106,11 +108,11 @@ class Daylight:
 
 
 class Lighting:
-    """The passes over the screen.
+    """The screen passes.
 
     Args:
-        context: current in every call.
-        reach: of near occlusion; the rectangle's bound is made from the same numbers.
+        context: the GL context; it must be current in every call.
+        reach: reach of ambient occlusion. The bound of a layer's rectangle must use the same numbers.
     """
 
     def __init__(self, context: GraphicsContext, reach: Reach) -> None:
@@ -131,10 +133,9 @@ class Lighting:
         self._shading: dict[tuple[str, ...], ScreenPass] = {}
 
     def _shade(self, kind: Set[Need]) -> ScreenPass:
-        """Return the shading pass with these features; it is compiled at first use.
+        """Return the shading pass with these features. It is compiled at first use.
 
-        Args:
-            kind: features. A CPU rasteriser executes unused branches too, so an unused feature would not be free.
+        There is a program per set of features, since a CPU rasteriser executes unused branches too.
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
@@ -164,15 +165,15 @@ class Lighting:
         movable_shadow: ShadowMap | None = None,
         lamps: LampLight | None = None,
     ) -> LitFrame:
-        """Bind the passes to everything that they read, for one frame.
+        """Bind the passes to their inputs for one frame.
 
         Args:
-            targets: of the image; `ImageTargets.surfaces` holds the G-buffer with the movables.
-            surfaces: what light falls on.
-            pose: the camera.
+            targets: the targets of the image; `ImageTargets.surfaces` holds the G-buffer with the movables.
+            surfaces: the surfaces to light.
+            pose: the camera and the size of its image.
             day: sun and sky.
-            movable_shadow: shadows of the movables; None without movables.
-            lamps: None where none shines.
+            movable_shadow: shadow map of the movables; None without movables.
+            lamps: light of the lamps; None if no lamp is on.
         """
         camera = _camera_values(pose)
         textures = _shading_textures(targets, surfaces, day, movable_shadow)
@@ -240,7 +241,7 @@ class Lighting:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One pass with its target and inputs; ``samples`` texels of the target per pixel and direction; see `ScreenPass.run`."""
+    """A pass with its target and inputs. ``samples`` is the number of texels per pixel and direction. See `ScreenPass.run`."""
 
     screen_pass: ScreenPass
     target: Target
@@ -255,9 +256,9 @@ class _Step:
 
 @dataclass(frozen=True, slots=True)
 class LitFrame:
-    """The passes of one frame, in order; each runs over parts of the image (`Spans`).
+    """The passes of one frame in their order. Each runs over parts of the image (`Spans`).
 
-    Each pixel depends on its place in the image and its neighbourhood, never on the parts. A pass reads the results of earlier
+    A pixel depends on its position in the image and its neighbourhood, never on the parts. A pass reads the results of earlier
     passes within 2 pixels.
     """
 
@@ -275,7 +276,7 @@ class LitFrame:
     needs: frozenset[Need]
 
     def open_sky(self, parts: Spans) -> None:
-        """Compute the visibility of the sky from the cells that touch the parts."""
+        """Compute the visibility of the sky in the cells that touch the parts."""
         self.openness.run(_cells(parts))
 
     def light_sky(self, parts: Spans) -> None:
@@ -288,7 +289,7 @@ class LitFrame:
         self.detail.run(parts)
 
     def shade(self, parts: Spans) -> None:
-        """Compute the radiance of plain pixels, and of each sample of the others."""
+        """Compute the radiance of plain pixels, and of each sample of the other pixels."""
         self.shade_plain.run(parts)
         self.shade_detail.run(parts)
 
@@ -329,7 +330,7 @@ def _openness_values(maps: SkyMaps) -> dict[str, Any]:
 
 
 def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> dict[str, Any]:
-    """Return the sky's light; ``bounce`` is the light of lamps that the ground reflects."""
+    """Return the uniforms of the sky light. ``bounce`` is the radiance of the ground by lamps."""
     hidden = light.hidden.copy()
     if bounce is not None:
         hidden[:3] += from_below(bounce)
@@ -409,12 +410,12 @@ def _lamp_values(lamps: LampLight) -> dict[str, Any]:
 
 
 def _needs(sky: Sky, movable_shadow: ShadowMap | None, lamps: LampLight | None) -> frozenset[Need]:
-    """Return the parts of the shading pass that a frame needs."""
-    parts: dict[Need, bool] = {
+    """Return the features of the shading pass that a frame needs."""
+    features: dict[Need, bool] = {
         "LAMPS": lamps is not None,
         "DIPPED": lamps is not None and lamps.dipped,
         "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
         "MOVABLES": movable_shadow is not None,
         "RAIN": sky.wetness > 0 or sky.drops > 0,
     }
-    return frozenset(part for part, needed in parts.items() if needed)
+    return frozenset(feature for feature, needed in features.items() if needed)

@@ -1,4 +1,4 @@
-"""Materials as rows of a float texture, read by index in the shaders."""
+"""Materials as rows of a float texture, which shaders read by index."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.
 TEXELS: Final = 5
-#: Share of light that a thin sheet (`Material.double_sided`: leaf, cloth, paper) lets through, in its own colour.
+#: Share of light that a thin sheet (`Material.double_sided`: leaf, cloth, paper) transmits, in its own colour.
 TRANSLUCENCY: Final = 0.35
 
 
@@ -21,10 +21,10 @@ class SurfaceKind(NamedTuple):
     """The properties of a material that select its program and GL state. Static meshes of one kind share a draw call.
 
     Attributes:
-        color_side, normal_side, roughness_side: texture array sides, 0 for none.
+        color_side, normal_side, roughness_side: sides of the texture arrays, 0 for no texture.
         double_sided: back faces are drawn.
-        cut: texels with low alpha are cut.
-        clear: a pane that one sees through.
+        cut: texels with low alpha are cut out.
+        clear: the surface is a transparent pane.
     """
 
     color_side: int
@@ -51,7 +51,7 @@ def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
 def mean_reflectance(
     materials: Sequence[Material], textures: TextureSet
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean linear albedo of matte reflection, (M, 3), and the share of area that is not cut away, (M,)."""
+    """Return the mean linear albedo of diffuse reflection, (M, 3), and the share of the area that is not cut out, (M,)."""
     albedo, share = np.zeros((len(materials), 3)), np.ones(len(materials))
     for row, material in enumerate(materials):
         metallic = material.metallic

@@ -1,4 +1,4 @@
-"""Movable geometry: one set of buffers per mesh, drawn with a world matrix."""
+"""Movable geometry: a set of buffers per mesh, drawn with a world matrix."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from valerie.scene.graph.model import Mesh
 
 
 class MeshBuffers:
-    """One mesh on the graphics card, in its own coordinates.
+    """A mesh on the GPU, in its own coordinates.
 
     Attributes:
-        mesh: the mesh, kept alive since the cache of these buffers compares identities.
+        mesh: the mesh. The reference keeps its ``id``, a cache key, from being reused.
         corners: (8, 3) corners of the mesh's own bounding box.
     """
 
@@ -38,7 +38,8 @@ class MeshBuffers:
 
         Args:
             program: the program.
-            elsewhere: the same mesh at another moment, whose positions it reads too; the caller releases the array.
+            elsewhere: the same mesh at another moment, if the program also reads its positions then; the caller releases the
+                array.
         """
         if elsewhere is None:
             return self._buffers.array(program)
@@ -54,10 +55,10 @@ class PlacedMesh:
     """A mesh at its place in the world.
 
     Attributes:
-        row: of its material in the material table.
-        corners: (8, 3) metres, corners of its (turned) bounding box in the world.
-        mirrored: its world matrix turns right into left.
-        values: uniforms of its own.
+        row: row of its material in the material table.
+        corners: (8, 3) corners of its oriented bounding box in the world, metres.
+        mirrored: True if its world matrix is a reflection.
+        values: its own uniforms.
     """
 
     buffers: MeshBuffers
@@ -79,7 +80,7 @@ class PlacedMesh:
         return cls(buffers, item, kind, row, corners, bool(np.linalg.det(item.world[:3, :3]) < 0), values)
 
     def draw(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> None:
-        """Draw with ``program``, whose other uniforms are set; see `MeshBuffers.array`."""
+        """Draw with ``program``, whose other uniforms are already set. See `MeshBuffers.array` for ``elsewhere``."""
         set_uniforms(program, self.values)
         gl = program.ctx
         gl.front_face = "cw" if self.mirrored else "ccw"

@@ -1,4 +1,4 @@
-"""The normals pass: surface normals at pixel centres, of the same surfaces as in the truth pass."""
+"""The normals pass: surface normals at pixel centres, for the surfaces of the truth pass."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _CAMERAS: Final = 2
 
 
 class NormalsPass:
-    """Draws normals with the truth pass's vertex shader and matrices; statics are kept per camera.
+    """Draws normals with the truth pass's vertex shader and matrices. Caches the normals of the statics per camera.
 
     Args:
-        context: current in every call but the first.
+        context: the GL context.
     """
 
     def __init__(self, context: GraphicsContext) -> None:
@@ -70,7 +70,7 @@ class NormalsPass:
         return Normals(np.ascontiguousarray(pixels[::-1]))
 
     def close(self) -> None:
-        """Free what this pass holds."""
+        """Free the resources of this pass."""
         if not self._context.closed:
             with self._context.current():
                 self._statics.clear()

@@ -33,10 +33,10 @@ from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
 from valerie.scene.graph.model import Camera, Scene
 
-#: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
-#: blur of near occlusion and its neighbours take 3), the tent filter (1) and rounding (1).
+#: Reach of the engine's effects. The filters add up: the cell of sky light that a sample takes is at most 4 pixels away (the
+#: blur of ambient occlusion and its neighbours reach 3), the tent filter reaches 1, and rounding 1.
 REACH: Final = Reach(occlusion_radius=0.7, largest_occlusion=48.0, penumbra=LARGEST_PENUMBRA + 0.1, filters=7)
-#: Pixels that a changed sample of the G-buffer, and a changed value of near occlusion, reach: see above.
+#: Reach of a changed sample of the G-buffer, and of a changed value of ambient occlusion, pixels (see above).
 _SURFACE_REACH: Final = 6
 _OCCLUSION_REACH: Final = 3
 _CAMERAS: Final = 4
@@ -55,7 +55,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 11
+    revision: ClassVar[int] = 12
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -65,7 +65,7 @@ class RasterRenderer:
         with self._context.current() as gl:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "copy.frag"))
             self._lighting = Lighting(self._context, REACH)
-            # No anisotropic filter: with explicit mipmap levels, each read would take milliseconds in llvmpipe.
+            # No anisotropic filter: with explicit mip levels, each read would take milliseconds in llvmpipe.
             self._sampler = gl.sampler(filter=(moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR), anisotropy=1.0)
         self._surfaces = SurfaceDrawer(
             self._context, "surface.frag", textures="read", panes="sampled", sampler=self._sampler
@@ -91,7 +91,7 @@ class RasterRenderer:
         """Render the frame without movables.
 
         Raises:
-            RenderingError: The image is constant or not finite.
+            RenderingError: the image is constant or not finite.
         """
         with self._frame(scene, view, movables=False) as frame:
             self._learn(frame, ~frame.canvas.grid.none())
@@ -100,7 +100,7 @@ class RasterRenderer:
         return LinearImage(pixels)
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """Render the pixels that movables change; the layer is empty if they change none."""
+        """Render the pixels that movables change. The layer is empty if they change none."""
         nothing = Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
         with self._frame(scene, view) as frame:
             lowest = self._lowest(frame)
@@ -122,7 +122,7 @@ class RasterRenderer:
         return Layer(Rectangle(x + changed.x, top + changed.y, changed.width, changed.height), pixels)
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """Render the whole frame at once, with no cache but that of uploaded meshes and textures."""
+        """Render the whole frame at once. Of all caches, it uses only uploaded meshes and textures."""
         with self._context.current():
             self._forget()
         with self._frame(scene, view) as frame:
@@ -151,7 +151,7 @@ class RasterRenderer:
         ]
 
     def close(self) -> None:
-        """Free the resources of this engine. The context stays open: it belongs to its creator, by default the process."""
+        """Free the resources of this engine. The context stays open, since its creator owns it."""
         if not self._context.closed:
             with self._context.current():
                 self._forget()
@@ -174,7 +174,7 @@ class RasterRenderer:
 
     @contextmanager
     def _frame(self, scene: Scene, view: View, *, movables: bool = True) -> Iterator[_Frame]:
-        """Prepare a scene and a view with the caches of their statics. After an error no half-finished result stays cached."""
+        """Prepare a scene and a view with the caches of their statics. An error leaves no half-finished result in a cache."""
         camera, sky = camera_of(scene, view), sky_of(scene)
         lamps, scene = lit_lamps(scene, sky), glowing(scene, sky)
         with self._context.current() as gl:
@@ -229,7 +229,7 @@ class RasterRenderer:
             lit.release()
 
     def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
-        """Return the light of the lamps, without those of movables if ``movables`` is False; None if no lamp shines."""
+        """Return the light of the lamps, without those on movables if ``movables`` is False; None if no lamp is on."""
         lamps, prepared = frame.lamps, frame.prepared
         lit = lamps.lit if movables else lamps.still
         if not lit:
@@ -245,9 +245,9 @@ class RasterRenderer:
         bounce = bounced(lamps.still, prepared.statics.geometry.core_low, prepared.statics.geometry.core_high)
         return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
 
-    def _learn(self, frame: _Frame, wanted: Mask) -> None:
-        """Render the wanted tiles of the statics' image that are not cached yet."""
-        missing = wanted & ~frame.image.known
+    def _learn(self, frame: _Frame, tiles: Mask) -> None:
+        """Render those of these tiles of the statics' image that are not cached yet."""
+        missing = tiles & ~frame.image.known
         if not missing.any():
             return
         canvas = frame.canvas
@@ -262,7 +262,7 @@ class RasterRenderer:
         frame.image.known |= missing
 
     def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
-        """Return the part of the area in which movables may change pixels, and its pixels. The statics' tiles are cached."""
+        """Return the part of the area in which movables may change pixels, and its pixels. The statics must be cached there."""
         canvas, surfaces, grid = frame.canvas, frame.surfaces, frame.canvas.grid
         placed, camera, view = frame.prepared.placed, frame.camera, frame.view
         bodies = [mesh.corners for mesh in placed]
@@ -289,7 +289,7 @@ class RasterRenderer:
             x, y, width, height = part
             pixels = frame.image.pixels[y : y + height, x : x + width].copy()
             np.copyto(pixels, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
-        # These tiles hold movables now.
+        # These tiles no longer hold the statics' values.
         canvas.occluded &= ~occluded
         canvas.smoothed &= ~smoothed
         canvas.cover(body)
@@ -319,7 +319,7 @@ class RasterRenderer:
         target.use()
         target.clear()
         values = _camera_values(camera, view)
-        # A depth pre-pass, so that textures are read once per sample.
+        # The depth pre-pass reduces texture reads to one per sample.
         self._shapes.statics(prepared.statics, table, values)
         self._context.gl.depth_func = "<="
         self._surfaces.statics(prepared.statics, table, values)
@@ -330,7 +330,7 @@ class RasterRenderer:
         """Draw the G-buffer of statics and movables. All movables lie inside the area.
 
         Returns:
-            A mask of the area, (height, width), of the pixels that show a movable in a sample; and the tiles with such a pixel.
+            A mask of the area, (height, width), of the pixels of which a sample shows a movable; and the tiles with such pixels.
         """
         self._copy_statics(frame)
         canvas, targets = frame.canvas, frame.canvas.targets
@@ -342,8 +342,8 @@ class RasterRenderer:
         moving.use((x, y, width, height))
         moving.clear_colors()
         self._moving.movables(frame.prepared.placed, textures, frame.table, _camera_values(frame.camera, frame.view))
-        seen = canvas.read_moving(area)
-        body = canvas.grid.holding(seen, area[0], area[1])
+        covered = canvas.read_moving(area)
+        body = canvas.grid.holding(covered, area[0], area[1])
         sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "uv_map": moving.colors[0],
             "frame_map": moving.colors[1],
@@ -358,7 +358,7 @@ class RasterRenderer:
         self._texturing([mesh.kind for mesh in frame.prepared.placed]).run(
             targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler
         )
-        return seen, body
+        return covered, body
 
     def _texturing(self, kinds: Sequence[SurfaceKind]) -> ScreenPass:
         """Return the pass that reads the textures of movables of these kinds."""
@@ -376,7 +376,7 @@ class RasterRenderer:
     def _copy_statics(self, frame: _Frame) -> None:
         """Restore the statics where movables were drawn, or everywhere on a canvas of another scene or view.
 
-        A background passes through this copy too. The copy may round a depth to a neighbouring value, so all frames need it.
+        Backgrounds pass through this copy too: it may round a depth to a neighbouring value, so that all frames must share it.
         """
         canvas, surfaces = frame.canvas, frame.surfaces.target
         assert surfaces.depth is not None

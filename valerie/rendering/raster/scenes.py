@@ -1,4 +1,4 @@
-"""Scenes on the GPU. The identity of meshes and textures finds earlier uploads again."""
+"""Scenes on the GPU. Earlier uploads are found by the identity of meshes and textures."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.scene_reading import DrawItem, draw_items, material_of
 from valerie.scene.graph.model import Material, Node, Scene
 
-#: Assets kept on the graphics card (a worker renders groups of variants of one asset).
+#: Largest number of assets on the GPU. A worker renders groups of variants of one asset.
 ASSETS: Final = 2
-#: Movable meshes kept.
+#: Largest number of movable meshes on the GPU.
 MESHES: Final = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statics:
-    """The part of a scene that does not move.
+    """The static part of a scene.
 
     Attributes:
-        nodes: the nodes it was made of, in order; compared by identity.
-        key: differs for statics that differ in shape or in what of their materials is baked into the G-buffer.
-        shape_key: differs for statics that differ in what hides the sun and the sky.
-        materials: of the statics, in the order of their rows.
-        names: of these materials.
-        table: these rows of the material table.
-        albedo, share: of these materials, see `mean_reflectance`.
+        nodes: its nodes in order; compared by identity.
+        key: cache key that differs if the shape differs, or the properties of materials that the G-buffer contains.
+        shape_key: cache key that differs if the surfaces differ in hiding sun or sky.
+        materials: the materials of the statics, in the order of their rows.
+        names: names of these materials.
+        table: their rows of the material table.
+        albedo, share: see `mean_reflectance`.
     """
 
     nodes: tuple[Node, ...]
@@ -53,11 +53,11 @@ class Statics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """One scene ready to be drawn.
+    """A scene ready to draw.
 
     Attributes:
-        placed: the movables' meshes at their places; their rows follow the statics' in ``materials``.
-        materials: rows of the material table.
+        placed: the movables' meshes at their places. Their materials follow those of the statics in ``materials``.
+        materials: the materials in the order of the rows of the material table.
     """
 
     scene: Scene
@@ -67,7 +67,7 @@ class Prepared:
 
     def table(self) -> NDArray[np.float32]:
         """Return the material table, (N, 5, 4) float32."""
-        # A street has hundreds of materials, a movable a dozen.
+        # A street has hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
         count = len(self.statics.materials)
         if len(self.materials) == count:
             return self.statics.table
@@ -76,10 +76,10 @@ class Prepared:
 
 
 class SceneStore:
-    """Uploads scenes, and keeps what it uploaded for the next scene of the same asset.
+    """Uploads scenes, and caches the uploads for further scenes of the same asset.
 
     Args:
-        gl: the context that is current in every call.
+        gl: the GL context; it must be current in every call.
     """
 
     def __init__(self, gl: moderngl.Context) -> None:
@@ -99,7 +99,7 @@ class SceneStore:
     def place(
         self, scene: Scene, items: Sequence[DrawItem], statics: Statics, materials: list[Material]
     ) -> tuple[PlacedMesh, ...]:
-        """Upload single meshes and put them at their places; their materials are appended to ``materials``."""
+        """Upload single meshes and place them in the world. Their materials are appended to ``materials``."""
         placed: list[PlacedMesh] = []
         statics.textures.require(material_of(scene, mesh, item.node.path) for item in items for mesh in item.meshes)
         for item in items:
@@ -152,7 +152,7 @@ class SceneStore:
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
         appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
-        # The textures of a solid surface do not affect the light that it hides.
+        # A solid surface hides light whatever its textures are.
         shape = tuple(
             (m.alpha_cutoff, m.base_color_texture if surface_kind(m, textures).cut else None, m.transmission)
             for m in materials

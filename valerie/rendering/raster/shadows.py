@@ -1,4 +1,4 @@
-"""Shadow maps: of the statics for what a camera sees, of the movables, and of the statics from all over the sky."""
+"""Shadow maps: of the statics that a camera sees, of the movables, and of the statics from directions all over the sky."""
 
 from __future__ import annotations
 
@@ -31,28 +31,29 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.scenes import Prepared, Statics
     from valerie.rendering.raster.static_geometry import StaticGeometry
 
-#: Texels per side of the statics' map, of the movables' map where they are wide apart, and where they are close together.
+#: Texels per side of the statics' map, of the map of movables that are far apart, and of movables close together.
 STATIC_MAP: Final = 4096
 MOVABLE_MAP: Final = 1024
 CLOSE_MAP: Final = 512
-#: Metres across the light, within which movables are close together: texels of 8 mm.
+#: Largest extent of movables close together, across the light, metres. Texels are then at most 8 mm wide.
 _CLOSE: Final = 4.0
 #: Largest ratio of the shared map's width to that of a camera's own map at which the camera uses the shared map.
 _SHARED: Final = 1.5
-#: Texels per side of a block of the statics' map, over which its depths are surveyed.
+#: Texels per side of the blocks of the statics' map that the survey of depths uses.
 _BLOCK: Final = 8
-#: Rows of texels that are read at once.
+#: Rows of texels that one read covers.
 _BAND: Final = 512
-#: Metres along the optical axis, beyond which there are no shadows.
+#: Largest depth along the optical axis with shadows, metres.
 SHADOW_DISTANCE: Final = 160.0
-#: Metres, widest blur of a shadow's edge to each side.
+#: Widest blur of a shadow's edge to each side, metres.
 LARGEST_PENUMBRA: Final = 0.25
-#: Texels per side of the map of directions to the nearest of them.
+#: Texels per side of the map of `nearest_directions`.
 _AROUND: Final = 128
 #: As STEEPEST in ``openness.frag``.
 _STEEPEST: Final = 30.0
-#: Directions over the sky, and texels per side of each one's map.
+#: Columns and rows of the sky atlas: one tile per direction.
 SKY_TILES: Final = (8, 4)
+#: Texels per side of a tile.
 SKY_MAP: Final = 512
 
 
@@ -60,7 +61,7 @@ class ShadowMap:
     """A depth map and the box that it covers.
 
     Attributes:
-        casters: after `survey`, the least and the largest depth around each block of texels.
+        casters: the least and the largest depth around each block of texels, after `survey`.
     """
 
     def __init__(self, gl: moderngl.Context, light: LightView, resolution: int) -> None:
@@ -75,11 +76,11 @@ class ShadowMap:
         return self.target.depth
 
     def survey(self) -> None:
-        """Compute the depth range of casters around each block, so that most places need no blocker search."""
+        """Compute the depth range of casters around each block. With it, most places need no blocker search."""
         side = self.target.size[0]
         across, up = np.ceil((LARGEST_PENUMBRA * side / self.light.extent[:2] + 1) / _BLOCK).astype(int)
         around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
-        # Band by band, since a buffer for the whole map would be allocated from the system anew each time.
+        # Band by band: the system would allocate a buffer for the whole map anew each time.
         bands = [self._blocks(first, min(_BAND, side - first)) for first in range(0, side, _BAND)]
         least, largest = (np.concatenate(parts) for parts in zip(*bands, strict=True))
         ranges = [cv2.erode(least, around), cv2.dilate(largest, around)]
@@ -88,7 +89,7 @@ class ShadowMap:
         self.casters.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def _blocks(self, first: int, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Least and largest depth in each block of so many rows of texels, from the first on."""
+        """Return the least and the largest depth in each block of ``count`` rows of texels from row ``first`` on."""
         side, part = self.target.size[0], (0, first, self.target.size[0], count)
         data = self.target.framebuffer.read(viewport=part, components=1, attachment=-1, dtype="f4", alignment=1)
         rows = np.frombuffer(data, np.float32).reshape(count // _BLOCK, _BLOCK, side)
@@ -102,9 +103,9 @@ class ShadowMap:
         """Return (N,) bool, True if a caster lies in the rectangle ``low`` … ``high``, (N, 2) metres in the light's axes."""
         side = self.target.size[0]
         data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
-        drawn = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
-        # Texels in a rectangle, from the sums of all texels below and to the left.
-        sums = cv2.integral(drawn.view(np.uint8), sdepth=cv2.CV_32S)
+        casters = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
+        # A summed-area table counts the drawn texels of a rectangle.
+        sums = cv2.integral(casters.view(np.uint8), sdepth=cv2.CV_32S)
         texel = self.light.extent[:2] / side
         first = np.clip(np.floor((low - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
         last = np.clip(np.ceil((high - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
@@ -120,14 +121,14 @@ class ShadowMap:
 
 
 class SkyMaps:
-    """The statics' depth from directions spread evenly over the sky, in one atlas.
+    """Depth maps of the statics from directions spread evenly over the sky, in one atlas.
 
     Attributes:
         directions: (K, 3) unit vectors towards the sky.
-        rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
-        extents: (K, 3) float32, metres that a tile covers.
+        rows: (3·K, 4) float32; rows 3k … 3k+2 map a world point to [0, 1]³ of tile k.
+        extents: (K, 3) float32, size of the box that a tile covers, metres.
         openness: (N, K) bool, True if nothing hides the sky from a place of the statics' `SurfaceSample`.
-        prominence: (N,) of these places.
+        prominence: (N,) weights of these places.
         nearest, shares: textures of `nearest_directions`.
     """
 
@@ -194,7 +195,7 @@ class SkyMaps:
 
 
 class Shadows:
-    """Makes shadow maps."""
+    """Draws shadow maps."""
 
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
@@ -229,7 +230,7 @@ class Shadows:
         return shadow
 
     def sky(self, statics: Statics, table: moderngl.Texture) -> SkyMaps:
-        """Draw the statics' depth maps from all over the sky."""
+        """Draw the statics' depth maps from directions all over the sky."""
         return SkyMaps(self._context.gl, self._drawer, statics, table)
 
     def release(self) -> None:
@@ -242,7 +243,7 @@ class Shadows:
 def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun: Points) -> LightView:
     """Return the view of the statics' shadow map.
 
-    It bounds all statics, so that cameras share it, unless a map of the part that this camera sees would be much finer.
+    It bounds all statics, so that cameras share it, unless a map of the part that this camera sees is much finer.
     """
     low, high = geometry.core_low - 2, geometry.core_high + 2
     casters, axes = box_corners(geometry.low, geometry.high), light_axes(toward_sun)
@@ -250,10 +251,10 @@ def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun
     def around(receivers: Points) -> LightView:
         return fit_light_view(turned_to_fit(axes, receivers), receivers, casters, STATIC_MAP, 1.0)
 
-    shared, seen = around(box_corners(low, high)), seen_points(camera, view, low, high, SHADOW_DISTANCE)
-    if not len(seen):
+    shared, visible = around(box_corners(low, high)), seen_points(camera, view, low, high, SHADOW_DISTANCE)
+    if not len(visible):
         return shared
-    own = around(seen)
+    own = around(visible)
     return shared if shared.extent[:2].max() <= _SHARED * own.extent[:2].max() else own
 
 
@@ -268,19 +269,20 @@ def even_directions(count: int) -> Points:
 
 @cache
 def nearest_directions(count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """For each direction of the upper half of the sphere, the nearest of `even_directions` and how much each counts.
+    """Return for each direction of the upper hemisphere the nearest four of `even_directions` and their weights.
 
     Rows and columns are those of an octahedron's upper half, turned by 45°, as in ``lighting.frag``: column (p.x + p.y + 1) / 2
-    and row (p.x − p.y + 1) / 2 of the width, p being the direction's x and y over the sum of its absolute coordinates.
+    and row (p.x − p.y + 1) / 2 of the width, where p is the direction's x and y over the sum of its absolute coordinates.
 
     Returns:
-        (S, S, 4) numbers of directions, and (S, S, 4) their shares in 1/255, which change steadily: the fifth would have none.
+        Indices of directions, (S, S, 4), and their weights in 1/255, (S, S, 4). Weights change continuously: a direction has
+        weight 0 where it becomes the fifth.
     """
     middle = (np.arange(_AROUND) + 0.5) / _AROUND * 2 - 1
     along, across = np.meshgrid(middle, middle)
     x, y = (along + across) / 2, (along - across) / 2
-    way = np.stack([x, y, 1 - np.abs(x) - np.abs(y)], axis=2)
-    near = way / np.linalg.norm(way, axis=2, keepdims=True) @ even_directions(count).T
+    rays = np.stack([x, y, 1 - np.abs(x) - np.abs(y)], axis=2)
+    near = rays / np.linalg.norm(rays, axis=2, keepdims=True) @ even_directions(count).T
     order = np.argsort(-near, axis=2)[..., :5]
     cosines = np.take_along_axis(near, order, axis=2)
     shares = (cosines[..., :4] - cosines[..., 4:]) ** 2

@@ -1,4 +1,4 @@
-"""Everything that does not move, flattened to world space: one vertex buffer, one index buffer, a few draw calls."""
+"""Static geometry, flattened to world space: one vertex buffer, one index buffer, a few draw calls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from valerie.rendering.scene_reading import DrawItem, normal_matrix
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Consecutive indices that one draw call draws."""
+    """The consecutive indices of one draw call."""
 
     kind: SurfaceKind
     first: int
@@ -29,20 +29,20 @@ _SERIALS = count()
 
 
 class StaticGeometry:
-    """The static part of a scene on the graphics card.
+    """The static part of a scene on the GPU.
 
     Args:
         gl: the current context.
-        items: what is drawn; kept alive, since caches compare its meshes by identity.
+        items: the nodes to draw. The reference keeps the ``id`` of their meshes, cache keys, from being reused.
         rows: per item and mesh, the row of its material in the material table.
-        kinds: per item and mesh, how it is drawn.
+        kinds: per item and mesh, its kind of surface.
 
     Attributes:
-        serial: differs for each one made in this process (an ``id`` may come back).
-        low, high: (3,) metres, world bounds of all vertices (a unit box around the origin if there are none).
-        core_low, core_high: the same without the outermost 0.5 % of the vertices on each side, so that a ground plane that
-            reaches to the horizon does not count.
-        sample: places on what is not clear.
+        serial: unique number in this process (an ``id`` may be reused).
+        low, high: (3,) world bounds of all vertices, metres; a unit box around the origin if there are none.
+        core_low, core_high: (3,) bounds without the outermost 0.5 % of the vertices on each side, which leaves out a ground plane
+            that reaches to the horizon, metres.
+        sample: places on the surfaces that are not clear.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class StaticGeometry:
             corners, of_faces, two_sided = (np.concatenate(part) for part in zip(*solid, strict=True))
             self.sample = sample_surfaces(positions, corners, of_faces, two_sided, self.core_low, self.core_high)
         ordered: list[NDArray[np.uint32]] = []
-        # Cut surfaces and panes come last: all others are one range for passes that need only their shape.
+        # Cut surfaces and panes come last, so that all others form one range for passes that need only shapes.
         for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):
             joined = np.concatenate(faces[kind])
             self.batches.append(Batch(kind, self.triangles * 3, joined.size))
@@ -109,7 +109,7 @@ class StaticGeometry:
         return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """Return the vertex array of a program; there is one while there are batches."""
+        """Return the vertex array of a program. There must be at least one batch."""
         assert self._buffers is not None
         return self._buffers.array(program)
 
@@ -123,14 +123,14 @@ def _in_world(
     item: DrawItem, positions: NDArray[np.float32], normals: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     world = item.world
-    moved = (positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
-    turned = normals @ normal_matrix(world).T
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return moved, (turned / np.maximum(length, 1e-12)).astype(np.float32)
+    world_positions = (positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
+    world_normals = normals @ normal_matrix(world).T
+    length = np.linalg.norm(world_normals, axis=1, keepdims=True)
+    return world_positions, (world_normals / np.maximum(length, 1e-12)).astype(np.float32)
 
 
 def _joined(batches: Sequence[Batch]) -> list[Batch]:
-    """Neighbouring ranges as one."""
+    """Return batches with adjoining ranges merged."""
     joined: list[Batch] = []
     for batch in batches:
         if joined and joined[-1].first + joined[-1].count == batch.first:

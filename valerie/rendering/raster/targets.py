@@ -1,4 +1,4 @@
-"""Render targets (textures and framebuffers), and passes over the screen."""
+"""Render targets (textures and framebuffers), and screen passes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.raster.uniforms import bind, set_uniforms
 
-#: Samples per pixel and direction of the image (truth has one sample, at the pixel's centre).
+#: Samples per pixel and direction of the image. The truth has one sample, at the pixel's centre.
 SAMPLES: Final = 2
-#: Samples per value and direction of sky light, which changes slowly.
+#: Samples per direction that share one value of sky light, which varies slowly.
 SKYLIGHT_CELL: Final = 4
 
 
@@ -25,7 +25,7 @@ class Target:
         gl: the current context.
         size: (width, height) in texels.
         formats: (components, dtype) per colour attachment, in moderngl's notation.
-        depth: whether it has a depth texture, or another target's depth texture to share.
+        depth: True for a depth texture of its own, False for none, or the depth texture of another target to share.
     """
 
     def __init__(
@@ -53,16 +53,16 @@ class Target:
         self.framebuffer: moderngl.Framebuffer = gl.framebuffer(self.colors, self.depth)
 
     def use(self, rectangle: tuple[int, int, int, int] | None = None) -> None:
-        """Draw into this target, only inside ``rectangle`` (x, y, width, height from the bottom left) if given."""
-        self.framebuffer.scissor = rectangle  # type: ignore[assignment]  # None is the whole; the stubs do not know
+        """Draw into this target from now on, and only inside ``rectangle`` (x, y, width, height from the bottom left) if any."""
+        self.framebuffer.scissor = rectangle  # type: ignore[assignment]  # the stubs lack None, which means the whole
         self.framebuffer.use()
 
     def clear(self, depth: float = 1.0) -> None:
-        """Zero all colours, ``depth`` everywhere (inside the scissor rectangle)."""
+        """Set all colours to zero and the depth to ``depth`` inside the scissor rectangle."""
         self.framebuffer.clear(depth=depth)
 
     def clear_colors(self) -> None:
-        """Zero all colours inside the scissor rectangle, and leave the depth."""
+        """Set all colours to zero inside the scissor rectangle, and keep the depth."""
         self.framebuffer.depth_mask = False
         self.framebuffer.clear()
         self.framebuffer.depth_mask = True
@@ -79,8 +79,8 @@ class Target:
 class ImageTargets:
     """The targets of one image size: G-buffer with movables, openness, sky light, occlusion, radiance, pixels.
 
-    ``moving`` holds what is known of movables' samples before their textures are read; its depth is the G-buffer's. ``plain`` is
-    the G-buffer of plain pixels, and ``detail`` the depth that lets samples of the others alone pass into ``radiance``.
+    ``moving`` holds the movables' samples before texturing and shares the depth of the G-buffer. ``plain`` is the G-buffer of
+    plain pixels. ``detail`` is the depth that masks their samples in ``radiance``.
     """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
@@ -101,7 +101,7 @@ class ImageTargets:
         self.pixels = Target(gl, size, ((4, "f2"),), depth=False)
 
     def release(self) -> None:
-        """Free all of them."""
+        """Free all targets."""
         for target in (
             self.moving, self.surfaces, self.openness, self.skylight, self.occlusion, self.smooth_occlusion, self.plain,
             self.plain_radiance, self.radiance, self.detail, self.pixels,
@@ -124,7 +124,7 @@ def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[in
 
 
 class ScreenPass:
-    """A fragment shader over parts of a target."""
+    """A fragment shader that runs over parts of a target."""
 
     def __init__(self, gl: moderngl.Context, program: moderngl.Program) -> None:
         self.program = program
@@ -142,10 +142,15 @@ class ScreenPass:
         depth: Literal["ignored", "written", "tested"] = "ignored",
         sampler: moderngl.Sampler | None = None,
     ) -> None:
-        """Shade ``parts`` of ``target``: (N, 4) x0, y0, x1, y1 in its texels from the bottom left.
+        """Run the shader over parts of a target.
 
-        ``depth`` says what becomes of the target's: whether the shader writes it, or nothing is done where it is 0; in the second
-        case the target's depth is not written. ``sampler`` replaces the filters of texture arrays.
+        Args:
+            target: the target.
+            parts: (N, 4) x0, y0, x1, y1 in the target's texels from the bottom left.
+            textures, values: textures and uniforms by name.
+            depth: use of the target's depth: ``ignored``, ``written`` by the shader, or ``tested``: texels with depth 0 are
+                skipped, and the depth stays as it is.
+            sampler: replaces the filters of texture arrays.
         """
         if not len(parts):
             return
@@ -162,7 +167,7 @@ class ScreenPass:
         set_uniforms(self.program, values)
         self._array.render(moderngl.TRIANGLES, vertices=6 * len(parts))
         for unit in sampled:
-            sampler.clear(unit)  # type: ignore[union-attr]  # there is one if there are units
+            sampler.clear(unit)  # type: ignore[union-attr]  # units imply a sampler
         self._gl.depth_func = "<"
         target.framebuffer.depth_mask = True
 
@@ -173,6 +178,6 @@ class ScreenPass:
 
 
 def one_span(area: tuple[int, int, int, int]) -> Spans:
-    """Return an area (x, y, width, height) as the only part."""
+    """Return an area (x, y, width, height) as a single part."""
     x, y, width, height = area
     return np.array([[x, y, x + width, y + height]])

@@ -1,7 +1,7 @@
-"""A scene's textures on the graphics card: square 2D arrays with mipmaps, one per size.
+"""A scene's textures on the GPU: square 2D arrays with mip levels, one per size.
 
-A scene may hold many textures that nothing visible uses (those of people whom nobody asked for), so a texture is uploaded
-when something drawn first asks for it; its array is then made anew with one more layer.
+A scene may have many textures that nothing visible uses, such as those of unchosen characters. A texture is therefore uploaded
+when a drawn surface first needs it. Its array is then created again with one more layer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from valerie.scene.graph.model import Material, Texture
 
-#: Sides of the arrays; an image goes into the smallest that holds it, resampled unless it has exactly that size.
+#: Sides of the arrays. An image goes into the smallest array that holds it, resampled unless it has exactly that size.
 SIDES: Final = (64, 128, 256, 512, 1024, 2048)
 #: Linear value of each sRGB byte (IEC 61966-2-1).
 _BYTES: Final = np.arange(256) / 255
@@ -30,23 +30,23 @@ _SERIALS = count()
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """The place of a texture: the array of a side, and the layer in it."""
+    """The location of a texture: the side of its array, and its layer."""
 
     side: int
     layer: int
 
 
 class TextureSet:
-    """The textures of an asset, as far as something drawn has asked for them.
+    """The textures of an asset that drawn surfaces have needed so far.
 
     Args:
-        gl: the context that is current in every call.
-        textures: by name, as in `Scene.textures`; kept alive while the set lives.
+        gl: the GL context; it must be current in every call.
+        textures: textures by name, as in `Scene.textures`. The reference keeps their ``id`` from being reused.
 
     Attributes:
-        serial: differs for each one made in this process.
-        slots: where each texture that was required lies; never changes.
-        arrays: by side.
+        serial: unique number in this process.
+        slots: location of each uploaded texture; it never changes.
+        arrays: texture arrays by side.
     """
 
     def __init__(self, gl: moderngl.Context, textures: Mapping[str, Texture]) -> None:
@@ -60,8 +60,8 @@ class TextureSet:
         self.arrays: dict[int, moderngl.TextureArray] = {}
 
     def require(self, materials: Iterable[Material]) -> None:
-        """Upload what these materials need and is not there."""
-        grown: set[int] = set()
+        """Upload the missing textures of these materials."""
+        sides: set[int] = set()
         for material in materials:
             for name in material.textures:
                 if name not in self.slots:
@@ -70,8 +70,8 @@ class TextureSet:
                     layers = self._layers.setdefault(side, [])
                     self.slots[name] = Slot(side, len(layers))
                     layers.append(_as_layer(image, side))
-                    grown.add(side)
-        for side in sorted(grown):
+                    sides.add(side)
+        for side in sorted(sides):
             if side in self.arrays:
                 self.arrays.pop(side).release()
             layers = self._layers[side]
@@ -82,11 +82,11 @@ class TextureSet:
             self.arrays[side] = array
 
     def side(self, name: str | None) -> int:
-        """Side of the array that holds the texture; 0 for no texture."""
+        """Return the side of the array that holds a texture; 0 for no texture."""
         return self.slots[name].side if name is not None else 0
 
     def mean(self, name: str, cutoff: float | None) -> tuple[NDArray[np.float64], float]:
-        """Mean linear colour (3,) of the texels whose alpha is not below the cutoff, and their share."""
+        """Return the mean linear colour, (3,), of the texels whose alpha is not below the cutoff, and their share."""
         if (name, cutoff) not in self._means:
             texels = self._some_texels(name)
             opaque = texels if cutoff is None or texels.shape[1] < 4 else texels[texels[:, 3] >= 255 * cutoff]
@@ -95,13 +95,13 @@ class TextureSet:
         return self._means[name, cutoff]
 
     def mean_metallic(self, name: str) -> float:
-        """Mean of the factor that a roughness texture has for metallic: its blue, not a colour."""
+        """Return the mean metallic factor of a roughness texture: its blue channel, which is linear."""
         if name not in self._metallic:
             self._metallic[name] = float(self._some_texels(name)[:, 2].mean()) / 255
         return self._metallic[name]
 
     def _some_texels(self, name: str) -> NDArray[np.uint8]:
-        """Return one texel in 35, (N, channels), in steps that match no pattern of tiles."""
+        """Return one texel in 35, (N, channels), in steps that match no repeating pattern."""
         image = self._textures[name].image
         return image[::5, ::7].reshape(-1, image.shape[2])
 

@@ -1,4 +1,4 @@
-"""Square tiles over an image: which parts a pass has to run over. Rows count from the bottom, as in OpenGL."""
+"""Square tiles of an image, which select the parts that a pass runs over. Rows count from the bottom, as in OpenGL."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from valerie.rendering.base import View
 
-#: Pixels per side: a multiple of a cell of sky light, small beside a distant person.
+#: Pixels per side: a multiple of a cell of sky light, and small compared with a distant person.
 TILE: Final = 8
 
 Mask = NDArray[np.bool_]
@@ -19,7 +19,7 @@ Spans = NDArray[np.int64]
 
 
 class TileGrid:
-    """The tiles of one image size; those at the right and upper border may be cut.
+    """The tiles of one image size. Tiles at the right and upper border may be cut off.
 
     Attributes:
         shape: (rows, columns) of a mask with one entry per tile.
@@ -30,11 +30,11 @@ class TileGrid:
         self.shape = (-(-view.height // TILE), -(-view.width // TILE))
 
     def none(self) -> Mask:
-        """No tile."""
+        """Return an empty mask."""
         return np.zeros(self.shape, np.bool_)
 
     def touching(self, area: tuple[int, int, int, int]) -> Mask:
-        """Return the tiles that share a pixel with ``area``: x, y, width, height in pixels from the bottom left."""
+        """Return the tiles that share a pixel with an area: x, y, width, height in pixels from the bottom left."""
         mask = self.none()
         x, y, width, height = area
         if width > 0 and height > 0:
@@ -68,12 +68,12 @@ class TileGrid:
         return mask[np.ix_(rows, columns)]
 
     def holding(self, pixels: Mask, x: int, y: int) -> Mask:
-        """Return the tiles that hold a true pixel; ``pixels`` lies at (x, y) of the image."""
+        """Return the tiles with a true pixel. ``pixels`` is a part of the image with its bottom left corner at (x, y)."""
         mask = self.none()
         height, width = pixels.shape
         if not pixels.size:
             return mask
-        # Rows and columns of pixels that begin a tile, or the part.
+        # Rows and columns of pixels at which a tile or the part begins.
         row_starts = np.flatnonzero((np.arange(y, y + height) % TILE == 0) | (np.arange(height) == 0))
         column_starts = np.flatnonzero((np.arange(x, x + width) % TILE == 0) | (np.arange(width) == 0))
         any_in = np.logical_or.reduceat(np.logical_or.reduceat(pixels, row_starts, axis=0), column_starts, axis=1)
@@ -91,10 +91,10 @@ class TileGrid:
 
 
 def widened(mask: Mask, by: int = 1) -> Mask:
-    """Return a mask with its true entries spread to neighbours at most ``by`` away, diagonals too."""
+    """Return a mask whose true entries are spread to all neighbours at most ``by`` away, diagonals included."""
     if by < 1 or not mask.size:
         return mask
     kernel = np.ones((2 * by + 1, 2 * by + 1), np.uint8)
-    # Outside the image there is nothing: the default border of a dilation.
+    # By default, a dilation treats everything outside the image as false.
     spread: Mask = cv2.dilate(mask.view(np.uint8), kernel).astype(np.bool_)
     return spread

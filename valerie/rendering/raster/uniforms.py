@@ -1,4 +1,4 @@
-"""Uniforms of a program: set what it uses, leave out what the compiler dropped."""
+"""Set the uniforms and textures of a program, except those that the compiler has removed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
 
     Args:
         program: the program.
-        values: numbers and tuples as they are; float arrays as float32, matrices row-major here and column-major in GLSL.
+        values: numbers and tuples, which are set as they are; float arrays, which are set as float32. Matrices are row-major here
+            and column-major in GLSL.
     """
     for name, value in values.items():
         uniform: Any = program.get(name, None)
@@ -24,8 +25,8 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
             continue
         if isinstance(value, np.ndarray):
             floats: Points = np.asarray(value, np.float64)
-            turned = floats.T if floats.ndim == 2 else floats
-            uniform.write(np.ascontiguousarray(turned, np.float32).tobytes())
+            ordered = floats.T if floats.ndim == 2 else floats
+            uniform.write(np.ascontiguousarray(ordered, np.float32).tobytes())
         else:
             uniform.value = value
 
@@ -35,10 +36,10 @@ def bind(
     textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
     sampler: moderngl.Sampler | None = None,
 ) -> list[int]:
-    """Put textures on units and tell the program; those that it does not read are left out.
+    """Bind the textures that a program reads to texture units.
 
     Returns:
-        The units of texture arrays, on which ``sampler`` was put: the caller clears them.
+        The units on which ``sampler`` filters texture arrays. The caller clears them.
     """
     unit = 0
     sampled: list[int] = []

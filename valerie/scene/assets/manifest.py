@@ -73,7 +73,7 @@ class TrainingRules(_Document):
     """Rules by which scenes to train on vary an asset (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
-        left_out: movable nodes that these scenes never show.
+        left_out: movable nodes, and characters of persons (``scene.person-1.red-coat``), that these scenes never show.
         poses: pose of a person to its weight among all; empty: all poses have the same weight.
         worn: beginnings of ``/``-separated parts of the names of materials that are dyed, besides ``cloth-``.
         skin: beginnings of parts of the names of materials that are made lighter or darker, for a whole person alike.
@@ -202,7 +202,7 @@ class Manifest(_Document):
         for path in self.persons:
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
                 # The manifest alone decides which variants are legal, so it needs both coordinates.
-                raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
+                raise InvalidInput("a person declares both pos.x and pos.y, or neither", field="parameters", value=path)
         for obstacle in self.obstacles:
             changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
             if changes and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
@@ -225,8 +225,10 @@ class Manifest(_Document):
                 )
         _check_poses(self)
         for path in self.training.left_out:
-            if path not in self.movable:
-                raise UnknownName("movable node", path, self.movable, field="training.left_out")
+            person, _, character = path.rpartition(".")
+            characters = self.by_path.get(f"{person}.character")
+            if path not in self.movable and (characters is None or character not in characters.choices):
+                raise UnknownName("movable node or character", path, self.movable, field="training.left_out")
         _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
         for index, trajectory in enumerate(self.trajectories):
             self.require_trajectory(trajectory, field=f"trajectories.{index}")
@@ -272,8 +274,8 @@ class Manifest(_Document):
         """
         cameras = {f"{ROOT}.{camera}" for camera in self.cameras}
         if not self.is_movable(trajectory.path) and trajectory.path not in cameras:
-            known = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
-            raise UnknownName("thing that can move", trajectory.name, known, field=f"{field}.path")
+            names = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
+            raise UnknownName("thing that can move", trajectory.name, names, field=f"{field}.path")
         check_keyframes(trajectory, self.by_path, field=field)
 
     def is_movable(self, path: str) -> bool:
@@ -293,7 +295,7 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
         InvalidInput, UnknownName: a contradiction.
     """
     if not isinstance(data, dict):
-        raise InvalidInput("the document is no mapping", field=source, value=type(data).__name__)
+        raise InvalidInput("the document is not a mapping", field=source, value=type(data).__name__)
     unknown = [str(key) for key in data if key not in Manifest.model_fields]
     if unknown:
         raise UnknownName("field", unknown[0], Manifest.model_fields, field=source)
@@ -338,10 +340,10 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
             value=definition.range_text,
             limit=f"{low}…{high}",
         )
-    known = _known_choices(definition, attribute, manifest)
-    for choice in definition.choices if known is not None else ():
-        if known is not None and choice not in known:
-            raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
+    choices = _known_choices(definition, attribute, manifest)
+    for choice in definition.choices if choices is not None else ():
+        if choices is not None and choice not in choices:
+            raise UnknownName(f"choice of {definition.path}", choice, choices, field=f"{field}.choices")
 
 
 def _check_poses(manifest: Manifest) -> None:

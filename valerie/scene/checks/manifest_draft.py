@@ -104,17 +104,17 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
 
 def _free_name(file: str, placed: list[dict[str, Any]]) -> str:
     likely = likely_name(Path(file).stem)
-    taken = {entry["node"] for entry in placed}
+    names = {entry["node"] for entry in placed}
     stem, number = likely.rsplit("-", 1) if likely else ("static", "1")
     candidate = int(number)
-    while f"{stem}-{candidate}" in taken:
+    while f"{stem}-{candidate}" in names:
         candidate += 1
     return f"{stem}-{candidate}"
 
 
 def _extent(boxes: Mapping[str, NDArray[np.float64]]) -> list[int]:
     if not boxes:
-        raise InvalidInput("the files draw nothing", field=MANIFEST_FILE)
+        raise InvalidInput("the files contain no geometry", field=MANIFEST_FILE)
     corners = np.stack(list(boxes.values()))
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     x0, y0 = (math.floor(v) for v in low[:2])

@@ -56,7 +56,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
         likely = likely_name(name)
         hint = f"; call it {likely}?" if likely else ""
         if parsed is not None:
-            message = f"{parsed[0]!r} is no known class{hint or '; list it in node_classes'}"
+            message = f"{parsed[0]!r} is not a known class{hint or '; list it in node_classes'}"
         else:
             message = f"it is drawn and has no class: name it ObjectClass-ID or list it in node_classes{hint}"
         yield Finding(Severity.ERROR, "no-class", path, message, name, "as building-3")

@@ -10,6 +10,7 @@ from valerie.parameters.samplers.base import random_words
 from valerie.parameters.samplers.latin_hypercube import LatinHypercubeSampler, permute
 from valerie.parameters.samplers.quasi_monte_carlo import HaltonSampler, SobolSampler
 from valerie.parameters.samplers.random import RandomSampler
+from valerie.statistics.replicates import replicate_seeds, replicates
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
@@ -108,3 +109,40 @@ def test_random_points_are_uniform_and_their_words_do_not_change_between_release
     reference = np.random.Philox(key=7).random_raw(8)
     assert (random_words(7, 0, 2, 4).ravel() == reference).all()
     assert (random_words(7, 1, 2, 3)[0] == reference[4:7]).all()
+
+
+#: Name to the factory of one replicate.
+REPLICATED = {"latin_hypercube": LatinHypercubeSampler, "sobol": SobolSampler, "halton": HaltonSampler}
+
+
+@pytest.mark.parametrize("name", REPLICATED)
+@pytest.mark.parametrize("count", [20, 37, 40, 128, 203])
+def test_each_replicate_is_a_whole_design_with_a_seed_of_its_own(name: str, count: int) -> None:
+    points = SAMPLERS[name](dimensions=3, count=count, seed=9).points(0, count)
+    replicate = replicates(count)
+    seeds = replicate_seeds(9, replicate.max() + 1)
+    assert len(seeds) == (5 if count < 40 else 8)
+    for number, seed in enumerate(seeds):
+        own = points[replicate == number]
+        whole = REPLICATED[name](dimensions=3, count=len(own), seed=seed).points(0, len(own))
+        assert (own == whole).all()
+
+
+@pytest.mark.parametrize("name", REPLICATED)
+def test_replicates_are_scrambled_independently(name: str) -> None:
+    """The means of two replicates are uncorrelated over seeds, and each has the small variance of an even design."""
+    means = np.array(
+        [SAMPLERS[name](dimensions=2, count=128, seed=seed).points(0, 128)[:, 0].reshape(16, 8).mean(axis=0)
+         for seed in range(150)]
+    )  # fmt: skip
+    correlations = np.corrcoef(means.T)[np.triu_indices(8, k=1)]
+    # 28 pairs of 150: |r| above 0.31 has a chance of 1 in 10,000 each.
+    assert np.abs(correlations).max() < 0.31
+    assert means.var() < 1 / 12 / 16 / 10
+
+
+@pytest.mark.parametrize("name", REPLICATED)
+def test_fewer_than_twenty_points_are_independent(name: str) -> None:
+    firsts = np.array([SAMPLERS[name](dimensions=1, count=19, seed=seed).points(0, 19)[:, 0] for seed in range(200)])
+    # Nineteen strata with one point each would give the same mean within 0.02; independent points vary by 0.066.
+    assert firsts.mean(axis=1).std() > 0.05

@@ -13,7 +13,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import FrameName
-from valerie.db import results
+from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
@@ -39,17 +39,17 @@ def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Pat
     assert exported.frames == {"val": 24}
     assert exported.left_out == 0
     assert [step.done for step in steps] == list(range(1, 25))
-    frames = CityscapesFolder(tmp_path / "set", "val")
-    assert len(frames) == 24
+    exported_frames = CityscapesFolder(tmp_path / "set", "val")
+    assert len(exported_frames) == 24
     name = FrameName.of("boxes-camera-2", 5, 0)
-    frame = next(frame for frame in frames if frame.name == name)
+    frame = next(frame for frame in exported_frames if frame.name == name)
     np.testing.assert_array_equal(
         frame.picture,
         paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run_id, 5, 1), kind="picture")),
     )
     with reading(pipeline.context.engine) as connection:
         truth = ProductReader(pipeline.context.store).truth(
-            results.frame(connection, FrameKey(run_id, 5, 1)).products.truth
+            frames.get(connection, FrameKey(run_id, 5, 1)).products.truth
         )
     np.testing.assert_array_equal(frame.class_map, truth.class_map)
     np.testing.assert_array_equal(frame.instance_map, truth.instance_map)

@@ -6,7 +6,7 @@ import pytest
 from sklearn.metrics import jaccard_score
 
 from tests.world.blank import completed_run
-from valerie.db import results
+from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids
 from valerie.pipeline.base.pins import pinned_card
@@ -27,13 +27,13 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     assert summary["classes"] == [orjson.loads(orjson.dumps(classes))]
 
     with reading(context.engine) as connection:
-        frames = [frame for frame, _ in results.frames_page(connection, run_id, limit=100)]
+        shown = [frame for frame, _ in frames.page(connection, run_id, limit=100)]
         evaluated = results.predictions(connection, run_id, 0, 0)
     reader = ProductReader(context.store)
-    truth = np.concatenate([to_train_ids(reader.truth(frame.products.truth).class_map).ravel() for frame in frames])
-    predicted = np.concatenate([reader.prediction(evaluated[frame.key].digest).ravel() for frame in frames])
+    truth = np.concatenate([to_train_ids(reader.truth(frame.products.truth).class_map).ravel() for frame in shown])
+    predicted = np.concatenate([reader.prediction(evaluated[frame.key].digest).ravel() for frame in shown])
     labelled = truth < 19
     oracle = jaccard_score(truth[labelled], predicted[labelled], labels=np.unique(truth[labelled]), average=None)
-    assert classes.frames == len(frames) == 24
+    assert classes.frames == len(shown) == 24
     assert [entry.iou for entry in classes.classes] == pytest.approx(list(oracle))
     assert classes.miou_pooled == pytest.approx(oracle.mean())

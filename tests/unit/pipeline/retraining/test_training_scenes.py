@@ -179,6 +179,36 @@ def test_a_dyed_texture_gets_a_grey_twin_that_keeps_the_weave() -> None:
     assert used == {"yellow", "neutral/yellow"}
 
 
+def test_a_character_that_the_asset_leaves_out_of_training_changes_no_draw(crowd: SceneAsset) -> None:
+    """A street may show one body in two outfits; training would else see that body twice as often."""
+    asset = simple_asset()
+    manifest, scene = asset.manifest, asset.base
+    extra = "scene.person-1.extra"
+    shown = next(node for node in scene.nodes.values() if node.parent == "scene.person-1")
+    parameters = tuple(
+        definition.model_copy(update={"choices": ("extra", *definition.choices)})
+        if definition.path == "scene.person-1.character"
+        else definition
+        for definition in manifest.parameters
+    )
+    training = manifest.training.model_copy(update={"left_out": (extra,)})
+    more = SceneAsset(
+        Manifest.model_validate(
+            {name: getattr(manifest, name) for name in Manifest.model_fields}
+            | {"parameters": parameters, "training": training}
+        ),
+        asset.digest,
+        replace(scene, nodes={**scene.nodes, extra: replace(shown, path=extra, visible=False)}),
+    )
+    larger = crowd_asset(more)
+    for seed in range(10):
+        without, drawn = (draw_scene(each, np.random.default_rng(seed)).scene for each in (crowd, larger))
+        assert drawn.materials == without.materials
+        assert drawn.sun == without.sun
+        placed = [{p: (n.visible, n.transform.tobytes()) for p, n in s.nodes.items()} for s in (without, drawn)]
+        assert placed[0] == placed[1]
+
+
 def test_what_an_asset_leaves_out_of_training_changes_no_draw() -> None:
     manifest, _ = asset_manifest("urban-street")
     camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 0.0, 0.0, 0.0), 50.0, 36.0)

@@ -124,7 +124,7 @@ def test_what_does_not_exist_is_told(waiting: tuple[Pipeline, str]) -> None:
 def test_a_run_that_waits_for_nobody_says_so(pipeline: Pipeline) -> None:
     run = pipeline.submit(spec(xs=2, ys=2))
     pipeline.run(run)
-    with pytest.raises(Conflict, match="waits for no predictions"):
+    with pytest.raises(Conflict, match="is not waiting for predictions"):
         put(pipeline, run)
 
 

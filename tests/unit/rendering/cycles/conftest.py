@@ -14,7 +14,7 @@ FAKE = Path(__file__).with_name("fake_blender.py")
 
 @pytest.fixture
 def fake_python(tmp_path: Path) -> Callable[[str], Path]:
-    """An interpreter that runs a fake Blender, whatever program it is given."""
+    """Return a function that writes an interpreter, which runs a fake Blender instead of its program."""
 
     def make(behaviour: str) -> Path:
         path = tmp_path / "python"
@@ -27,16 +27,16 @@ def fake_python(tmp_path: Path) -> Callable[[str], Path]:
 
 @pytest.fixture
 def holder(fake_python: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
-    """Makes holders of fake Blenders."""
-    made: list[BlenderHolder] = []
+    """Return a function that creates holders of fake Blenders, and close them after the test."""
+    holders: list[BlenderHolder] = []
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
     def make(behaviour: str, **settings: object) -> BlenderHolder:
-        found = load_settings({}, cycles_python=fake_python(behaviour), cycles_silence_seconds=1.0)
-        made.append(BlenderHolder(found.model_copy(update=settings)))
-        return made[-1]
+        defaults = load_settings({}, cycles_python=fake_python(behaviour), cycles_silence_seconds=1.0)
+        holders.append(BlenderHolder(defaults.model_copy(update=settings)))
+        return holders[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for fake in holders:
+        fake.close()

@@ -1,4 +1,4 @@
-"""A program that speaks as the package `inside` does, without Blender, and misbehaves as its first argument says."""
+"""A program that answers like the package `inside`, without Blender, and misbehaves as its first argument says."""
 
 import json
 import math
@@ -20,7 +20,7 @@ def answer(header, data=b""):
     answers.flush()
 
 
-def picture(size, border):
+def image(size, border):
     width, height = border[2:] if border else size
     values = [(0.1 + 0.8 * x / width) for _ in range(height) for x in range(width) for _ in range(3)]
     entry = {"name": "pixels", "dtype": "<f4", "shape": [height, width, 3]}
@@ -55,4 +55,4 @@ while length := requests.read(4):
         elif behaviour == "refuses":
             answer({"error": "RuntimeError: no such socket"})
             continue
-        picture(header["size"], header["border"])
+        image(header["size"], header["border"])

@@ -1,4 +1,4 @@
-"""The process and the conversation, with a fake Blender: what a crash, a hang and a shortage of memory become."""
+"""The Blender process and its messages, with a fake Blender that crashes, hangs or runs out of memory."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ def test_pixels_arrive_as_they_were_sent(holder: Holders) -> None:
     np.testing.assert_array_equal(pixels[7, :, 1], expected)
 
 
-def test_cpu_seconds_are_those_that_blender_tells_of_over_all_its_lives(holder: Holders) -> None:
-    held = holder("works")
-    made = engine(held)
-    made.background(SCENE, VIEW)
-    before = made.cpu_seconds_elsewhere
-    made.background(SCENE, VIEW)
-    assert made.cpu_seconds_elsewhere == before + 0.25
-    held.close()
-    assert made.cpu_seconds_elsewhere == before + 0.25
+def test_cpu_seconds_are_those_that_all_blender_processes_report(holder: Holders) -> None:
+    blenders = holder("works")
+    cycles = engine(blenders)
+    cycles.background(SCENE, VIEW)
+    before = cycles.cpu_seconds_elsewhere
+    cycles.background(SCENE, VIEW)
+    assert cycles.cpu_seconds_elsewhere == before + 0.25
+    blenders.close()
+    assert cycles.cpu_seconds_elsewhere == before + 0.25
 
 
 @pytest.mark.parametrize(
@@ -57,18 +57,18 @@ def test_cpu_seconds_are_those_that_blender_tells_of_over_all_its_lives(holder: 
 def test_a_temporary_failure_is_a_transient_error_and_leaves_no_process(
     holder: Holders, behaviour: str, reason: str
 ) -> None:
-    held = holder(behaviour)
-    made = engine(held)
-    pid = held.get().pid
+    blenders = holder(behaviour)
+    cycles = engine(blenders)
+    pid = blenders.get().pid
     with pytest.raises(TransientError, match=reason):
-        made.background(SCENE, VIEW)
+        cycles.background(SCENE, VIEW)
     assert not psutil.pid_exists(pid)
 
 
 def test_a_blender_that_outgrows_its_limit_is_ended(holder: Holders) -> None:
-    held = holder("hangs", cycles_max_memory_mb=1, cycles_silence_seconds=30.0)
+    blenders = holder("hangs", cycles_max_memory_mb=1, cycles_silence_seconds=30.0)
     with pytest.raises(TransientError, match="VALERIE_CYCLES_MAX_MEMORY_MB is 1"):
-        engine(held).background(SCENE, VIEW)
+        engine(blenders).background(SCENE, VIEW)
 
 
 def test_slow_work_with_signs_of_life_is_no_hang(holder: Holders) -> None:
@@ -76,22 +76,22 @@ def test_slow_work_with_signs_of_life_is_no_hang(holder: Holders) -> None:
 
 
 def test_after_a_crash_everything_is_sent_again_to_a_new_blender(holder: Holders) -> None:
-    held = holder("crashes once")
-    made = engine(held)
+    blenders = holder("crashes once")
+    cycles = engine(blenders)
     with pytest.raises(TransientError):
-        made.background(SCENE, VIEW)
-    made.background(SCENE, VIEW)
-    assert sum(key.startswith("mesh-") for key in held.get().known) > 3
+        cycles.background(SCENE, VIEW)
+    cycles.background(SCENE, VIEW)
+    assert sum(key.startswith("mesh-") for key in blenders.get().known) > 3
 
 
 def test_a_request_that_blender_refuses_is_a_permanent_error(holder: Holders) -> None:
-    held = holder("refuses")
+    blenders = holder("refuses")
     with pytest.raises(RenderingError, match="no such socket"):
-        engine(held).background(SCENE, VIEW)
-    assert held.get().alive
+        engine(blenders).background(SCENE, VIEW)
+    assert blenders.get().alive
 
 
-def test_an_interrupted_conversation_ends_the_process(holder: Holders) -> None:
+def test_an_interrupted_request_ends_the_process(holder: Holders) -> None:
     blender = holder("hangs").get()
     threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
@@ -114,24 +114,24 @@ def test_blender_sees_none_of_our_settings_and_secrets(holder: Holders, monkeypa
     monkeypatch.setenv("VALERIE_API_TOKEN", "secret")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     blender = holder("works").get()
-    seen = psutil.Process(blender.pid).environ()
-    assert not [name for name in seen if name.startswith(("VALERIE_", "AWS_"))]
+    environment = psutil.Process(blender.pid).environ()
+    assert not [name for name in environment if name.startswith(("VALERIE_", "AWS_"))]
 
 
 def test_its_folder_goes_with_it(holder: Holders, tmp_path: Path) -> None:
-    held = holder("works")
-    held.get()
+    blenders = holder("works")
+    blenders.get()
     assert list(tmp_path.glob("valerie-cycles-*"))
-    held.close()
+    blenders.close()
     assert not list(tmp_path.glob("valerie-cycles-*"))
 
 
 def test_memory_of_what_was_sent_stays_bounded(holder: Holders) -> None:
-    held = holder("works")
-    made = engine(held)
+    blenders = holder("works")
+    cycles = engine(blenders)
     for i in range(60):
-        made.background(simple_scene(simple_manifest()), View("camera-1", 8 + i, 4))
-    assert len(held.get().known) < 120
+        cycles.background(simple_scene(simple_manifest()), View("camera-1", 8 + i, 4))
+    assert len(blenders.get().known) < 120
 
 
 @pytest.mark.parametrize(
@@ -150,11 +150,14 @@ def test_a_processor_is_known_by_its_instruction_set() -> None:
 
 
 def test_one_blender_serves_the_whole_process(holder: Holders) -> None:
-    held = holder("works")
-    first, second = CyclesRenderer(CyclesSettings(samples=1), held), CyclesRenderer(CyclesSettings(samples=2), held)
-    pid = held.get().pid
+    blenders = holder("works")
+    first, second = (
+        CyclesRenderer(CyclesSettings(samples=1), blenders),
+        CyclesRenderer(CyclesSettings(samples=2), blenders),
+    )
+    pid = blenders.get().pid
     first.background(SCENE, VIEW)
     first.close()
     second.background(SCENE, VIEW)
-    assert held.get().pid == pid != os.getpid()
-    assert isinstance(held.get(), BlenderProcess)
+    assert blenders.get().pid == pid != os.getpid()
+    assert isinstance(blenders.get(), BlenderProcess)

@@ -1,4 +1,4 @@
-"""Converting without Blender: what is refused before it starts, and what becomes of one that misbehaves."""
+"""Conversion without Blender: files that are refused before it starts, and a fake Blender that misbehaves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def blend(tmp_path: Path) -> Path:
 
 
 def pretending(tmp_path: Path, program: str) -> Settings:
-    """Settings of an interpreter that runs ``program`` instead of what it is given."""
+    """Return settings with an interpreter that runs ``program`` instead of its own."""
     script, python = tmp_path / "program.py", tmp_path / "python"
     script.write_text(program)
     python.write_text(f'#!/bin/sh\nexec {sys.executable} {script} "$@"\n')
@@ -39,9 +39,9 @@ def pretending(tmp_path: Path, program: str) -> Settings:
 
 
 def test_blenders_output_is_written_with_its_notes(blend: Path, tmp_path: Path) -> None:
-    made = convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, WORK))
-    assert made.path.read_bytes() == b"glTF"
-    assert (made.version, made.notes) == ("9.9.9", ("material paint: baked",))
+    conversion = convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, WORK))
+    assert conversion.path.read_bytes() == b"glTF"
+    assert (conversion.version, conversion.notes) == ("9.9.9", ("material paint: baked",))
 
 
 def test_another_kind_of_file_is_refused_before_blender_starts(tmp_path: Path) -> None:

@@ -64,6 +64,6 @@ def test_the_denoisers_window_is_whole_blocks_from_the_lower_left_around_the_rec
     assert right % 16 == 0
     assert (VIEW.height - bottom) % 16 == 0
     assert window.y == 0 or (VIEW.height - window.y) % 16 == 0
-    # And not a block more.
+    # And no block more.
     assert window.x > x - 32
     assert right < x + width + 32

@@ -1,4 +1,4 @@
-"""Optical flow against rays through pixel centres, and against displacements worked out by hand."""
+"""Optical flow against rays through pixel centres, and against displacements computed by hand."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,13 +26,13 @@ FOCAL = 35.0 / 36.0 * VIEW.width
 
 @pytest.fixture(scope="module")
 def flows() -> Iterator[FlowPass]:
-    found = FlowPass()
-    yield found
-    found.close()
+    flow_pass = FlowPass()
+    yield flow_pass
+    flow_pass.close()
 
 
-def scene(**given: Value) -> Scene:
-    return apply({path.replace("__", "."): value for path, value in given.items()}, simple_asset())
+def scene(**values: Value) -> Scene:
+    return apply({path.replace("__", "."): value for path, value in values.items()}, simple_asset())
 
 
 def at(x: float, y: float, heading: float = 180.0, camera_x: float = 0.0) -> Scene:
@@ -48,7 +48,7 @@ def with_camera(scene: Scene, position: tuple[float, float, float], yaw: float, 
 def traced_flow(now: Scene, then: Scene) -> NDArray[np.float64]:
     """Return the flow by ray tracing: find the point of a triangle that each ray hits, and project it at the other moment."""
     camera, other = now.cameras[VIEW.camera], then.cameras[VIEW.camera]
-    triangles, moved = (triangles_of(one).intersector.mesh.triangles for one in (now, then))
+    triangles, moved = (triangles_of(scene).intersector.mesh.triangles for scene in (now, then))
     rays = pixel_rays(camera, VIEW).reshape(-1, 3)
     origins = np.broadcast_to(camera.position, rays.shape)
     hit = triangles_of(now).intersector.intersects_first(origins, rays)
@@ -60,12 +60,12 @@ def traced_flow(now: Scene, then: Scene) -> NDArray[np.float64]:
         shares = [(np.cross(q - p, points - p) * normal).sum(1) / area for p, q in ((b, c), (c, a), (a, b))]
     then_points = sum(share[:, None] * moved[hit][:, k] for k, share in enumerate(shares))
     then_points[hit < 0] = other.position + 1e9 * rays[hit < 0]
-    seen = (then_points - other.position) @ other.transform[:3, :3]
-    x = VIEW.width / 2 + FOCAL * seen[:, 0] / -seen[:, 2]
-    y = VIEW.height / 2 - FOCAL * seen[:, 1] / -seen[:, 2]
+    local = (then_points - other.position) @ other.transform[:3, :3]
+    x = VIEW.width / 2 + FOCAL * local[:, 0] / -local[:, 2]
+    y = VIEW.height / 2 - FOCAL * local[:, 1] / -local[:, 2]
     pixels = np.stack([x, y], axis=1).reshape(VIEW.height, VIEW.width, 2)
     rows, columns = np.mgrid[0 : VIEW.height, 0 : VIEW.width]
-    pixels[seen[:, 2].reshape(VIEW.height, VIEW.width) >= 0] = np.nan
+    pixels[local[:, 2].reshape(VIEW.height, VIEW.width) >= 0] = np.nan
     return pixels - np.stack([columns + 0.5, rows + 0.5], axis=2)
 
 
@@ -90,16 +90,14 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_flow_is_where_the_traced_point_of_the_same_triangle_is_seen(
-    case: str, flows: FlowPass, truth_pass: TruthPass
-) -> None:
+def test_flow_leads_to_the_traced_point_of_the_same_triangle(case: str, flows: FlowPass, truth_pass: TruthPass) -> None:
     now, then = CASES[case]
     truth = truth_pass.truth(now, VIEW)
     flow, expected = flows.flow(now, then, VIEW, truth), traced_flow(now, then)
     inside = ~near_edges(truth.class_map.astype(np.int64) * 65536 + truth.instance_map)
     assert np.array_equal(np.isnan(flow[inside]), np.isnan(expected[inside]))
     error = np.abs(flow - expected).max(axis=2)[inside]
-    # Within an object rays near an inner edge may hit another of its sides than the drawn point lies on.
+    # Near an inner edge of an object, a ray may hit another of its sides than the drawn point lies on.
     assert np.quantile(error[np.isfinite(error)], 0.99) < 0.01
     assert np.mean(error[np.isfinite(error)] > 0.05) < 1e-3
     person = (truth.instance_map == 24001) & inside
@@ -133,7 +131,7 @@ def test_flow_leads_to_the_same_object_at_the_other_moment(flows: FlowPass, trut
     flow = flows.flow(now, then, VIEW, first)
     rows, columns = np.mgrid[0 : VIEW.height, 0 : VIEW.width]
     x, y = np.floor(columns + 0.5 + flow[..., 0]).astype(int), np.floor(rows + 0.5 + flow[..., 1]).astype(int)
-    labels = [one.class_map.astype(np.int64) * 65536 + one.instance_map for one in (first, second)]
+    labels = [truth.class_map.astype(np.int64) * 65536 + truth.instance_map for truth in (first, second)]
     inside = (x >= 0) & (x < VIEW.width) & (y >= 0) & (y < VIEW.height) & ~near_edges(labels[0])
     inside[inside] = ~near_edges(labels[1])[y[inside], x[inside]]
     there = labels[1][y[inside], x[inside]]

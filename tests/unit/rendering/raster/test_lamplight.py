@@ -1,4 +1,4 @@
-"""Lamplight in the raster engine against inverse squares, rays and the frame from scratch."""
+"""Lamplight in the raster engine against the inverse square law, rays and frames rendered from scratch."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ STREET = Light(intensity=1500.0, inner=0.5, outer=1.25, switch="street")
 
 
 def hung(path: str, light: Light, place: tuple[float, float, float], *, movable: bool = False) -> Node:
-    """A lamp that looks down."""
+    """Return a lamp that points down."""
     return Node(path, Pose(place, (270.0, 0.0, 0.0)).matrix(), light=light, movable=movable, label_id=17)
 
 
@@ -43,7 +43,7 @@ LAMPS = (hung("scene.pole-1", STREET, (-3, 4, 6)), hung("scene.pole-2", STREET, 
 
 
 def floor_below(light: Light, height: float) -> Scene:
-    """A matt grey floor with one lamp above the middle of the image, at night."""
+    """Return a matt grey floor with one lamp above the middle of the image, at night."""
     camera = Camera("scene.camera-1", camera_transform((0, 0, 8), 0, -90, 0), focal_length_mm=36.0)
     floor = Node("scene.road-1", np.eye(4), (box_mesh((-30, -30, -1), (30, 30, 0), "floor"),), label_id=7)
     lamp = hung("scene.pole-1", light, (0, 0, height))
@@ -67,24 +67,24 @@ def test_beyond_its_cone_a_lamp_gives_nothing(raster: RasterRenderer) -> None:
     scene, view = floor_below(Light(intensity=1000.0, inner=0.3, outer=0.5), 4.0), View("camera-1", 80, 80)
     row = raster.full(scene, view).pixels[40, 40:, 1].astype(np.float64)
     angle = np.arctan2((np.arange(40) + 0.5) / 80 * 8.0, 4.0)
-    # The rest is the light of the night sky, and the light that the street reflects.
+    # The rest is light of the night sky, and light that the street reflects.
     assert row[angle > 0.55].max() < 0.02 * row[angle < 0.3].min()
 
 
-def test_the_lamps_colour_is_that_of_what_it_lights(raster: RasterRenderer) -> None:
+def test_a_lamp_gives_its_colour_to_the_ground(raster: RasterRenderer) -> None:
     scene = floor_below(Light(intensity=1000.0, inner=1.0, outer=1.3, color=(1.0, 0.5, 0.25)), 4.0)
     middle = raster.full(scene, View("camera-1", 32, 32)).pixels[16, 16].astype(np.float64)
     np.testing.assert_allclose(middle / middle[0], (1.0, 0.5, 0.25), rtol=0.03)
 
 
-def test_a_dipped_beam_lights_what_its_formula_says_and_leaves_dark_what_lies_above(raster: RasterRenderer) -> None:
-    # The lamp looks down, so that what is above its cut-off lies in the upper half of the image, to the world's +y.
+def test_a_dipped_beam_has_the_light_of_its_formula_and_is_dark_above_its_cut_off(raster: RasterRenderer) -> None:
+    # The lamp points down, so the space above its cut-off is in the upper half of the image, towards the world's +y.
     light = Light(intensity=8000.0, inner=1.0, outer=1.2, beam="dipped")
     image = raster.full(floor_below(light, 6.0), View("camera-1", 120, 120)).pixels[..., 1].astype(np.float64)
     steps = (np.arange(120) + 0.5) / 120 * 8.0 - 4.0  # 36 mm on 36 mm, from 8 m
     x, y = np.meshgrid(steps, -steps)
     expected = 0.5 * 8000.0 * LUX * DIPPED.share(x / 6.0, y / 6.0) * 6.0 / np.sqrt(x**2 + y**2 + 36.0) ** 3
-    # Pixels beside the cut-off show both sides of it; night sky and street around add a little everywhere.
+    # Pixels at the cut-off show both sides of it; night sky and street add a little everywhere.
     clear = np.abs(y - DIPPED.rise * np.maximum(x, 0.0)) > 0.15
     np.testing.assert_allclose(image[clear], expected[clear], rtol=0.03, atol=0.002 * expected.max())
 
@@ -92,7 +92,7 @@ def test_a_dipped_beam_lights_what_its_formula_says_and_leaves_dark_what_lies_ab
 def moving(
     name: str, place: tuple[float, float, float], light: Light, heading: float = 0.0, pitch: float = 0.0
 ) -> Node:
-    """A lamp of something that moves."""
+    """Return a lamp on a movable."""
     return Node(f"scene.{name}", Pose(place, (pitch, 0.0, heading)).matrix(), light=light, movable=True)
 
 
@@ -120,7 +120,7 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
     in_cone = way @ np.array(lamp.direction) / distance > math.cos(1.0)
     state = np.zeros(classes.shape, np.uint8)
     state[ground] = np.where(in_cone, 1 + hidden(triangles, lamp.position, points), 0)
-    image[ground] /= -way[:, 2] / distance**3  # what a lamp without shadows gives
+    image[ground] /= -way[:, 2] / distance**3  # the light of a lamp without shadows
     inside = ~near_edges(near_edges(state).astype(np.uint8))
     dark, lit = image[inside & (state == 2)], image[inside & (state == 1)]
     assert len(dark) > 100
@@ -131,7 +131,7 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
 
 
 def hidden(triangles: Triangles, place: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
-    """Return (N,) bool, True if an object stands between a place and the surface point."""
+    """Return (N,) bool, True if an object is between a place and a surface point."""
     way = points - np.array(place)
     distance = np.linalg.norm(way, axis=1)
     starts = np.broadcast_to(np.array(place), points.shape)
@@ -141,31 +141,31 @@ def hidden(triangles: Triangles, place: tuple[float, float, float], points: np.n
     return nearest < distance - 0.02
 
 
-def test_the_housing_around_a_lamp_keeps_nothing_of_its_light(raster: RasterRenderer) -> None:
+def test_the_housing_around_a_lamp_blocks_none_of_its_light(raster: RasterRenderer) -> None:
     view = View("camera-1", 96, 54)
     bare = at_night({}, moving("car-2", (-1.5, 2.0, 0.8), WIDE, pitch=350.0))
     lens = Node("scene.car-3", np.eye(4), (box_mesh((-1.6, 2.1, 0.7), (-1.4, 2.12, 0.9), "paint"),), 26, movable=True)
     housed = replace(bare, nodes={**bare.nodes, lens.path: lens})
     ahead = np.s_[36:, 20:76]  # the ground before it
-    pictures = [raster.full(scene, view).pixels[ahead].astype(np.float64) for scene in (bare, housed)]
-    # Less than the plate itself covers changes; in its shadow all of this would lie.
-    assert (np.abs(pictures[0] - pictures[1]).max(axis=2) > 0.01 * pictures[0].max()).mean() < 0.15
+    images = [raster.full(scene, view).pixels[ahead].astype(np.float64) for scene in (bare, housed)]
+    # Fewer pixels change than the plate covers. All of them would lie in its shadow.
+    assert (np.abs(images[0] - images[1]).max(axis=2) > 0.01 * images[0].max()).mean() < 0.15
 
 
-def test_the_strongest_lamps_of_movables_that_reach_the_picture_have_shadow_maps() -> None:
+def test_the_strongest_lamps_of_movables_that_reach_the_image_have_shadow_maps() -> None:
     head, tail = Light(intensity=12_000.0, outer=0.6), Light(intensity=8.0, outer=1.3)
     behind = moving(
         "car-2", (0, -6, 0.6), replace(head, intensity=50_000.0), heading=180.0
-    )  # shines away from what is seen
-    bulb = moving("car-3", (0, 5, 1.0), Light(intensity=1000.0))  # everywhere: no map could hold it
+    )  # shines away from the visible street
+    bulb = moving("car-3", (0, 5, 1.0), Light(intensity=1000.0))  # shines in all directions: no map could hold it
     heads = [moving(f"car-{4 + i}", (i - 2.0, 8.0 + 6 * i, 0.6), head, heading=180.0) for i in range(MOVING_TILES)]
     tails = [moving(f"car-{20 + i}", (i - 2.0, 6.0, 0.6), tail) for i in range(2)]
     view = View("camera-1", 160, 90)
 
     def picked(*lamps: Node) -> list[tuple[float, ...]]:
         scene = at_night({}, *lamps)
-        found = moving_with_shadows(lit_lamps(scene, sky_of(scene)), scene.cameras["camera-1"], view)
-        return [one.lamp.position for one in found]
+        views = moving_with_shadows(lit_lamps(scene, sky_of(scene)), scene.cameras["camera-1"], view)
+        return [lamp_view.lamp.position for lamp_view in views]
 
     places = {node.path: tuple(node.transform[:3, 3]) for node in (*heads, *tails)}
     assert picked(behind, bulb, *tails, *heads[::-1]) == [places[node.path] for node in heads]
@@ -211,7 +211,7 @@ def test_the_layer_over_the_background_is_the_frame_bit_for_bit_under_lamps(
     assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
 
 
-def test_a_lamp_that_moves_lights_the_street_even_where_nothing_else_moves(raster: RasterRenderer) -> None:
+def test_a_moving_lamp_lights_the_street_even_if_nothing_else_moves(raster: RasterRenderer) -> None:
     absent = {f"scene.person-{i}.character": "absent" for i in (1, 2)}
     scene, view = at_night(absent, *LAMPS, moving("car-2", (-1.0, 2.0, 0.65), HEAD)), View("camera-1", 96, 54)
     background, full = raster.background(scene, view), raster.full(scene, view)
@@ -219,7 +219,7 @@ def test_a_lamp_that_moves_lights_the_street_even_where_nothing_else_moves(raste
     assert_same(raster.layer(scene, view).over(background), full)
 
 
-def test_a_layer_by_night_is_no_whole_frame_and_the_background_has_no_light_of_movables(
+def test_a_layer_at_night_is_smaller_than_the_frame_and_the_background_has_no_light_of_movables(
     raster: RasterRenderer,
 ) -> None:
     view = View("camera-1", 320, 180)
@@ -229,7 +229,7 @@ def test_a_layer_by_night_is_no_whole_frame_and_the_background_has_no_light_of_m
     assert_same(raster.background(without, view), raster.background(with_torch, view))
 
 
-def test_by_day_lamps_that_wait_for_the_dark_change_no_bit(raster: RasterRenderer) -> None:
+def test_by_day_lamps_with_a_switch_change_no_bit(raster: RasterRenderer) -> None:
     view = View("camera-1", 96, 54)
     bare, hanging = at_night({}, elevation=0.7), at_night({}, *LAMPS, elevation=0.7)
     assert_same(raster.full(bare, view), raster.full(hanging, view))
@@ -249,6 +249,6 @@ def test_a_box_out_of_reach_throws_no_shadow_and_one_at_the_lamp_any() -> None:
     assert len(shadow_hull(box + np.array([0, 500, 0]), view, 0.0)) == 0
     assert shadow_hull(box + np.array([-3, 4, 5]), view, 0.0) is None
     hull = shadow_hull(box + np.array([0, 4, 0]), view, 0.0)
-    # The lamp at (−3, 4, 6): from the top of the box, 1.8 m high at x = 0.3, the shadow ends at x = 0.3 + 3.3 · 1.8 / 4.2.
+    # The lamp is at (−3, 4, 6). The shadow of the box's top, 1.8 m high at x = 0.3, ends at x = 0.3 + 3.3 · 1.8 / 4.2.
     assert hull[:, 0].max() > 0.3 + 3.3 * 1.8 / 4.2
     assert hull[:, 0].max() < 0.3 + 3.3 * 1.8 / 4.2 + 1.0

@@ -1,4 +1,4 @@
-"""The raster engine's pictures against geometry and light that can be calculated."""
+"""The raster engine's images against geometry and light with a known answer."""
 
 import math
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_the_layer_over_the_background_is_the_frame_bit_for_bit_for_any_pose_and
 def test_frames_in_a_row_with_persons_and_cars_under_one_light_are_those_from_scratch(
     raster: RasterRenderer, places: list[tuple[float, float, float]], azimuth: float, elevation: float
 ) -> None:
-    # The targets keep what the frame before left of the statics: each frame has to be right after any other.
+    # The targets keep the statics' values from frame to frame, so every frame must be right after any other.
     asset = simple_asset()
     light = {"scene.sun-1.azimuth": azimuth, "scene.sun-1.elevation": elevation}
     view, frames = View("camera-1", 150, 86), []
@@ -83,14 +83,14 @@ def test_frames_in_a_row_with_persons_and_cars_under_one_light_are_those_from_sc
         pose = {"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.heading": heading}
         scene = apply(light | pose | (second if i % 2 else {}), asset)
         car = scene.nodes["scene.car-1"]
-        moved = np.array(car.transform)
-        moved[:2, 3] += (x / 4, i - y / 10)
-        moving = {"scene.car-1": replace(car, transform=moved, movable=True)}
+        pose_of_car = np.array(car.transform)
+        pose_of_car[:2, 3] += (x / 4, i - y / 10)
+        moving = {"scene.car-1": replace(car, transform=pose_of_car, movable=True)}
         frames.append(replace(scene, nodes=dict(scene.nodes) | moving))
     background = raster.background(frames[0], view)
-    made = [raster.layer(scene, view).over(background) for scene in frames]
-    for scene, frame in zip(frames, made, strict=True):
-        assert_same(frame, raster.full(scene, view))
+    images = [raster.layer(scene, view).over(background) for scene in frames]
+    for scene, image in zip(frames, images, strict=True):
+        assert_same(image, raster.full(scene, view))
 
 
 def test_the_layer_is_much_smaller_than_the_frame(raster: RasterRenderer) -> None:
@@ -112,10 +112,10 @@ def test_a_matt_floor_under_a_high_sun_has_the_radiance_of_its_albedo(raster: Ra
 
 @pytest.mark.parametrize("across", [20.0, 150.0, 600.0])
 @pytest.mark.parametrize("tilt", [0.0, 30.0])
-def test_ground_in_the_open_has_all_of_the_sky_however_far_it_reaches(
+def test_open_ground_receives_the_whole_sky_however_far_it_reaches(
     raster: RasterRenderer, across: float, tilt: float
 ) -> None:
-    # Dark ground: what it would hide of the sky from itself it could not give back.
+    # The ground is dark, so it could not make up by reflection for sky that it hid from itself.
     floor = box_mesh((-across / 2, -across / 2, -1), (across / 2, across / 2, 0), "floor")
     camera = Camera("scene.camera-1", camera_transform((0, 0, 6), 0, -90, 0), focal_length_mm=24.0)
     scene = one_mesh(floor, Material("floor", (0.04,) * 3, roughness=1.0, specular=0.0), camera)
@@ -131,7 +131,7 @@ def test_ground_in_the_open_has_all_of_the_sky_however_far_it_reaches(
 
 
 def _moon_spencer(up: float) -> float:
-    """Light of a sky of radiance sin(elevation) on a face tilted by arccos(up), relative to a level one; by quadrature."""
+    """Return the light of a sky of radiance sin(elevation) on a face tilted by arccos(up), relative to a level one."""
     z, azimuth = np.meshgrid((np.arange(400) + 0.5) / 400, (np.arange(400) + 0.5) / 400 * 2 * np.pi)
     flat, lean = np.sqrt(1 - z * z), math.sqrt(1 - up * up)
     cosine = np.maximum(up * z + lean * flat * np.cos(azimuth), 0)
@@ -139,8 +139,10 @@ def _moon_spencer(up: float) -> float:
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.4, 0.9])
-def test_mirrored_light_is_missing_from_the_matt_light_below(raster: RasterRenderer, roughness: float) -> None:
-    # Along a white ground under clouds, which are dimmer at the horizon that it mirrors than overhead.
+def test_specularly_reflected_light_is_missing_from_diffuse_reflection(
+    raster: RasterRenderer, roughness: float
+) -> None:
+    # Along white ground under clouds, which are dimmer at the horizon, where the reflection comes from, than overhead.
     camera = Camera("scene.camera-1", camera_transform((0, -10, 1), 0, -4, 0), focal_length_mm=200.0)
     floor = box_mesh((-200, -200, -1), (200, 200, 0), "floor")
     white = {
@@ -159,8 +161,10 @@ CHALK = Material("chalk", (0.5, 0.4, 0.3), roughness=1.0, specular=0.0)
 
 
 def looking_into_a_mirror(raster: RasterRenderer, pitch: float, *, wall: bool) -> np.ndarray:
-    """Mean colours, under clouds, of a mirror turned so that the camera sees ``pitch`` degrees above the horizon in it, and of
-    the chalky ground and wall behind the camera."""
+    """Return the mean colours, under clouds, of a mirror and of the chalky ground and wall behind the camera.
+
+    In the mirror the camera sees ``pitch`` degrees above the horizon.
+    """
     turned = Pose((0, 2, 3), (-pitch / 2, 0, 0)).matrix()
     nodes = [
         Node("scene.road-1", np.eye(4), (box_mesh((-40, -40, -1), (40, 40, 0), "chalk"),), label_id=7),
@@ -182,14 +186,14 @@ def looking_into_a_mirror(raster: RasterRenderer, pitch: float, *, wall: bool) -
     )
 
 
-def test_a_mirror_shows_the_sky_or_what_hides_it_or_the_ground(raster: RasterRenderer) -> None:
+def test_a_mirror_shows_the_sky_or_the_surfaces_that_hide_it_or_the_ground(raster: RasterRenderer) -> None:
     sky = sky_of(replace(simple_asset().base, environment=Environment(cloud_cover=1.0), sun=Sun(0.0, math.radians(50))))
     up = np.array([[0.0, -math.cos(math.radians(30)), math.sin(math.radians(30))]])
     mirrored, _, _ = looking_into_a_mirror(raster, 30.0, wall=False)
     assert mirrored == pytest.approx(sky.radiance(up)[0], rel=0.05)
-    mirrored, _, seen = looking_into_a_mirror(raster, 30.0, wall=True)
-    # A mean over what faces the mirror: ground and all of the wall.
-    assert mirrored == pytest.approx(seen, rel=0.25)
+    mirrored, _, chalk = looking_into_a_mirror(raster, 30.0, wall=True)
+    # The mirror shows the mean of all surfaces that face it: the ground and the whole wall.
+    assert mirrored == pytest.approx(chalk, rel=0.25)
     assert mirrored.max() < 0.5 * sky.radiance(up).max()
     mirrored, ground, _ = looking_into_a_mirror(raster, -40.0, wall=False)
     assert mirrored == pytest.approx(ground, rel=0.1)
@@ -197,8 +201,8 @@ def test_a_mirror_shows_the_sky_or_what_hides_it_or_the_ground(raster: RasterRen
 
 @pytest.mark.parametrize("movable", [False, True])
 @pytest.mark.parametrize("double_sided", [False, True])
-def test_no_sun_comes_through_a_head(raster: RasterRenderer, movable: bool, double_sided: bool) -> None:
-    # Round, and no wider than the search for what hides the sun. What is double-sided lets some light through: it lies behind.
+def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool, double_sided: bool) -> None:
+    # The head is round and no wider than the blocker search. A double-sided one transmits light: it faces away from the sun.
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
     mesh = Mesh(
         ball.vertices.astype(np.float32), ball.vertex_normals.astype(np.float32),
@@ -209,7 +213,7 @@ def test_no_sun_comes_through_a_head(raster: RasterRenderer, movable: bool, doub
     skin = Material("skin", (0.6, 0.5, 0.4), roughness=1.0, specular=0.0, double_sided=double_sided)
     tar = Material("tar", (0.0, 0.0, 0.0), roughness=1.0, specular=0.0)
     camera = Camera("scene.camera-1", camera_transform((0, 0, 1.6), 0, 0, 0), focal_length_mm=400.0)
-    # The sun stands behind the head, 40° high; no sky, and no light from below.
+    # The sun stands behind the head, 40° high. There is no sky, and no light from below.
     scene = Scene(
         {head.path: head, ground.path: ground}, {"skin": skin, "tar": tar}, {}, {"camera-1": camera}, Sun(0.0, math.radians(40)),
         environment=Environment(sky_strength=0.0),
@@ -221,20 +225,20 @@ def test_no_sun_comes_through_a_head(raster: RasterRenderer, movable: bool, doub
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     along = -(rays @ origin)
     inside = 0.1**2 - (origin @ origin - along**2)
-    # Away from the outline, where pixels show what is behind too.
+    # Away from the outline, where pixels also show the background.
     hit = inside > 0.001
     normals = (origin + rays * (along - np.sqrt(np.where(hit, inside, 0)))[..., None]) / 0.1
     facing = np.where(hit, normals @ scene.sun_direction(), 0)
     assert (facing < -0.15).sum() > 2000
     assert np.median(pixels[facing > 0.15]) > 0.1
-    # Statics count among the surroundings of a place, so some of its own light comes back to it.
+    # Statics are part of the surroundings of a place, so it receives some of its own light.
     assert pixels[facing < -0.15].max() < (0.01 if movable else 0.1)
 
 
 def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     scene, view = apply({"scene.sun-1.azimuth": 250.0}, simple_asset()), View("camera-1", 480, 270)
     camera = scene.cameras["camera-1"]
-    # A plain floor: without the texture only light differs.
+    # Without textures, only the light differs from place to place.
     plain = {name: replace(m, base_color_texture=None, specular=0.0) for name, m in scene.materials.items()}
     image = raster.full(replace(scene, materials=plain), view).pixels.astype(np.float64).sum(axis=2)
     triangles = triangles_of(scene)
@@ -248,12 +252,12 @@ def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, 
     assert len(dark) > 500
     threshold = (np.median(dark) + np.median(lit)) / 2
     assert np.median(lit) > 2.5 * np.median(dark)
-    # A plain pixel's shadow is the mean over its samples, which the ray through its middle is not: 29 of 2,707 here.
+    # A plain pixel's shadow is the mean over its samples, unlike the ray through its centre: 29 of 2,707 differ here.
     assert (dark > threshold).mean() < 0.011
     assert (lit < threshold).mean() < 0.01
 
 
-def test_the_movables_shadow_falls_where_the_same_box_as_a_static_would_throw_it(raster: RasterRenderer) -> None:
+def test_a_box_casts_the_same_shadow_as_a_movable_and_as_a_static(raster: RasterRenderer) -> None:
     scene, view = apply({}, simple_asset()), View("camera-1", 480, 270)
     nodes = {path: replace(node, movable=False) for path, node in scene.nodes.items()}
     moving = raster.full(scene, view).pixels.astype(np.float64)
@@ -297,7 +301,7 @@ def test_back_faces_show_only_if_the_material_is_double_sided(
     assert (truth.class_map == 12).any() == double_sided
 
 
-def test_cut_texels_show_and_label_what_lies_behind(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+def test_cut_out_texels_show_and_label_the_background(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     image = np.full((64, 64, 4), 255, np.uint8)
     image[:, 32:, 3] = 0
     quad = Mesh(
@@ -319,8 +323,8 @@ def test_cut_texels_show_and_label_what_lies_behind(raster: RasterRenderer, trut
     assert (pixels[28, 22:30] != nothing[28, 22:30]).any(axis=1).all()
 
 
-def test_labels_are_in_step_with_the_image(raster: RasterRenderer, truth_pass: TruthPass) -> None:
-    # Edges at pixels 58.9 and 134.1: away from the middle of a pixel, where half of its samples would be covered.
+def test_labels_are_aligned_with_the_image(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+    # Edges at pixels 58.9 and 134.1, away from the centre of a pixel, where they would cover half of its samples.
     camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
     block = box_mesh((-0.7398, 5, -2), (0.6138, 6, 1.4), "m")
     scene = one_mesh(block, Material("m", (0, 0, 0), specular=0.0), camera, elevation=60.0)
@@ -350,7 +354,7 @@ def test_specular_tint_colours_the_highlight(raster: RasterRenderer) -> None:
 
     def highlight(tint: float) -> np.ndarray:
         material = Material("m", (0.02, 0.002, 0.002), roughness=0.4, specular=2.0, specular_tint=tint)
-        # The sun stands ahead, so that it is mirrored into the camera.
+        # The sun stands ahead, so that the floor mirrors it into the camera.
         scene = one_mesh(floor, material, camera, elevation=35.0)
         return raster.full(scene, View("camera-1", 64, 64)).pixels.astype(np.float64).reshape(-1, 3).max(axis=0)
 
@@ -375,18 +379,18 @@ def test_a_metal_has_no_diffuse_light(raster: RasterRenderer) -> None:
 def test_a_roughness_map_changes_the_highlight_where_it_is_smooth(raster: RasterRenderer, movable: bool) -> None:
     camera = Camera("scene.camera-1", camera_transform((0, -4, 2), 0, -30, 0), focal_length_mm=50.0)
     floor = box_mesh((-8, -8, -1), (8, 8, 0), "m")
-    # u grows with x on the floor: its left half is smooth, its right half is left to the material.
+    # u grows with x on the floor. The map smooths the left half and leaves the right half to the material.
     image = np.full((64, 64, 3), 255, np.uint8)
     image[:, :32, 1] = 102
 
-    def picture(material: Material) -> np.ndarray:
+    def image_of(material: Material) -> np.ndarray:
         scene = one_mesh(floor, material, camera, elevation=35.0, image=image)
         nodes = {path: replace(node, movable=movable) for path, node in scene.nodes.items()}
         return raster.full(replace(scene, nodes=nodes), View("camera-1", 64, 64)).pixels.astype(np.float64)
 
-    smooth, rough = (picture(Material("m", (0.05, 0.05, 0.05), roughness=r)) for r in (0.4, 1.0))
-    mapped = picture(Material("m", (0.05, 0.05, 0.05), roughness=1.0, roughness_texture="image"))
-    # Away from the edge between them, which coarser copies of the map blur.
+    smooth, rough = (image_of(Material("m", (0.05, 0.05, 0.05), roughness=r)) for r in (0.4, 1.0))
+    mapped = image_of(Material("m", (0.05, 0.05, 0.05), roughness=1.0, roughness_texture="image"))
+    # Away from the edge between them, which coarser mip levels blur.
     left, right = np.s_[24:, :24], np.s_[24:, 40:]
     assert smooth[left].max() > 1.5 * rough[left].max()
     np.testing.assert_allclose(mapped[left], smooth[left], rtol=2e-3)
@@ -417,11 +421,11 @@ def test_the_cache_of_statics_notices_a_changed_static_material(raster: RasterRe
 
 
 def apply_absent(scene: Scene) -> Scene:
-    """The scene with every movable hidden."""
+    """Return the scene with every movable hidden."""
     return replace(scene, nodes={p: replace(n, visible=n.visible and not n.movable) for p, n in scene.nodes.items()})
 
 
-def test_repainted_statics_hide_the_same_of_the_sky() -> None:
+def test_repainted_statics_hide_the_same_part_of_the_sky() -> None:
     scene = simple_asset().base
     red = dict(scene.materials) | {"plaster": replace(scene.materials["plaster"], base_color=(0.9, 0.0, 0.0))}
     context = process_context()
@@ -444,7 +448,7 @@ def test_the_cache_of_statics_notices_a_moved_static(raster: RasterRenderer) -> 
 
 
 def pane_scene(transmission: float | None) -> Scene:
-    """A bright wall behind a dark pane that covers the whole image; None: no pane."""
+    """Return a bright wall behind a dark pane that covers the whole image; without a pane for None."""
     camera = Camera("scene.camera-1", camera_transform((0.0, -4.0, 1.0), 0.0, 0.0, 0.0), 60.0)
     wall = box_mesh((-9.0, 2.0, -9.0), (9.0, 2.1, 9.0), "wall")
     pane = box_mesh((-3.0, 0.0, -3.0), (3.0, 0.02, 3.0), "pane")
@@ -463,13 +467,13 @@ def test_a_pane_lets_its_share_of_light_through_in_every_pixel(
     raster: RasterRenderer, transmission: float, tolerance: float
 ) -> None:
     view = View("camera-1", 48, 32)
-    free, shut, seen = (
+    free, opaque, pane = (
         raster.full(pane_scene(share), view).pixels[4:-4, 4:-4].astype(np.float64)
         for share in (None, 0.0, transmission)
     )
-    wanted = transmission * free + (1.0 - transmission) * shut
-    assert (np.abs(seen - wanted) <= tolerance * np.abs(free - shut) + 1e-3).all()
-    np.testing.assert_allclose(seen.mean(), wanted.mean(), atol=0.01)
+    expected = transmission * free + (1.0 - transmission) * opaque
+    assert (np.abs(pane - expected) <= tolerance * np.abs(free - opaque) + 1e-3).all()
+    np.testing.assert_allclose(pane.mean(), expected.mean(), atol=0.01)
 
 
 def test_labels_and_depth_of_a_pane_are_its_own(truth_pass: TruthPass) -> None:
@@ -484,7 +488,7 @@ def test_a_pane_casts_no_shadow(raster: RasterRenderer) -> None:
     ground = box_mesh((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0), "ground")
     pane = box_mesh((-1.0, -1.0, 2.9), (1.0, 1.0, 2.92), "pane")
 
-    def lit(share: float) -> np.ndarray:
+    def ground_under_a_pane(share: float) -> np.ndarray:
         nodes = {
             "scene.road-1": Node("scene.road-1", np.eye(4), (ground,), label_id=7),
             "scene.car-1": Node("scene.car-1", np.eye(4), (pane,), label_id=26, instance_id=26001),
@@ -493,12 +497,12 @@ def test_a_pane_casts_no_shadow(raster: RasterRenderer) -> None:
         scene = Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.0, math.radians(89.0)))
         return raster.full(scene, View("camera-1", 96, 64)).pixels[..., 1].astype(np.float64)
 
-    assert lit(0.0)[32:].min() < 0.7 * lit(0.5)[32:].min()
+    assert ground_under_a_pane(0.0)[32:].min() < 0.7 * ground_under_a_pane(0.5)[32:].min()
 
 
 @pytest.mark.parametrize("y", [-3.0, 2.0])
 def test_the_layer_over_the_background_is_the_frame_before_and_behind_panes(raster: RasterRenderer, y: float) -> None:
-    """A movable with a pane of its own stands before or behind a pane that does not move."""
+    """A movable with a pane of its own stands in front of a static pane or behind it."""
     camera = Camera("scene.camera-1", camera_transform((0.0, -7.0, 1.2), 0.0, 0.0, 0.0), 40.0)
     meshes = {
         "scene.road-1": box_mesh((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0), "ground"),

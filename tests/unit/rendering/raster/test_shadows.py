@@ -56,12 +56,12 @@ def test_a_camera_that_sees_a_small_part_has_a_finer_map_of_its_own() -> None:
 
 
 def away() -> Camera:
-    """Sees nothing of the street."""
+    """Return a camera that sees nothing of the street."""
     return Camera("scene.camera", camera_transform((0.0, -50.0, 5.0), 180, 0, 0), focal_length_mm=24.0)
 
 
 @pytest.mark.gl
-def test_the_sky_is_open_to_the_places_of_a_street_as_rays_find_it() -> None:
+def test_the_sky_is_open_to_the_places_of_a_street_from_which_rays_reach_it() -> None:
     scene, context = simple_asset().base, process_context()
     scene = replace(scene, nodes={path: node for path, node in scene.nodes.items() if not node.movable})
     with context.current() as gl:
@@ -74,7 +74,7 @@ def test_the_sky_is_open_to_the_places_of_a_street_as_rays_find_it() -> None:
         table.release()
     sample = statics.geometry.sample
     triangles, places = triangles_of(scene), sample.points + 0.12 * sample.normals
-    # Texels are some 15 cm wide: a place whose neighbours at that distance see the same is not at the edge of a shadow.
+    # Texels are about 15 cm wide: a place whose neighbours at that distance see the same is not at the edge of a shadow.
     beside = [np.zeros(3), *(0.15 * np.vstack([np.eye(3), -np.eye(3)]))]
     expected = np.stack(
         [[~blocked(triangles, places + step, direction) for direction in maps.directions] for step in beside]
@@ -88,15 +88,15 @@ def test_the_sky_is_open_to_the_places_of_a_street_as_rays_find_it() -> None:
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.01, 1))
 def test_a_direction_is_shared_by_those_around_it(x: float, y: float, z: float) -> None:
-    way = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
+    ray = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
     nearest, shares = nearest_directions(32)
-    p = way[:2] / np.abs(way).sum()
+    p = ray[:2] / np.abs(ray).sum()
     side = nearest.shape[0]
     column, row = (min(int((0.5 + 0.5 * at) * side), side - 1) for at in (p[0] + p[1], p[0] - p[1]))
     which, share = nearest[row, column], shares[row, column] / 255.0
     assert share.sum() == pytest.approx(1.0, abs=0.01)
-    # The nearest counts most, but for the width of a texel, and all lie around.
-    cosines = even_directions(32) @ way
+    # Up to the width of a texel, the nearest direction has the largest weight, and all four are near.
+    cosines = even_directions(32) @ ray
     assert cosines[which[0]] > cosines.max() - 0.02
     assert (np.diff(share) <= 0).all()
     assert (cosines[which] > math.cos(math.radians(75))).all()
@@ -118,13 +118,13 @@ def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel()
             depths[y : y + height, x : x + width] = depth
         shadow.survey()
         assert shadow.casters is not None
-        found = np.frombuffer(shadow.casters.read(), np.float32).reshape(*shadow.casters.size[::-1], 2)
+        ranges = np.frombuffer(shadow.casters.read(), np.float32).reshape(*shadow.casters.size[::-1], 2)
         shadow.release()
     across, up = np.ceil(LARGEST_PENUMBRA / extent[:2] * side).astype(int)
     around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
-    per_texel = np.kron(found.transpose(2, 0, 1), np.ones((1, 8, 8), np.float32))
+    per_texel = np.kron(ranges.transpose(2, 0, 1), np.ones((1, 8, 8), np.float32))
     assert (per_texel[0] <= cv2.erode(depths, around) + 1e-6).all()
     assert (per_texel[1] >= cv2.dilate(depths, around) - 1e-6).all()
-    # And is no wider than a few blocks: most of this map is known to be empty, and the middle of a caster to be full.
+    # The bounds are no wider than a few blocks: most of the map is empty, and the middle of a caster is full.
     assert (per_texel[0] == 1).mean() > 0.25
     assert per_texel[1, 90, 80] == pytest.approx(0.5, abs=1e-6)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from valerie.rendering.base import View
 from valerie.rendering.raster.tiles import TILE, TileGrid, widened
 
-#: Sides that no tile divides: the last column and row are cut.
+#: Sides that are no multiples of a tile: the last column and row are cut off.
 GRID = TileGrid(View("camera-1", 5 * TILE + 3, 3 * TILE + 1))
 
 
@@ -50,7 +50,7 @@ def test_the_area_around_a_mask_ends_with_the_image() -> None:
     assert GRID.around(mask) == (5 * TILE, 3 * TILE, 3, 1)
 
 
-def test_values_are_reduced_tile_by_tile_also_in_cut_ones() -> None:
+def test_values_are_reduced_tile_by_tile_even_at_the_cut_off_border() -> None:
     values = np.arange(GRID.height * GRID.width, dtype=np.float32).reshape(GRID.height, GRID.width)
     least, largest = (TileGrid.reduced(values, largest=flag) for flag in (False, True))
     assert least.shape == largest.shape == GRID.shape
@@ -60,7 +60,7 @@ def test_values_are_reduced_tile_by_tile_also_in_cut_ones() -> None:
 
 
 @pytest.mark.parametrize("by", [0, 1, 2])
-def test_a_mask_spreads_as_far_as_asked_in_all_directions(by: int) -> None:
+def test_a_mask_spreads_by_the_same_distance_in_all_directions(by: int) -> None:
     mask = np.zeros((7, 7), np.bool_)
     mask[3, 3] = True
     wide = widened(mask, by)

@@ -27,7 +27,7 @@ def in_weather(**environment: float) -> Scene:
     return replace(base, environment=replace(base.environment, **environment))
 
 
-def picture(raster: RasterRenderer, **environment: float) -> np.ndarray:
+def image_in(raster: RasterRenderer, **environment: float) -> np.ndarray:
     return raster.full(in_weather(**environment), VIEW).pixels.astype(np.float64)
 
 
@@ -40,7 +40,7 @@ def test_the_layer_over_the_background_is_the_frame_in_any_weather(
 
 
 @pytest.mark.parametrize("environment", WEATHERS)
-def test_weather_changes_the_picture_and_never_the_truth(
+def test_weather_changes_the_image_and_never_the_truth(
     raster: RasterRenderer, truth_pass: TruthPass, environment: dict[str, float]
 ) -> None:
     dry, wet = in_weather(), in_weather(**environment)
@@ -60,15 +60,15 @@ def test_the_defaults_are_the_clear_day_bit_for_bit(raster: RasterRenderer) -> N
 def test_fog_hides_things_behind_its_own_light_by_distance(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     scene = in_weather(visibility=60.0)
     depth = truth_pass.truth(scene, VIEW).depth
-    left = np.abs(raster.full(scene, VIEW).pixels.astype(np.float64) - sky_of(scene).haze).mean(axis=2)
-    near, far = left[depth < 10], left[(depth > 25) & (depth < 60)]
+    contrast = np.abs(raster.full(scene, VIEW).pixels.astype(np.float64) - sky_of(scene).haze).mean(axis=2)
+    near, far = contrast[depth < 10], contrast[(depth > 25) & (depth < 60)]
     assert len(near) > 100
     assert len(far) > 100
     # exp(−β d) with β = 3.9 / 60 m: above 0.52 below 10 m, below 0.2 from 25 m on.
     assert np.median(far) < 0.4 * np.median(near)
 
 
-def test_an_overcast_sky_throws_no_shadow_of_the_movables(raster: RasterRenderer) -> None:
+def test_movables_cast_no_shadow_under_an_overcast_sky(raster: RasterRenderer) -> None:
     with_sun = raster.layer(in_weather(), VIEW).rectangle
     without = raster.layer(in_weather(cloud_cover=1.0), VIEW).rectangle
     assert 0 < without.width * without.height < with_sun.width * with_sun.height
@@ -79,7 +79,7 @@ def test_rain_wets_surfaces_that_face_up_and_leaves_walls_their_colour(
 ) -> None:
     # The same light with and without water: drops and extinction are small at 0.8 mm/h.
     classes = truth_pass.truth(in_weather(cloud_cover=1.0), VIEW)
-    dry, wet = picture(raster, cloud_cover=1.0), picture(raster, cloud_cover=1.0, rain=0.8)
+    dry, wet = image_in(raster, cloud_cover=1.0), image_in(raster, cloud_cover=1.0, rain=0.8)
     near = classes.depth < 25
     ground, wall = (near & (classes.class_map == label) for label in (7, 11))
     assert ground.any()
@@ -96,7 +96,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def road(albedo: float, rain: float, *extra: Node) -> Scene:
-    """A level road without end under clouds, in rain of so many mm/h."""
+    """Return a large level road under clouds, in rain of so many mm/h."""
     plane = Node("scene.road-1", np.eye(4), (box_mesh((-30, -30, -1), (30, 30, 0), "road"),))
     grey = Material("road", (albedo, albedo, albedo), roughness=0.9, specular=1.0)
     red = Material("red", (0.8, 0.0, 0.0), roughness=0.9, specular=0.0)
@@ -111,39 +111,39 @@ def road(albedo: float, rain: float, *extra: Node) -> Scene:
 
 
 def luminance(raster: RasterRenderer, scene: Scene) -> np.ndarray:
-    seen: np.ndarray = raster.full(scene, View("camera-1", 120, 80)).pixels.astype(np.float64) @ LUMINANCE
-    return seen
+    values: np.ndarray = raster.full(scene, View("camera-1", 120, 80)).pixels.astype(np.float64) @ LUMINANCE
+    return values
 
 
-def test_a_wet_road_is_darker_below_and_no_darker_far_away_as_by_path_tracing(raster: RasterRenderer) -> None:
+def test_a_wet_road_is_darker_nearby_and_no_darker_far_away_as_by_path_tracing(raster: RasterRenderer) -> None:
     dry, wet = (luminance(raster, road(0.12, rain)) for rain in (0.0, 3.0))
     near, far = ((wet / dry)[rows].mean() for rows in (NEAR, FAR))
-    # Cycles, 32 samples, the same road: 0.81 and 0.98.
+    # Cycles gives 0.81 and 0.98 for the same road, with 32 samples.
     assert near == pytest.approx(0.81, abs=0.08)
     assert far == pytest.approx(0.98, abs=0.08)
 
 
-def test_the_more_rain_the_darker_the_road_below(raster: RasterRenderer) -> None:
-    # Until all of it is wet: from some 3 mm/h on, light in the rain is all that comes.
-    seen = [luminance(raster, road(0.12, rain))[NEAR].mean() for rain in (0.0, 0.2, 0.8, 3.0)]
-    assert seen == sorted(seen, reverse=True)
-    assert seen[-1] < 0.9 * seen[0]
+def test_more_rain_makes_the_road_nearby_darker(raster: RasterRenderer) -> None:
+    # From about 3 mm/h on the whole road is wet, and only the light in the rain still changes.
+    values = [luminance(raster, road(0.12, rain))[NEAR].mean() for rain in (0.0, 0.2, 0.8, 3.0)]
+    assert values == sorted(values, reverse=True)
+    assert values[-1] < 0.9 * values[0]
 
 
-def test_water_on_a_black_road_is_a_mirror_of_the_sky_after_fresnel(raster: RasterRenderer) -> None:
+def test_water_on_a_black_road_mirrors_the_sky_by_fresnels_law(raster: RasterRenderer) -> None:
     scene = road(0.0, 3.0)
     rows = np.arange(58, 74)
     below = np.deg2rad(25) + np.arctan((rows + 0.5 - 40) / 120 * 36 / 20)
     up = np.stack([0 * below, np.cos(below), np.sin(below)], axis=1)
-    fresnel = 0.04 + 0.96 * (1 - np.sin(below)) ** 5  # Schlick's
+    fresnel = 0.04 + 0.96 * (1 - np.sin(below)) ** 5  # Schlick's approximation
     expected = sky_of(scene).radiance(up) @ LUMINANCE * fresnel
-    seen = np.median(luminance(raster, scene)[rows, 50:70], axis=1)
-    # The engine's fit of rough mirrors lies within 13 % of Schlick's smooth one at these angles.
-    np.testing.assert_allclose(seen, expected, rtol=0.2)
+    mirrored = np.median(luminance(raster, scene)[rows, 50:70], axis=1)
+    # At these angles, the engine's fit for rough surfaces is within 13 % of Schlick's approximation for smooth ones.
+    np.testing.assert_allclose(mirrored, expected, rtol=0.2)
 
 
 @pytest.mark.parametrize("movable", [False, True])
-def test_a_wet_road_reflects_statics_at_the_places_of_a_mirror(raster: RasterRenderer, movable: bool) -> None:
+def test_a_wet_road_reflects_statics_where_a_mirror_would(raster: RasterRenderer, movable: bool) -> None:
     box = Node("scene.wall-1", np.eye(4), (box_mesh((-1, 12, 0), (1, 13, 2), "red"),), movable=movable)
     pixels = raster.full(road(0.0, 3.0, box), View("camera-1", 120, 80)).pixels.astype(np.float64)
 
@@ -157,14 +157,14 @@ def test_a_wet_road_reflects_statics_at_the_places_of_a_mirror(raster: RasterRen
         return float(red / blue)
 
     assert mirrored(3.0) == pytest.approx(1.0, abs=0.05)
-    # Movables have no image.
+    # Movables have no reflection.
     assert (mirrored(0.0) > 2.0) is not movable
 
 
-def test_wetness_is_continuous_from_a_dry_road_on(raster: RasterRenderer) -> None:
+def test_a_hardly_wet_road_looks_like_a_dry_one(raster: RasterRenderer) -> None:
     dry, damp = (luminance(raster, road(0.12, rain)) for rain in (0.0, 0.002))
     assert 0 < wetness(0.002) < 0.003
-    # But for a drop here and there.
+    # The median ignores single drops.
     assert np.median(damp[NEAR] / dry[NEAR]) == pytest.approx(1.0, abs=0.003)
 
 

@@ -108,7 +108,7 @@ def test_poses_paints_and_training_rules_have_to_fit_the_parameters(changes: dic
 
 
 def test_a_person_that_varies_in_one_coordinate_only_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"both of pos\.x and pos\.y"):
+    with pytest.raises(InvalidInput, match=r"both pos\.x and pos\.y"):
         parse_manifest(changed(parameters=DOCUMENT["parameters"][:1]))
 
 

@@ -48,7 +48,7 @@ def test_the_test_asset_itself_has_no_findings() -> None:
 def test_an_unknown_class_is_an_error_and_named(tmp_path: Path) -> None:
     found = only(asset_findings(written(tmp_path, renamed("building-1", "house-1"))), "no-class")
     assert (found.severity, found.where) == (Severity.ERROR, "scene.house-1")
-    assert "'house' is no known class" in found.message
+    assert "'house' is not a known class" in found.message
 
 
 def test_a_plain_name_without_class_is_named(tmp_path: Path) -> None:

@@ -153,5 +153,5 @@ def test_predictions_are_uploaded_by_frame(fresh: httpx.Client, drawn: DrawnRuns
     data = encode_png(np.zeros((54, 96), np.uint8))
     answer = fresh.put(f"/v1/frames/{frame}/prediction", content=data, headers={"Content-Type": "image/png"})
     assert answer.status_code == 409
-    assert "waits for no predictions" in answer.json()["detail"]
+    assert "is not waiting for predictions" in answer.json()["detail"]
     assert fresh.put("/v1/frames/none.0.0.0/prediction", content=data).status_code == 404

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
 
+from valerie.db.measured import MeasuredPerson
 from valerie.db.products import Job
+from valerie.measures import Source, names_from
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
@@ -57,10 +57,10 @@ def annotate(
     return encode_annotation(kind, annotation)
 
 
-def light_rows(
+def lit_persons(
     job: Job, scene: Scene, view: View, *, reader: ProductReader, light: LightPass
-) -> tuple[dict[str, Any], ...]:
-    """Measure the light on the persons of a frame; return one row per person who is drawn.
+) -> tuple[MeasuredPerson, ...]:
+    """Measure the light on the persons of a frame who are drawn.
 
     Args:
         job: a product of kind ``light``.
@@ -73,5 +73,6 @@ def light_rows(
     """
     image, truth = reader.frame(job.frame.products), reader.truth(job.frame.products.truth)
     return tuple(
-        {"product": job.digest, **asdict(person)} for person in measure_light(truth, image, scene, view, light)
+        MeasuredPerson(person.instance_id, {name: getattr(person, name) for name in names_from(Source.LIGHT)})
+        for person in measure_light(truth, image, scene, view, light)
     )

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
-from typing import Any
 
-from valerie.db import results
+from valerie.db import measured
 from valerie.db.engine import reading
+from valerie.db.measured import FrameScore, MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
-from valerie.metrics.scores import FrameScores
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
@@ -34,7 +32,7 @@ class EvaluateMaker:
         """See `valerie.pipeline.work.stages.Maker`."""
         started = time.process_time()
         if job.look is None:
-            raise InferenceError(f"product {job.digest} is no evaluation")
+            raise InferenceError(f"product {job.digest} is not an evaluation")
         run = self._runs.run(job.frame.key.run_id)
         resolved = run.resolved
         card = pinned_card(run.pins, resolved.spec.functions[job.look.function])
@@ -48,19 +46,20 @@ class EvaluateMaker:
             bytes=len(packed),
             pixels=int(prediction.size),
             cpu_seconds=time.process_time() - started,
-            score={"digest": job.digest, "confusion": packed, **_columns(scored.scores)},
-            person_scores=tuple(
-                {"digest": job.digest, "instance_id": person.instance_id, **person.columns} for person in scored.persons
+            score=FrameScore(
+                confusion=packed,
+                tp=scored.scores.counts.tp,
+                fn=scored.scores.counts.fn,
+                tn=scored.scores.counts.tn,
+                pacc=scored.scores.pacc,
+                measures=scored.scores.measures,
             ),
+            person_scores=tuple(MeasuredPerson(person.instance_id, person.measures) for person in scored.persons),
             person_views=self._views(job, truth) if capture.distorted else (),
         )
 
-    def _views(self, job: Job, truth: GroundTruth) -> tuple[dict[str, Any], ...]:
-        """Return the rows of the frame's own truth with everything in pixels measured again."""
+    def _views(self, job: Job, truth: GroundTruth) -> tuple[SeenPerson, ...]:
+        """Return the persons of the frame's own truth with everything in pixels measured again."""
         with reading(self._context.engine) as connection:
-            rows = [dict(row._mapping) for row in results.person_views(connection, job.frame.products.truth)]  # noqa: SLF001  # public
-        return tuple({**measured_again(row, truth), "truth": job.digest} for row in rows)
-
-
-def _columns(scores: FrameScores) -> dict[str, Any]:
-    return {**asdict(scores.counts), "pacc": scores.pacc, **scores.columns}
+            persons = measured.person_views(connection, job.frame.products.truth)
+        return tuple(measured_again(person, truth) for person in persons)

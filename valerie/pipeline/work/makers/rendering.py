@@ -5,17 +5,19 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
+from valerie.db.measured import MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job, Part
 from valerie.errors import TransientError
 from valerie.parameters.assignment import canonical_json
+from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.reading.person_views import no_person, view_row
+from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
-from valerie.pipeline.work.makers.annotations import annotate, light_rows
+from valerie.pipeline.work.makers.annotations import annotate, lit_persons
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
@@ -54,9 +56,9 @@ class RenderMaker:
         scene = apply(resolved.at(assignment, key.time), asset)
         resolution = resolved.spec.resolution
         view = View(resolved.cameras[key.camera], resolution.width, resolution.height)
-        views: tuple[dict[str, Any], ...] = ()
+        views: tuple[SeenPerson, ...] = ()
         part: Part | None = None
-        lights: tuple[dict[str, Any], ...] = ()
+        lights: tuple[MeasuredPerson, ...] = ()
         data = b""
         if job.kind is ProductKind.TRUTH:
             from valerie.rendering.visibility import measure
@@ -64,13 +66,12 @@ class RenderMaker:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             statics, layer = truth_pass.parts(scene, view)
             truth = layer.over(statics)
-            views = tuple(view_row(job.digest, person) for person in measure(truth, scene, view))
-            views = views or (no_person(job.digest),)
+            views = tuple(map(seen_person, measure(truth, scene, view))) or (NO_PERSON,)
             part = self._statics.stored(statics, again=job.attempts > 1)
             data = codecs.encode_truth_layer(layer, part.digest)
         elif job.kind is ProductKind.LIGHT:
             light = self._light_pass(run.pins.truth.numeric_class)
-            lights = light_rows(job, scene, view, reader=self._reader, light=light)
+            lights = lit_persons(job, scene, view, reader=self._reader, light=light)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
@@ -114,7 +115,7 @@ class RenderMaker:
         assert isinstance(engine, LightPass), "the engine of the truth pass knows what light arrives where"
         return engine
 
-    def _opened(self, name: str, settings: Mapping[str, Any], inputs: Mapping[str, Any]) -> Renderer:
+    def _opened(self, name: str, settings: Mapping[str, Value], inputs: Mapping[str, Value]) -> Renderer:
         """Return the engine with these settings, opened at its first use."""
         key = (name, canonical_json(inputs))
         if key not in self._engines:

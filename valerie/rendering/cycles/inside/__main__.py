@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads scenes from one pipe, renders them with Cycles, answers into another.
+"""Read requests from one pipe, render with Cycles, and answer over another.
 
-``python -m inside FOLDER``: FOLDER takes temporary pictures. Requests have a ``kind``: the name of a method of `studio.Studio`.
-Every request gets one answer; while Cycles renders, headers {"alive": true} come before it. End of the requests ends the
-program, and so does its parent's death.
+``python -m inside FOLDER``: FOLDER takes temporary images. The ``kind`` of a request names a method of `studio.Studio`. Every
+request gets one answer. While Cycles renders, headers {"alive": true} precede it. The program ends with the requests, or with
+its parent.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .studio import Studio
 
 
 def main(folder: str) -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until the pipe ends."""
     die_with_parent()
-    # Blender prints to standard output; the conversation goes over copies.
+    # Blender prints to standard output. Messages go over copies of the descriptors.
     requests, answers = os.dup(0), os.dup(1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
@@ -32,13 +32,13 @@ def main(folder: str) -> None:
     while (request := pipe.read()) is not None:
         header, arrays = request
         try:
-            answer, made = getattr(studio, header["kind"])(header, arrays)
+            answer, results = getattr(studio, header["kind"])(header, arrays)
         except Exception as error:
-            answer, made = {"error": f"{type(error).__name__}: {error}".strip()}, {}
+            answer, results = {"error": f"{type(error).__name__}: {error}".strip()}, {}
         now = time.process_time()
-        pipe.write({**answer, "cpu_seconds": now - cpu}, made)
+        pipe.write({**answer, "cpu_seconds": now - cpu}, results)
         cpu = now
-    # Blender's own end reports every block that it did not free, and takes its time.
+    # Blender's regular exit is slow and reports every memory block that it did not free.
     os._exit(0)
 
 

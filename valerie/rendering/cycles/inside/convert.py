@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns a .blend file into one binary glTF file.
+"""Convert a .blend file to one binary glTF file.
 
-``python -m inside.convert FILE.blend OUT.glb REPORT.json``. Nothing that the file brings is run: the file is opened
-with scripts off, so that neither its text blocks nor Python in its drivers are executed (arithmetic in drivers is, after
-Blender has found it harmless). Images from outside the file's own folder are left out. REPORT.json says what was left out.
+``python -m inside.convert FILE.blend OUT.glb REPORT.json``. The program opens the file with scripts off: Blender executes neither
+text blocks nor Python in drivers, only driver arithmetic that it considers safe. Images from outside the file's own folder are
+left out. REPORT.json lists what was left out.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ from .process import die_with_parent
 
 
 def convert(bpy: Any, source: str, target: str) -> list[str]:
-    """Open ``source``, write ``target``; what was left out, in words."""
+    """Convert ``source`` to ``target``, and return a sentence for each part that was left out."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
     bpy.ops.wm.open_mainfile(filepath=source, load_ui=False, use_scripts=False)
     notes = []
     if bpy.app.autoexec_fail:
         notes.append(
-            f"scripts of the file are not run ({bpy.app.autoexec_fail_message}): what they would place or shape stays as "
-            "it was saved, or at 0"
+            f"scripts of the file are not run ({bpy.app.autoexec_fail_message}): values that they would set are as saved, or 0"
         )
     notes += [f"linked file {library.filepath} belongs to it" for library in bpy.data.libraries]
     notes += drop_images(bpy, os.path.dirname(os.path.realpath(source)))  # noqa: PTH120
@@ -48,14 +47,14 @@ def convert(bpy: Any, source: str, target: str) -> list[str]:
 
 
 def drop_images(bpy: Any, folder: str) -> list[str]:
-    """Remove images that lie outside of a folder or are not there; what was removed, in words."""
+    """Remove images that lie outside a folder or are missing, and return a sentence for each."""
     notes = []
     for image in list(bpy.data.images):
         if image.source not in {"FILE", "TILED"} or image.packed_file is not None:
             continue
         path = os.path.realpath(bpy.path.abspath(image.filepath))
         if os.path.commonpath([path, folder]) != folder:
-            notes.append(f"image {image.name} is left out: {image.filepath} lies outside of the file's folder; pack it")
+            notes.append(f"image {image.name} is left out: {image.filepath} lies outside the file's folder; pack it")
         elif image.source == "FILE" and not os.path.isfile(path):  # noqa: PTH113
             notes.append(f"image {image.name} is left out: {image.filepath} is missing")
         else:
@@ -65,7 +64,7 @@ def drop_images(bpy: Any, folder: str) -> list[str]:
 
 
 def procedural_materials(bpy: Any) -> list[str]:
-    """Return a note for each material whose colour glTF cannot hold."""
+    """Return a sentence for each material whose colour glTF cannot represent."""
     notes = []
     for material in bpy.data.materials:
         if not material.users or not material.use_nodes or material.node_tree is None:
@@ -80,7 +79,7 @@ def procedural_materials(bpy: Any) -> list[str]:
 
 
 def main(source: str, target: str, report: str) -> None:
-    """Convert, and write {"version", "notes"} or {"error"}."""
+    """Convert a file, and write {"version", "notes"} or {"error"} to the report."""
     die_with_parent()
     import bpy
 
@@ -90,7 +89,7 @@ def main(source: str, target: str, report: str) -> None:
         result = {"error": f"{type(error).__name__}: {error}".strip()}
     with open(report, "w", encoding="utf-8") as file:  # noqa: PTH123
         json.dump(result, file)
-    # Blender's own end reports every block that it did not free, and may wait for ever.
+    # Blender's regular exit reports every memory block that it did not free, and may hang.
     os._exit(0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sun, sky and lamps, in the words of Blender's nodes."""
+"""Sun, sky and lamps as Blender's lights and shader nodes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .film import Film, float_image, write_floats
 from .nodes import Nodes
 from .placing import matrix_of
 
-#: Size of the panorama in which the sky is measured.
+#: Width and height of the panorama that measures the sky, pixels.
 _SKY_SIZE = (64, 32)
 
 
 class SkyMeter:
-    """Measures the brightness of Blender's sky."""
+    """Measures the luminance of Blender's sky."""
 
     def __init__(self, bpy: Any, film: Film) -> None:
         self._bpy = bpy
@@ -25,7 +25,7 @@ class SkyMeter:
         self._skies: dict[tuple[float, float], float] = {}
 
     def luminance(self, sky: dict[str, Any]) -> float:
-        """Return the luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""
+        """Return the luminance of a white Lambertian surface under Blender's sky at strength 1, measured in a panorama."""
         key = (sky["elevation"], sky["dust"])
         if key not in self._skies:
             bpy = self._bpy
@@ -46,7 +46,7 @@ class SkyMeter:
             scene.render.resolution_percentage = 100
             write_floats(scene)
             try:
-                radiance = self._film.picture(scene) @ np.array([0.2126, 0.7152, 0.0722])
+                radiance = self._film.image(scene) @ np.array([0.2126, 0.7152, 0.0722])
             finally:
                 for collection, thing in (
                     (bpy.data.scenes, scene),
@@ -75,11 +75,11 @@ class Light:
         self._world = World(scene.world)
 
     def show(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
-        """Light the scene with a sun, and with Blender's sky or that of a panorama."""
+        """Light the scene with the sun, and with Blender's sky or a panorama."""
         strength = max(light["sun"])
         lamp = self._sun.data
-        # Off is energy 0: a hidden lamp would come back in another place of Cycles' order, with other noise.
-        # A white Lambert surface that faces the lamp shows its energy divided by π.
+        # Energy 0 turns the sun off. A hidden lamp would return at another place in Cycles' order, with other noise.
+        # The radiance of a white Lambertian surface that faces the lamp is the energy divided by π.
         lamp.energy = math.pi * strength
         lamp.color = [value / strength for value in light["sun"]] if strength > 0 else (1.0, 1.0, 1.0)
         lamp.angle = light["angular_diameter"]
@@ -91,19 +91,19 @@ class Light:
                 sky, strength=sky["irradiance"] / self._meter.luminance(sky) if sky["irradiance"] > 0 else 0.0
             )
 
-    def lamps(self, wanted: list[dict[str, Any]]) -> None:
-        """Set the point and spot lights. If one differs, all are created anew, so that they have the order of the list."""
-        if wanted == self._lamps:
+    def lamps(self, entries: list[dict[str, Any]]) -> None:
+        """Set the point and spot lights. If any differs, create all of them again, so that they keep the order of the list."""
+        if entries == self._lamps:
             return
         data = self._data
         for index in range(len(self._lamps)):
             data.lights.remove(data.lights[f"lamp-{index}"])  # the object goes with its light
-        for index, lamp in enumerate(wanted):
+        for index, lamp in enumerate(entries):
             spot = lamp["outer"] <= 0.5 * math.pi
             light = data.lights.new(f"lamp-{index}", "SPOT" if spot else "POINT")
             light.energy, light.color, light.shadow_soft_size = lamp["energy"], lamp["color"], lamp["radius"]
             if spot:
-                # Blender fades from the rim inwards over a share of the cone.
+                # Blender's blend is the share of the cone over which the light fades, from the rim inwards.
                 light.spot_size = 2 * lamp["outer"]
                 light.spot_blend = 1 - math.tan(lamp["inner"] / 2) / math.tan(lamp["outer"] / 2)
             if lamp["beam"] is not None:
@@ -111,16 +111,16 @@ class Light:
             thing = data.objects.new(f"lamp-{index}", light)
             thing.matrix_world = matrix_of(_shining_from(-np.array(lamp["direction"]), lamp["position"]))
             self._collection.objects.link(thing)
-        self._lamps = wanted
+        self._lamps = entries
 
 
 class World:
-    """The sky above the horizon, one colour below it."""
+    """A sky above the horizon and a uniform colour below it."""
 
     def __init__(self, world: Any) -> None:
         world.use_nodes = True
         nodes = self._nodes = Nodes(world.node_tree)
-        self._picture = nodes.add("ShaderNodeTexEnvironment")
+        self._panorama = nodes.add("ShaderNodeTexEnvironment")
         self._sky = nodes.add("ShaderNodeTexSky")
         self._sky.sky_type, self._sky.sun_disc = "NISHITA", False
         self._above = nodes.add("ShaderNodeBackground")
@@ -133,7 +133,7 @@ class World:
         nodes.link(surface, nodes.add("ShaderNodeOutputWorld").inputs["Surface"])
 
     def show(self, sky: dict[str, Any], strength: float) -> None:
-        """Show Blender's sky of a sun ``rotation`` radians clockwise from +y, times ``strength``."""
+        """Show Blender's sky times ``strength``; the sun stands ``rotation`` radians clockwise from +y."""
         self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
         self._sky.dust_density = sky["dust"]
         self._nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
@@ -141,18 +141,18 @@ class World:
         self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
 
     def show_panorama(self, data: Any, sky: dict[str, Any], panorama: Any) -> None:
-        """Show the sky of an equirectangular image, (H, W, 3), first row straight up."""
-        old, image = self._picture.image, float_image(data, "sky", panorama)
-        self._picture.image = image
+        """Show the sky of an equirectangular image, (H, W, 3), zenith in the first row."""
+        old, image = self._panorama.image, float_image(data, "sky", panorama)
+        self._panorama.image = image
         if old is not None:
             data.images.remove(old)
-        self._nodes.link(self._picture.outputs["Color"], self._above.inputs["Color"])
+        self._nodes.link(self._panorama.outputs["Color"], self._above.inputs["Color"])
         self._above.inputs["Strength"].default_value = 1.0
         self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
 
 
 def _shining_from(toward: Any, position: Any) -> Any:
-    """Return (4, 4) pose of a lamp at a position, which shines along its own −z, away from ``toward``."""
+    """Return the pose, (4, 4), of a lamp that shines along its own −z, away from ``toward``."""
     toward = np.array(toward)
     side = np.cross((0.0, 1.0, 0.0) if abs(toward[2]) > 0.9 else (0.0, 0.0, 1.0), toward)
     side /= np.linalg.norm(side)
@@ -163,24 +163,24 @@ def _shining_from(toward: Any, position: Any) -> Any:
 
 
 def _fill_dipped(light: Any, lamp: dict[str, Any]) -> None:
-    """Give a spot light the emission of a dipped beam: `valerie.rendering.beams` has the formula."""
+    """Give a spot light the emission of a dipped beam (formula in `valerie.rendering.beams`)."""
     light.use_nodes = True
     nodes, beam = Nodes(light.node_tree), lamp["beam"]
-    # From the lamp to what it lights, in the world.
-    way = nodes.add("ShaderNodeNewGeometry").outputs["Incoming"]
-    ahead = nodes.dot(way, lamp["direction"])
-    across = nodes.math("DIVIDE", nodes.dot(way, np.cross(lamp["direction"], lamp["up"]).tolist()), ahead)
-    up = nodes.math("DIVIDE", nodes.dot(way, lamp["up"]), ahead)
+    # The direction from the lamp to the lit point, in the world.
+    ray = nodes.add("ShaderNodeNewGeometry").outputs["Incoming"]
+    ahead = nodes.dot(ray, lamp["direction"])
+    across = nodes.math("DIVIDE", nodes.dot(ray, np.cross(lamp["direction"], lamp["up"]).tolist()), ahead)
+    up = nodes.math("DIVIDE", nodes.dot(ray, lamp["up"]), ahead)
     cut_off = nodes.math("MULTIPLY", nodes.math("MAXIMUM", across, 0.0), beam["rise"])
     below = nodes.smoothstep(0.0, beam["edge"], nodes.math("SUBTRACT", cut_off, up))
     cut = nodes.math("MULTIPLY_ADD", below, 1.0 - beam["stray"], beam["stray"])
 
-    def fall(tangent: Any, spread: float) -> Any:
+    def falloff(tangent: Any, spread: float) -> Any:
         off = nodes.math("MULTIPLY", tangent, 1.0 / spread)
         return nodes.math("MULTIPLY_ADD", off, off, 1.0)
 
     off_axis = nodes.math(
-        "POWER", nodes.math("MULTIPLY", fall(across, beam["spread"][0]), fall(up, beam["spread"][1])), 2.0
+        "POWER", nodes.math("MULTIPLY", falloff(across, beam["spread"][0]), falloff(up, beam["spread"][1])), 2.0
     )
     emission = nodes.add("ShaderNodeEmission")
     nodes.link(nodes.math("DIVIDE", cut, off_axis), emission.inputs["Strength"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces, in the words of Blender's nodes."""
+"""Surfaces as Blender's shader nodes."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from .nodes import Nodes
 
 
 class Materials:
-    """Blender's materials, their textures, and what air and water do to all of them."""
+    """Blender's materials and textures, with the air and the water that all materials share."""
 
     def __init__(self, data: Any) -> None:
         self._data = data
-        self._made: dict[str, Any] = {}
+        self._materials: dict[str, Any] = {}
         self._textures: dict[str, Any] = {}
         self._air: Any = _air_group(data)
         self._water: Any = _water_group(data)
 
     def __getitem__(self, key: str) -> Any:
-        return self._made[key]
+        return self._materials[key]
 
     def forget(self, materials: list[str], textures: list[str]) -> None:
-        """Remove what nothing uses any more."""
+        """Remove materials and textures by key."""
         for key in materials:
-            self._data.materials.remove(self._made.pop(key))
+            self._data.materials.remove(self._materials.pop(key))
         for key in textures:
             self._data.images.remove(self._textures.pop(key))
 
@@ -37,7 +37,7 @@ class Materials:
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
 
     def texture(self, header: dict[str, Any], pixels: Any) -> None:
-        """Add a texture, (H, W, 3 or 4) uint8; ``color`` in the header: sRGB colour, else data."""
+        """Add a texture, (H, W, 3 or 4) uint8. With ``color`` in the header its values are sRGB, otherwise linear data."""
         height, width, channels = pixels.shape
         image = self._data.images.new(header["key"], width, height, alpha=channels == 4)
         image.colorspace_settings.name = "sRGB" if header["color"] else "Non-Color"
@@ -53,7 +53,7 @@ class Materials:
         material = self._data.materials.new(header["key"])
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
-        # The haze before a surface is an emission too, but no lamp.
+        # The haze in front of a surface is an emission too, but no light source to sample.
         material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) and not header["lens"] else "NONE"
         nodes = Nodes(material.node_tree)
         principled = nodes.add("ShaderNodeBsdfPrincipled")
@@ -74,15 +74,15 @@ class Materials:
             for name, channel in (("metallic", "Blue"), ("roughness", "Green")):
                 factor = nodes.math("MULTIPLY", channels.outputs[channel], header[name])
                 nodes.link(factor, principled.inputs[name.capitalize()])
-        # 1 stands for a reflectance of 4 %, which is half of the socket's range (index of refraction 1.5).
+        # A specular of 1 is a reflectance of 4 % (index of refraction 1.5), which is half of the socket's range.
         principled.inputs["Specular IOR Level"].default_value = 0.5 * header["specular"]
         nodes.link(nodes.tinted(base, header["specular_tint"]), principled.inputs["Specular Tint"])
         principled.inputs["Emission Color"].default_value = (*header["emissive"], 1.0)
         principled.inputs["Emission Strength"].default_value = 1.0 if any(header["emissive"]) else 0.0
         if header["lens"]:
-            # A lamp stands in front of it and gives the light: the glow is only looked at.
-            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
-            nodes.link(seen, principled.inputs["Emission Strength"])
+            # The lamp in front of the lens gives the light. Only the camera sees the glow.
+            camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            nodes.link(camera_ray, principled.inputs["Emission Strength"])
         if header["normal_texture"] is not None:
             image = nodes.add("ShaderNodeTexImage")
             image.image = self._textures[header["normal_texture"]]
@@ -116,39 +116,41 @@ class Materials:
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
         if header["transmission"]:
-            # Surfaces behind a pane have haze of their own, over the whole distance.
+            # Surfaces behind the pane bring their own haze, over the whole distance.
             pane = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
         if not header["double_sided"]:
-            # Back faces are not there for the camera; light meets them, as a closed body's inside never sees any.
-            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
-            hidden = nodes.math("MULTIPLY", nodes.add("ShaderNodeNewGeometry").outputs["Backfacing"], seen)
+            # The camera does not see back faces, but they block light: the inside of a closed body is dark.
+            camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            hidden = nodes.math("MULTIPLY", nodes.add("ShaderNodeNewGeometry").outputs["Backfacing"], camera_ray)
             surface = nodes.mixed(hidden, surface, nodes.add("ShaderNodeBsdfTransparent").outputs["BSDF"])
         nodes.link(surface, nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
-        self._made[header["key"]] = material
+        self._materials[header["key"]] = material
 
 
 def _air_group(data: Any) -> Any:
-    """Fade a surface into the haze between it and the camera: exp(−extinction · distance)."""
+    """Return the node group that fades a surface into the haze before it: transmittance exp(−extinction · distance)."""
     group = data.node_groups.new("air", "ShaderNodeTree")
     group.interface.new_socket("surface", in_out="INPUT", socket_type="NodeSocketShader")
     group.interface.new_socket("surface", in_out="OUTPUT", socket_type="NodeSocketShader")
     nodes = Nodes(group)
-    given, result = nodes.add("NodeGroupInput"), nodes.add("NodeGroupOutput")
+    source, result = nodes.add("NodeGroupInput"), nodes.add("NodeGroupOutput")
     extinction = nodes.add("ShaderNodeValue", "extinction")
     haze = nodes.add("ShaderNodeEmission", "haze")
     distance = nodes.add("ShaderNodeCameraData").outputs["View Distance"]
     clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", distance, extinction.outputs[0]))
     hidden = nodes.math("SUBTRACT", 1.0, clear)
-    seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
-    nodes.link(nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0])
+    camera_ray = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+    share = nodes.math("MULTIPLY", hidden, camera_ray)
+    nodes.link(nodes.mixed(share, source.outputs[0], haze.outputs[0]), result.inputs[0])
     return group
 
 
 def _water_group(data: Any) -> Any:
-    """Water on what faces up, as in the raster engine: full pores darken (Lekner and Dorf 1988,
-    doi:10.1364/AO.27.001278), the film is smooth, fills the relief and reflects as water does, and stands in puddles and
-    patches a metre or two wide.
+    """Return the node group of water on surfaces that face up, as in the raster engine.
+
+    Pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278). The film is smooth, fills the relief
+    and reflects like water. It lies in puddles and patches a metre or two wide.
     """
     group = data.node_groups.new("water", "ShaderNodeTree")
     sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
@@ -157,7 +159,7 @@ def _water_group(data: Any) -> Any:
     for name, kind in {**sockets, "Relief": "Float"}.items():
         group.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
     nodes = Nodes(group)
-    given, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
+    source, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
     geometry = nodes.add("ShaderNodeNewGeometry").outputs
     up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
     nodes.link(geometry["Normal"], up.inputs[0])
@@ -168,16 +170,16 @@ def _water_group(data: Any) -> Any:
         bent = nodes.math("MULTIPLY", nodes.math("SINE", nodes.math("MULTIPLY", across, across_rate)), 2.0)
         return nodes.math("SINE", nodes.math("MULTIPLY_ADD", along, along_rate, bent))
 
-    dry = nodes.math("SUBTRACT", 1.0, given["Metallic"])
+    dry = nodes.math("SUBTRACT", 1.0, source["Metallic"])
     wetness = nodes.add("ShaderNodeValue", "wetness").outputs[0]
     film = nodes.math("MULTIPLY", nodes.math("MULTIPLY", wetness, nodes.smoothstep(0.7, 0.95, up.outputs["Z"])), dry)
-    pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, given["Roughness"]))
+    pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, source["Roughness"]))
     patch = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", wave(x, 1.9, y, 1.3), wave(y, 0.9, x, 0.7)), 0.5, 0.5)
-    nodes.link(nodes.scaled(given["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
-    smooth = nodes.between(given["Roughness"], nodes.between(0.32, 0.07, patch), film)
+    nodes.link(nodes.scaled(source["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
+    smooth = nodes.between(source["Roughness"], nodes.between(0.32, 0.07, patch), film)
     nodes.link(smooth, result["Roughness"])
     # Half of the socket's range is a reflectance of 4 %.
-    shining = nodes.math("MAXIMUM", given["Specular IOR Level"], 0.5 * 0.55)
-    nodes.link(nodes.between(given["Specular IOR Level"], shining, film), result["Specular IOR Level"])
+    shining = nodes.math("MAXIMUM", source["Specular IOR Level"], 0.5 * 0.55)
+    nodes.link(nodes.between(source["Specular IOR Level"], shining, film), result["Specular IOR Level"])
     nodes.link(nodes.between(1.0, 0.15, film), result["Relief"])
     return group

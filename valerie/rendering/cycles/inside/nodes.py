@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node trees of shaders."""
+"""Shader node trees."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Nodes:
-    """A node tree that is built from empty."""
+    """A node tree, emptied first."""
 
     def __init__(self, tree: Any) -> None:
         self._tree = tree
@@ -28,7 +28,7 @@ class Nodes:
         return node.outputs[0]
 
     def feed_alike(self, target: Any, other: Any) -> None:
-        """Give an input what another one has: its link, or its value."""
+        """Copy the link or the value of another input to an input."""
         if other.is_linked:
             self.link(other.links[0].from_socket, target)
         else:
@@ -40,7 +40,7 @@ class Nodes:
         return self._vector("MULTIPLY", output, rgb)
 
     def tinted(self, base: Any, share: float) -> Any:
-        """White for 0, the hue of ``base`` at luminance 1 for 1."""
+        """Return a tint: white for a share of 0, the hue of ``base`` at luminance 1 for a share of 1."""
         if share <= 0:
             return self.color((1.0, 1.0, 1.0))
         gray = self.add("ShaderNodeRGBToBW")
@@ -49,18 +49,18 @@ class Nodes:
         return self._vector("MULTIPLY_ADD", hue, (share,) * 3, (1 - share,) * 3)
 
     def smoothstep(self, low: float, high: float, value: Any) -> Any:
-        """0 below ``low``, 1 above ``high``, smooth between."""
+        """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
         node = self.add("ShaderNodeMapRange")
         node.interpolation_type = "SMOOTHSTEP"
         self._feed(node, (value, low, high, 0.0, 1.0))
         return node.outputs[0]
 
     def between(self, first: Any, second: Any, share: Any) -> Any:
-        """``first`` (1 − share) + ``second`` share."""
+        """Return the linear blend ``first`` · (1 − share) + ``second`` · share."""
         return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
 
     def scaled(self, vector: Any, factor: Any) -> Any:
-        """Return a vector or colour times a number."""
+        """Return a vector or a colour times a number."""
         node = self.add("ShaderNodeVectorMath")
         node.operation = "SCALE"
         self.link(vector, node.inputs[0])
@@ -68,7 +68,7 @@ class Nodes:
         return node.outputs[0]
 
     def mixed(self, share: Any, first: Any, second: Any) -> Any:
-        """Return the first shader, with a share (a number or an output) of the second."""
+        """Return a mix of two shaders; ``share``, a number or an output, is the second's."""
         mix = self.add("ShaderNodeMixShader")
         if isinstance(share, float):
             mix.inputs[0].default_value = share
@@ -79,7 +79,7 @@ class Nodes:
         return mix.outputs[0]
 
     def math(self, operation: str, *operands: Any) -> Any:
-        """Return a number from outputs and numbers."""
+        """Return the result of a mathematical operation on outputs and numbers."""
         node = self.add("ShaderNodeMath")
         node.operation = operation
         self._feed(node, operands)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages: a header in JSON, after its length (4 bytes, little-endian), and then the bytes of the arrays that the header lists
-under ``arrays``: {"name", "dtype", "shape"}.
+"""Messages over a pipe.
+
+A message is the length of its header (4 bytes, little-endian), the header in JSON, and the bytes of the arrays that the header
+lists under ``arrays``: {"name", "dtype", "shape"}.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ _HEADER = struct.Struct("<I")
 
 
 class Pipe:
-    """One end of the conversation."""
+    """This program's end of the two pipes."""
 
     def __init__(self, requests: int, answers: int) -> None:
         self._requests = os.fdopen(requests, "rb", buffering=1 << 20)
@@ -26,7 +28,7 @@ class Pipe:
         self._signed = 0.0
 
     def read(self) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Read a request and return (header, arrays), or None at the end."""
+        """Read a request, and return its header and arrays, or None at the end of the pipe."""
         length = self._requests.read(_HEADER.size)
         if len(length) < _HEADER.size:
             return None
@@ -39,7 +41,7 @@ class Pipe:
         return header, arrays
 
     def write(self, header: dict[str, Any], arrays: dict[str, Any] | None = None) -> None:
-        """Send one answer."""
+        """Write an answer."""
         arrays = {name: np.ascontiguousarray(array) for name, array in (arrays or {}).items()}
         entries = [{"name": n, "dtype": a.dtype.str, "shape": list(a.shape)} for n, a in arrays.items()]
         text = json.dumps({**header, "arrays": entries}).encode()
@@ -49,7 +51,7 @@ class Pipe:
         self._answers.flush()
 
     def alive(self, *_: Any) -> None:
-        """Send a sign of life, at most two per second."""
+        """Write a sign of life, at most two per second."""
         if time.monotonic() - self._signed > 0.5:
             self._signed = time.monotonic()
             self.write({"alive": True})

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def matrix_of(pose: Any) -> Any:
-    """Blender's matrix of a (4, 4) array."""
+    """Return a (4, 4) array as Blender's matrix."""
     from mathutils import Matrix
 
     return Matrix(pose.tolist())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Duties of both programs towards the process that started them."""
+"""The tie between both programs and the process that started them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The requests that the engine may send to Blender.
+"""The requests that Blender answers.
 
-Frames and units are those of the scene that is sent: world in metres, z up; a camera looks along −z; radiances are in
-the unit of the picture that comes back (linear Rec. 709, float32, first row at the top).
+Coordinate frames and units are those of VALERIE: world in metres, z up; a camera looks along −z; radiances are in the unit of the
+returned image (linear Rec. 709, float32, first row at the top).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from .materials import Materials
 from .pipe import Pipe
 from .placing import matrix_of
 
-#: Devices in the order in which "auto" takes them.
+#: Devices in the order of preference of "auto".
 _DEVICES = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
 
 
 class Studio:
-    """Blender with one scene, which follows what is asked for; only what differs is changed."""
+    """Blender with one scene. A request changes only what differs from the last one."""
 
     def __init__(self, bpy: Any, folder: str, pipe: Pipe) -> None:
         self._bpy = bpy
@@ -36,12 +36,12 @@ class Studio:
     def hello(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Choose the device and report it."""
         self._threads = int(header["threads"])
-        wanted = str(header["device"]).upper()
+        choice = str(header["device"]).upper()
         preferences = self._bpy.context.preferences.addons["cycles"].preferences
         names: list[str] = []
-        if wanted != "CPU":
+        if choice != "CPU":
             offered = {entry[0] for entry in preferences.get_device_types(self._bpy.context)}
-            for kind in _DEVICES if wanted == "AUTO" else (wanted,):
+            for kind in _DEVICES if choice == "AUTO" else (choice,):
                 if kind not in offered:
                     continue
                 devices = [d for d in preferences.get_devices_for_type(kind) or () if d.type == kind]
@@ -56,15 +56,15 @@ class Studio:
         return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
 
     def reset(self, _: dict[str, Any], __: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Forget everything that was sent and everything that Cycles keeps."""
+        """Clear the scene and Cycles' persistent data."""
         self._clear()
         return {}, {}
 
     def forget(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Remove meshes, materials and textures, and what the last picture made of them."""
+        """Remove meshes, materials and textures, and the objects that use them."""
         data = self._bpy.data
-        gone = {*header["meshes"], *header["materials"]}
-        for name in [name for name, (_, state) in self._objects.items() if gone & {state[0], state[1]}]:
+        removed = {*header["meshes"], *header["materials"]}
+        for name in [name for name, (_, state) in self._objects.items() if removed & {state[0], state[1]}]:
             data.objects.remove(self._objects.pop(name)[0])
         for key in header["meshes"]:
             data.meshes.remove(self._meshes.pop(key))
@@ -72,7 +72,7 @@ class Studio:
         return {}, {}
 
     def mesh(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v downwards), faces (F, 3)."""
+        """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v points down), faces (F, 3)."""
         faces = arrays["faces"].astype(np.int32)
         mesh = self._bpy.data.meshes.new(header["key"])
         mesh.vertices.add(len(arrays["positions"]))
@@ -92,7 +92,7 @@ class Studio:
         return {}, {}
 
     def texture(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Add a texture: an ``image``, (H, W, 3 or 4) uint8; ``color`` in the header: sRGB colour, else data."""
+        """Add a texture: an ``image``, (H, W, 3 or 4) uint8; with ``color`` in the header its values are sRGB, else linear."""
         self._materials.texture(header, arrays["image"])
         return {}, {}
 
@@ -104,7 +104,7 @@ class Studio:
     def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Render the border (x, y, w, h) and return its image, (h, w, 3) float32.
 
-        With ``guides``, return the inputs of a denoiser instead; with ``index``, the object index pass, (h, w).
+        With ``guides``, return the inputs of the denoiser instead; with ``index``, the object index pass, (h, w).
         """
         self._settings(header["settings"], header["size"], header["border"])
         self._camera_at(header["camera"])
@@ -115,7 +115,7 @@ class Studio:
             return {}, {"index": self._film.index(self._scene)}
         if header.get("guides"):
             return {}, self._film.guided(self._scene)
-        return {}, {"pixels": self._film.picture(self._scene)}
+        return {}, {"pixels": self._film.image(self._scene)}
 
     def denoise(self, _: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
@@ -128,7 +128,7 @@ class Studio:
         self._meshes: dict[str, Any] = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
         self._materials = Materials(bpy.data)
-        self._shown: object = None
+        self._lighting: object = None
         scene = self._scene = bpy.context.scene
         scene.render.engine = "CYCLES"
         scene.render.use_persistent_data = True
@@ -149,8 +149,8 @@ class Studio:
         render.use_border = render.use_crop_to_border = border is not None
         if border is not None:
             x, y, w, h = border
-            # Blender and Cycles each cut these to whole pixels, in single precision: an edge that lies on a pixel's may come out
-            # a pixel lower, and not in both. A little inside the pixel it is the same for both; rays are not moved by it.
+            # Blender and Cycles each round these to whole pixels in single precision. On a pixel's edge, one of them may round to
+            # the pixel below. A point inside the pixel is the same for both, and does not move any ray.
             inside, bottom = 0.25, height - (y + h)
             render.border_min_x, render.border_max_x = (x + inside) / width, min((x + w + inside) / width, 1.0)
             render.border_min_y, render.border_max_y = (
@@ -183,28 +183,28 @@ class Studio:
         data.clip_start, data.clip_end = camera["near"], camera["far"]
         self._camera.matrix_world = matrix_of(np.array(camera["matrix"]).reshape(4, 4))
 
-    def _objects_at(self, wanted: list[dict[str, Any]], matrices: Any) -> None:
+    def _objects_at(self, entries: list[dict[str, Any]], matrices: Any) -> None:
         data = self._bpy.data
-        # Noise depends on the order of things. What is not in its place is removed and comes again in the order of a new scene.
-        names = [entry["name"] for entry in wanted]
-        kept = 0
-        for name, there in zip(names, self._objects, strict=False):
-            if name != there:
+        # Noise depends on the order of the objects. From the first difference on, remove them and add them as in a new scene.
+        names = [entry["name"] for entry in entries]
+        unchanged = 0
+        for name, present in zip(names, self._objects, strict=False):
+            if name != present:
                 break
-            kept += 1
-        for name in list(self._objects)[kept:]:
+            unchanged += 1
+        for name in list(self._objects)[unchanged:]:
             data.objects.remove(self._objects.pop(name)[0])
-        for entry, matrix in zip(wanted, matrices, strict=True):
+        for entry, matrix in zip(entries, matrices, strict=True):
             name = entry["name"]
             state = (entry["mesh"], entry["material"], entry["index"], matrix.tobytes())
-            thing, known = self._objects.get(name, (None, ()))
-            if known == state:
+            thing, current = self._objects.get(name, (None, ()))
+            if current == state:
                 continue
             mesh = self._meshes[entry["mesh"]]
             if thing is None:
                 thing = data.objects.new(name, mesh)
                 self._scene.collection.objects.link(thing)
-            elif known[0] != entry["mesh"]:
+            elif current[0] != entry["mesh"]:
                 thing.data = mesh
             slot = thing.material_slots[0]
             slot.link = "OBJECT"
@@ -214,8 +214,8 @@ class Studio:
             self._objects[name] = (thing, state)
 
     def _light_at(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
-        wanted = (light, sky, None if panorama is None else panorama.tobytes())
-        if self._shown != wanted:
+        state = (light, sky, None if panorama is None else panorama.tobytes())
+        if self._lighting != state:
             self._light.show(light, sky, panorama)
             self._materials.show(light)
-            self._shown = wanted
+            self._lighting = state

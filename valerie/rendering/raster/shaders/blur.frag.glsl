@@ -1,4 +1,4 @@
-// Mean of the 4 × 4 pixels around, of those that lie on the same surface.
+// Mean of those of the 4 × 4 pixels around that lie on the same surface.
 #include "sample.glsl"
 uniform sampler2D noisy;
 layout(location = 0) out float out_open;

@@ -1,4 +1,4 @@
-// The static G-buffer into the one that movables are drawn on.
+// Copies the G-buffer of the statics into the one on which movables are drawn.
 uniform sampler2D from_albedo;
 uniform sampler2D from_normals;
 uniform usampler2D from_material;

@@ -1,4 +1,4 @@
-// Depth that keeps samples of plain pixels from being lit one by one: nothing passes where it is 0.
+// Depth that masks the samples of plain pixels: nothing passes the depth test where it is 0.
 uniform sampler2D plain_albedo;
 
 void main() {

@@ -1,5 +1,6 @@
-// Position at another moment of the surface point under a pixel centre: pixels from the left and the top; its present depth along
-// the optical axis; and its label and instance, negative if the object is absent or the point not in front of the camera then.
+// Optical flow of the surface point at a pixel centre: its position in the image at another moment, pixels from the left and the
+// top; its present depth along the optical axis; and its label and instance, negative if the object is absent then or the point
+// is not in front of the camera.
 #include "surface.glsl"
 in vec3 elsewhere;
 uniform mat4 clip_from_elsewhere;
@@ -9,7 +10,7 @@ layout(location = 0) out vec4 out_flow;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec4 clip = clip_from_elsewhere * vec4(elsewhere, 1.0);
     bool known = is_elsewhere && clip.w > 0.0;

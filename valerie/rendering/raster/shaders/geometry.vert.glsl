@@ -1,10 +1,10 @@
-// Vertices to clip space. Statics come in world space with their ids; movables with a world matrix and ids of their own.
-// The image's G-buffer, the shadow maps and the truth pass all use this shader, so labels are aligned with the image.
+// Transforms vertices to clip space. Statics are in world space with ids per vertex; a movable has a world matrix and uniform
+// ids. The image's G-buffer, the shadow maps and the truth pass all use this shader, so that labels align with the image.
 in vec3 in_position;
 in vec3 in_normal;
 in vec2 in_uv;
 #ifdef ELSEWHERE
-// Position of the same vertex at another moment, in the object's own coordinates then.
+// Position of the same vertex at another moment, in the object's coordinates at that moment.
 in vec3 in_elsewhere;
 out vec3 elsewhere;
 #endif

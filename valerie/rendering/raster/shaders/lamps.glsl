@@ -1,13 +1,13 @@
-// Light of lamps: inverse squares within cones, windowed to end at a lamp's reach, with shadow maps for some of them.
+// Light of lamps: inverse square falloff within a cone, windowed to end at the lamp's reach, with shadow maps for some lamps.
 uniform sampler2D lamp_table;       // rows: see LampLight.table
 uniform int lamp_count;
-uniform sampler2D static_lamps;     // LAMP_ACROSS × … tiles of LAMP_MAP texels a side
+uniform sampler2D static_lamps;     // statics seen from static lamps: tiles of LAMP_MAP² texels, LAMP_ACROSS per row
 #ifdef MOVING_LAMPS
-uniform sampler2D moving_lamps;     // as lamps of movables see the statics: the tiles from LAMP_TILES on
+uniform sampler2D moving_lamps;     // statics seen from lamps on movables: the tiles from LAMP_TILES on
 const int STILL_TEXELS = LAMP_TILES / LAMP_ACROSS * LAMP_MAP;
 #endif
 #ifdef MOVABLES
-uniform sampler2D movable_lamps;    // all tiles
+uniform sampler2D movable_lamps;    // movables seen from both: all tiles
 #endif
 uniform mat4 lamp_clip[LAMP_TILES + MOVING_TILES];
 const int LAMP_TAPS = 6;
@@ -16,22 +16,22 @@ const int LAMP_TAPS = 6;
 uniform vec2 dipped_spread;
 uniform vec3 dipped_cut_off;        // rise, edge, stray
 
-// Share of a dipped beam's light that goes away from the lamp; see beams.py.
+// Share of a dipped beam's intensity in the direction ``away`` from the lamp; see beams.py.
 float dipped(vec3 away, vec3 axis, vec3 up) {
     vec2 tangents = vec2(dot(away, cross(axis, up)), dot(away, up)) / max(dot(away, axis), 1e-3);
     float below = dipped_cut_off.x * max(tangents.x, 0.0) - tangents.y;
     float cut = mix(dipped_cut_off.z, 1.0, smoothstep(0.0, dipped_cut_off.y, below));
     vec2 off = tangents / dipped_spread;
-    vec2 fall = 1.0 + off * off;
-    float both = fall.x * fall.y;
+    vec2 falloff = 1.0 + off * off;
+    float both = falloff.x * falloff.y;
     return cut / (both * both);
 }
 #endif
 
-// Share of a lamp's light that reaches a place. No taps where none is wanted: see shadow.glsl.
-float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
+// Share of a lamp's light that reaches a place. Places outside the map take no taps, see shadow.glsl.
+float lamp_visibility(vec3 p, vec3 face, int tile, float texel, float turn) {
     vec4 at = lamp_clip[max(tile, 0)] * vec4(p, 1.0);
-    // A texel's width along the normal keeps a surface from shadowing itself.
+    // An offset of two texels along the normal prevents self-shadowing.
     at = lamp_clip[max(tile, 0)] * vec4(p + face * (0.01 + 2.0 * texel * at.w), 1.0);
     vec3 ndc = at.xyz / max(at.w, 1e-3);
     bool inside = tile >= 0 && at.w > 0.0 && all(lessThan(abs(ndc), vec3(1.0)));
@@ -60,7 +60,7 @@ float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
     return 1.0 - hidden / float(LAMP_TAPS);
 }
 
-// Radiance by all lamps: diffuse, through thin sheets, and the highlight of the same microfacets as the sun's.
+// Radiance by all lamps: diffuse reflection, transmission of thin sheets, and highlights with the sun's microfacet model.
 vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0, float roughness, float translucency) {
     vec3 sum = vec3(0.0);
     float facing = max(dot(normal, view), 1e-3);
@@ -80,12 +80,12 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
         for (int i = 0; i < turns; ++i) {
             vec4 strength = texelFetch(lamp_table, ivec2(2, k), 0), shadow = texelFetch(lamp_table, ivec2(3, k), 0);
             float spot = min(along * strength.w, 1.0), ends = 1.0 - window * window;
-            float seen = lamp_seen(p, face, int(shadow.x), shadow.y, turn);
+            float visibility = lamp_visibility(p, face, int(shadow.x), shadow.y, turn);
 #ifdef DIPPED
             vec4 up = texelFetch(lamp_table, ivec2(4, k), 0);
             spot *= up.w > 0.0 ? sqrt(dipped(-l, axis.xyz, up.xyz)) : 1.0;
 #endif
-            vec3 light = strength.rgb * (spot * spot * ends * ends * seen / max(squared, 0.01));
+            vec3 light = strength.rgb * (spot * spot * ends * ends * visibility / max(squared, 0.01));
             vec3 h = normalize(view + l);
             float nh = max(dot(normal, h), 0.0), lobe = nh * nh * (alpha * alpha - 1.0) + 1.0;
             float v = 0.5 / mix(2.0 * max(cosine, 0.0) * facing, max(cosine, 0.0) + facing, alpha);

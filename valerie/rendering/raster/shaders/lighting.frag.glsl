@@ -1,11 +1,11 @@
-// Radiance of every sample: sun with soft shadows, sky light with occlusion, sky reflections, air light.
-// Unit: π × radiance, so that a white Lambert surface facing a sun of irradiance 1 shows 1 (sky.py).
+// Radiance of every sample: sun with soft shadows, sky light with ambient occlusion, reflections of the sky, haze.
+// Unit: EXPOSURE × π × radiance (sky.py).
 #include "disc.glsl"
 #include "octahedron.glsl"
 #include "roughness.glsl"
 #include "sample.glsl"
 #include "shadow.glsl"
-// The G-buffer per sample, or per plain pixel (plain.frag).
+// G-buffer of the samples, or of plain pixels (plain.frag).
 uniform sampler2D albedo_map;
 uniform sampler2D normals_map;
 uniform usampler2D material_map;
@@ -20,14 +20,14 @@ uniform sampler2D skylight_blue;
 uniform sampler2D skylight_zonal;
 uniform usampler2D openness_first;  // see openness.frag
 uniform usampler2D openness_second;
-uniform usampler2D nearest_directions;  // of those, and how much each counts: shadows.py
+uniform usampler2D nearest_directions;  // the nearest of the sky's directions, and their weights: shadows.py
 uniform sampler2D direction_shares;
-uniform sampler2D hiding;           // radiance of what hides the sky in each of them
+uniform sampler2D hiding;           // radiance of the surfaces that hide the sky in each direction
 uniform sampler2D occlusion_map;
 uniform sampler2D static_shadow;
 uniform vec3 static_origin;
 uniform vec3 static_extent;
-uniform sampler2D static_casters;   // least and largest depth of the static shadow map around each of its blocks
+uniform sampler2D static_casters;   // least and largest depth around each block of the static shadow map
 #ifdef MOVABLES
 uniform sampler2D movable_shadow;
 uniform vec3 movable_origin;
@@ -37,14 +37,14 @@ uniform vec3 toward_sun;
 uniform vec3 sun;
 uniform vec3 haze;
 uniform vec3 ground;
-uniform vec3 below;                 // radiance of the ground of the street
+uniform vec3 below;                 // radiance of the street's ground
 uniform vec3 extinction;            // per metre
-uniform float sun_angle;            // radians, half the disc
-uniform float shadow_distance;      // metres along the optical axis; shadows fade out before
+uniform float sun_angle;            // angular radius of the disc, radians
+uniform float shadow_distance;      // metres along the optical axis; shadows fade out before it
 #ifdef RAIN
-uniform float wetness;              // 0 dry … 1 wet, of what faces up
-uniform float drops;                // share of the image that streaks cross
-uniform int pixel_height;           // of the image
+uniform float wetness;              // of surfaces that face up, 0 dry … 1 wet
+uniform float drops;                // share of the image that rain streaks cross
+uniform int pixel_height;           // height of the image, pixels
 #endif
 #ifndef RECEIVED
 layout(location = 0) out vec4 out_radiance;
@@ -53,7 +53,7 @@ layout(location = 0) out vec4 out_radiance;
 #include "lamps.glsl"
 #endif
 
-// Brightest value that is stored; the disc of the sun is far above what any sensor holds.
+// Brightest stored value. The sun's disc is far beyond the range of any sensor.
 const float BRIGHTEST = 24.0;
 
 vec3 sky(vec3 d) {
@@ -61,7 +61,7 @@ vec3 sky(vec3 d) {
     vec2 flat_d = normalize(d.xy + vec2(1e-6, 0.0)), flat_s = normalize(toward_sun.xy + vec2(1e-6, 0.0));
     float azimuth = acos(clamp(dot(flat_d, flat_s), -1.0, 1.0));
     vec2 size = vec2(textureSize(sky_table, 0));
-    // Texel centres are the table's entries: half a texel of border is held constant.
+    // The table's entries are at texel centres, so the outer half texel is constant.
     vec2 at = clamp(vec2(azimuth / 3.14159265, sqrt(elevation / 1.57079633)) * size, vec2(0.5), size - 0.5);
     vec3 above = textureLod(sky_table, at / size, 0.0).rgb;
     return mix(ground, above, smoothstep(-0.06, 0.0, d.z));
@@ -70,19 +70,18 @@ vec3 sky(vec3 d) {
 vec3 sun_disc(vec3 d) {
     float angle = acos(clamp(dot(d, toward_sun), -1.0, 1.0));
     float disc = 1.0 - smoothstep(sun_angle * 0.95, sun_angle * 1.05, angle);
-    // Scattering in lens and eye: a glow that falls off within some degrees.
+    // Scattering in the lens adds a glow that falls off within some degrees.
     return sun * (disc * 1000.0 + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
 }
 
-// Mean light on a matte surface (of radiance around a direction, nearly): spherical harmonics times those of the clamped cosine,
-// 1, 2/3 and 1/4 (Ramamoorthi and Hanrahan 2001, doi:10.1145/383259.383317).
+// Irradiance of a surface with normal n, or approximately the mean radiance around direction n: the light's spherical harmonics
+// times those of the clamped cosine, 1, 2/3 and 1/4 (Ramamoorthi and Hanrahan 2001, doi:10.1145/383259.383317).
 vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
     vec4 n1 = vec4(1.0, n * 0.6666667);
     return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
-// Returns the reflected radiance from a direction: of the sky (given), of surfaces that hide it, or of the ground. Undefined if not
-// wanted.
+// Radiance from direction r: that of the sky, ``above``, of surfaces that hide it, or of the ground. Undefined if not wanted.
 vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     vec2 p = r.xy / (abs(r.x) + abs(r.y) + max(r.z, 0.0));
     int side = textureSize(direction_shares, 0).x;
@@ -90,7 +89,7 @@ vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     uvec4 nearest = texelFetch(nearest_directions, at, 0);
     vec4 shares = texelFetch(direction_shares, at, 0);
     uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
-    vec4 seen = vec4(0.0);
+    vec4 sum = vec4(0.0);
     int taps = wanted ? 4 : 0;
     for (int i = 0; i < taps; ++i) {
         uvec4 half_of = nearest[i] < 16u ? first : second;
@@ -98,20 +97,20 @@ vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
         uint four = (nearest[i] & 4u) == 0u ? quarter.x : quarter.y;
         float open = float((four >> (8u * (nearest[i] & 3u))) & 255u) / 255.0;
         vec3 hides = texelFetch(hiding, ivec2(int(nearest[i]), 0), 0).rgb;
-        seen += shares[i] * vec4(mix(hides, above, open), 1.0);
+        sum += shares[i] * vec4(mix(hides, above, open), 1.0);
     }
-    return mix(below, seen.rgb / max(seen.a, 1e-6), smoothstep(-0.05, 0.05, r.z));
+    return mix(below, sum.rgb / max(sum.a, 1e-6), smoothstep(-0.05, 0.05, r.z));
 }
 
-// The place of a coarser map (one value per ``cell`` × ``cell`` samples, taken at the cell's first sample) whose value belongs
-// to this sample: its own cell's, or the neighbour's that lies nearest in depth.
+// The texel of a coarser map whose value applies to sample s: that of its own cell, or of the neighbour nearest in depth. The map
+// has one value per ``cell`` × ``cell`` samples, computed at the cell's first sample.
 ivec2 nearest_cell(ivec2 s, float depth, int cell) {
     ivec2 own = s / cell;
     ivec2 step_to = ivec2(s.x % cell * 2 < cell ? -1 : 1, s.y % cell * 2 < cell ? -1 : 1);
     ivec2 last = (sample_size - 1) / cell;
     ivec2 best = own;
     float best_gap = abs(linear_depth(texelFetch(depth_map, own * cell, 0).r) - depth) - 0.01 * depth;
-    // Nothing is nearer than a gap of zero.
+    // No neighbour can improve a gap of zero.
     int cells = best_gap > 0.0 ? 4 : 0;
     for (int i = 1; i < cells; ++i) {
         ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), last);
@@ -129,7 +128,7 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
     vec4 r = roughness * vec4(-1.0, -0.0275, -0.572, 0.022) + vec4(1.0, 0.0425, 1.04, -0.04);
     float a = min(r.x * r.x, exp2(-9.28 * facing)) * r.x + r.y;
     vec2 scale_bias = vec2(-1.04, 1.04) * a + r.zw;
-    // The fit falls a little below zero for rough surfaces that mirror nearly nothing.
+    // The fit is slightly negative for rough surfaces with almost no reflection.
     return max(f0 * scale_bias.x + scale_bias.y, vec3(0.0));
 }
 
@@ -137,10 +136,10 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     vec2 way = direction(gradient_noise(gl_FragCoord.xy) * 6.2831853);
     vec3 n = light_rows * normal;
     float side = n.z < 0.0 ? 1.0 : -1.0;
-    // dz/dx and dz/dy of the surface in the light's frame; a surface along the light has no useful slope.
+    // dz/dx and dz/dy of the surface in the light's frame. They are clamped, since a surface along the light has no useful slope.
     vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
     vec3 receiver = light_rows * (p + normal * (side * 0.012));
-    // No tap is needed if all casters around lie behind the planes of the taps, or all in front of them.
+    // No taps are needed if all casters around lie behind the planes of the taps, or all in front of them.
     vec3 at = (receiver - static_origin) / static_extent;
     bool inside = all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));
     ivec2 blocks = textureSize(static_casters, 0);
@@ -151,7 +150,7 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     bool hidden = wanted && inside && gap.y < -tilt;
     bool unsure = wanted && inside && gap.x < tilt && !hidden;
 #ifdef PLAIN
-    // Along the surface, from one sample to the next; a surface seen along itself has no useful steps.
+    // Steps along the surface from sample to sample. They are clamped, since a surface seen edge-on has no useful steps.
     vec3 ray = (p - eye) / depth;
     float along = dot(normal, ray);
     vec3 slanted = ray / (abs(along) < 0.02 ? -0.02 : along);
@@ -185,11 +184,12 @@ float random_of(vec3 p) {
     return fract((p.x + p.y) * p.z);
 }
 
-// Streaks of rain across the image: layers of cells, each with at most one drop drawn out by its fall during the exposure. A
-// fixed pattern of places, so that background and layer of a frame agree; how much of the drop's light lies over a sample.
+// Coverage of a sample by rain streaks: layers of cells, each with at most one drop, stretched by its fall during the exposure.
+// The pattern is fixed in the image, so that background and layer of a frame agree. rain.py has the same pattern for other
+// engines.
 float streak(vec2 place) {
     vec2 at = place / float(pixel_height);
-    float found = 0.0;
+    float coverage = 0.0;
     int layers = drops > 0.0 ? 4 : 0;
     for (int i = 0; i < layers; ++i) {
         float finer = 1.0 + 0.7 * float(i);
@@ -201,27 +201,27 @@ float streak(vec2 place) {
         float centre = 0.15 + 0.7 * random_of(cell + 11.0);
         float thin = 1.0 - smoothstep(0.0, 0.035, abs(inside.x - centre));
         float long_side = smoothstep(0.0, 0.3, inside.y) * (1.0 - smoothstep(0.5, 0.9, inside.y));
-        found = max(found, random_of(cell) < drops * 1.6 ? thin * long_side / finer : 0.0);
+        coverage = max(coverage, random_of(cell) < drops * 1.6 ? thin * long_side / finer : 0.0);
     }
-    return found;
+    return coverage;
 }
 
-// Rain in front of what a sample sees: a drop shows a wide piece of sky, upside down.
+// A colour behind rain. A drop refracts a wide field of its surroundings, so it shows the haze.
 vec3 through_rain(vec3 color) {
 #ifdef PLAIN
-    // Thinner than a pixel: the mean over its samples.
+    // Streaks are thinner than a pixel, so it takes the mean over its samples.
     vec2 s = floor(gl_FragCoord.xy) * 2.0 + 0.5;
-    float found = 0.25 * (streak(s) + streak(s + vec2(1.0, 0.0)) + streak(s + vec2(0.0, 1.0)) + streak(s + 1.0));
+    float coverage = 0.25 * (streak(s) + streak(s + vec2(1.0, 0.0)) + streak(s + vec2(0.0, 1.0)) + streak(s + 1.0));
 #else
-    float found = streak(gl_FragCoord.xy);
+    float coverage = streak(gl_FragCoord.xy);
 #endif
-    return drops > 0.0 ? mix(color, haze, 0.3 * found) : color;
+    return drops > 0.0 ? mix(color, haze, 0.3 * coverage) : color;
 }
 #endif
 
 #ifdef RECEIVED
-// Instead of the picture: light that arrives on a surface before its material, one sample per pixel (person_light.py).
-layout(location = 0) out vec4 out_received;  // luminance of the sun's light, of all other light; share of the sun's disc; depth
+// Instead of the image, the light that arrives on surfaces before any material, one sample per pixel (person_light.py).
+layout(location = 0) out vec4 out_received;  // luminance of sunlight and of all other light; share of the sun's disc; depth
 
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy) * 2;  // one of the pixel's two by two samples
@@ -236,10 +236,10 @@ void main() {
     vec3 ambient = skylight(
         texelFetch(skylight_red, cell, 0), texelFetch(skylight_green, cell, 0), texelFetch(skylight_blue, cell, 0),
         texelFetch(skylight_zonal, cell, 0).rgb, face);
-    float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
+    float ambient_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
     const vec3 luminance = vec3(0.2126, 0.7152, 0.0722);
     float shining = cosine > 0.0 ? lit : 0.0;
-    float other = dot(luminance, ambient) * near_open;
+    float other = dot(luminance, ambient) * ambient_open;
 #ifdef LAMPS
     other += dot(luminance, lamplight(eye + ray_of(s) * depth, face, face, face, vec3(1.0), vec3(0.0), 1.0, 0.0));
 #endif
@@ -257,7 +257,7 @@ void main() {
     float window = texelFetch(depth_map, s, 0).r;
     vec3 ray = ray_of(s);
 #endif
-    // A CPU rasteriser goes through everything for every sample; the sky is computed once, as what is seen or what is mirrored.
+    // A CPU rasteriser executes all branches for every sample. The sky is therefore computed once, for a view or a reflection.
     bool sample_is_sky = window == 1.0;
     vec3 d = normalize(ray);
     float depth = linear_depth(window);
@@ -274,12 +274,12 @@ void main() {
     float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
 
 #ifdef RAIN
-    // Water on what faces up: pores filled with water darken (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and the film is
-    // smooth, with the reflectance of water at normal incidence.
+    // Water on surfaces that face up: pores full of water darken a surface (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and
+    // the film is smooth, with the reflectance of water at normal incidence.
     float film = wetness * smoothstep(0.7, 0.95, face.z) * (1.0 - metallic);
     if (film > 0.0) {
         albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
-        // Not every place holds water: puddles and patches a metre or two wide.
+        // Water lies in puddles and patches a metre or two wide.
         float patch_of = 0.5 + 0.5 * sin(p.x * 1.9 + sin(p.y * 1.3) * 2.0) * sin(p.y * 0.9 + sin(p.x * 0.7) * 2.0);
         roughness = mix(roughness, mix(0.32, 0.07, patch_of), film);
         surface.z = mix(surface.z, max(surface.z, 0.55), film);
@@ -292,12 +292,12 @@ void main() {
     vec3 f0 = mix(0.04 * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
     vec3 view = -d;
     float facing = max(dot(normal, view), 1e-3);
-    // Mirrored light does not reach the matte surface below.
+    // Specularly reflected light does not reach the diffuse surface below.
     vec3 mirrored_share = environment_reflectance(f0, roughness, facing);
     vec3 diffuse = albedo * (1.0 - metallic) * (1.0 - mirrored_share);
     float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);
 
-    // Sun. A face turned away gets none, whatever its normal map says; thin sheets let a share through.
+    // Sun. A face turned away gets none, whatever its normal map says. Thin sheets transmit a share.
     float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
     float behind = translucency * max(-cosine, 0.0);
     float lit = sunlit(p, face, depth, front + behind > 0.0);
@@ -317,17 +317,17 @@ void main() {
     vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
     vec4 blue = texelFetch(skylight_blue, pixel, 0);
 #ifdef PLAIN
-    float near_open = texelFetch(occlusion_map, place, 0).r;
+    float ambient_open = texelFetch(occlusion_map, place, 0).r;
 #else
-    float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
+    float ambient_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
 #endif
     vec3 zonal = texelFetch(skylight_zonal, pixel, 0).rgb;
     vec3 ambient = skylight(red, green, blue, zonal, normal), ambient_behind = skylight(red, green, blue, zonal, -normal);
-    color += diffuse * near_open * mix(ambient, ambient_behind, 0.5 * translucency);
+    color += diffuse * ambient_open * mix(ambient, ambient_behind, 0.5 * translucency);
 
     vec3 r = reflect(d, normal);
-    // A rough lobe lies nearer to the normal than the mirrored ray: Lagarde and de Rousiers 2014, "Moving Frostbite to physically
-    // based rendering".
+    // A rough lobe is nearer to the normal than the mirrored ray (Lagarde and de Rousiers 2014, "Moving Frostbite to physically
+    // based rendering").
     float smoothness = 1.0 - roughness;
     vec3 lobe = normalize(mix(normal, r, smoothness * (sqrt(smoothness) + roughness)));
     vec3 blurred = skylight(red, green, blue, zonal, lobe);
@@ -336,12 +336,12 @@ void main() {
     vec3 around = surroundings(r, pixel, above, rough < 1.0);
     vec3 environment = mix(around, blurred, rough);
 #ifdef RAIN
-    // Seen along the road, a film's lobe is drawn out: it takes in the rest of the sky at less roughness than above.
+    // At grazing angles the lobe of a film is elongated, so it covers more of the sky at a lower roughness than above.
     vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
     vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, wide, film > 0.0);
     environment = mix(environment, mix(around, image.rgb, image.a), film);
 #endif
-    color += environment * mirrored_share * mix(1.0, near_open, 0.8);
+    color += environment * mirrored_share * mix(1.0, ambient_open, 0.8);
 
 #ifdef LAMPS
     color += lamplight(p, normal, face, view, diffuse, f0, roughness, translucency);

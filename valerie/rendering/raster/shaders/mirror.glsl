@@ -1,39 +1,39 @@
-// Screen-space reflections of wet surfaces: the reflected ray is traced in the G-buffer of the statics. Movables have no reflection,
-// so they never change a pixel this way.
-uniform sampler2D mirror_albedo;    // of the statics alone, as in the G-buffer
+// Screen-space reflections of wet surfaces: reflected rays are traced in the G-buffer of the statics. Movables have no
+// reflection, so they never change a pixel this way.
+uniform sampler2D mirror_albedo;    // G-buffer of the statics
 uniform sampler2D mirror_depth;
 uniform usampler2D mirror_material;
 uniform mat3 screen_basis;          // inverse of ray_basis
-uniform vec3 mirrored_light;        // times its albedo, the radiance of an average wall
+uniform vec3 mirrored_light;        // radiance of an average wall over its albedo
 
 const int MIRROR_STEPS = 24;
 const int MIRROR_HALVINGS = 4;
 const float MIRROR_REACH = 150.0;   // metres
-// Metres that a thing is thick, and the part of its distance that is added: a ray may pass behind what is thinner.
+// Assumed thickness of surfaces: metres, plus a share of the distance. A ray may pass farther behind a surface than that.
 const vec2 MIRROR_THICKNESS = vec2(1.0, 0.1);
-// Metres above the mirror from which on a thing is seen in it.
+// Height above the mirror from which on a surface is visible in it, metres.
 const float ABOVE = 0.03;
 
 ivec2 mirror_sample(vec2 screen) {
     return clamp(ivec2((screen * 0.5 + 0.5) * vec2(sample_size)), ivec2(0), sample_size - 1);
 }
 
-// Returns true if a ray at this place of the image and this depth is behind the visible surface. A surface no higher than the mirror
-// does not count: otherwise the road would hide itself where one sample covers metres of it.
+// True if a ray at a place of the image and a depth is behind the visible surface, whose depth is ``seen``. A surface no higher
+// than the mirror does not count: otherwise the road would hide itself where a sample covers metres of it.
 bool is_behind(vec2 screen, float depth, float level, out float seen) {
     ivec2 place = mirror_sample(screen);
     seen = linear_depth(texelFetch(mirror_depth, place, 0).r);
     return seen < 0.999 * depth && eye.z + ray_of(place).z * seen > level + ABOVE;
 }
 
-// Radiance from around direction r at p, within ``spread`` radians, and the share of it that is known: none where the image holds
-// nothing but what lies below.
+// Radiance at p from directions within ``spread`` radians of r, and the known share of it, which is 0 where the image shows only
+// surfaces below the mirror.
 vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
     vec3 first = screen_basis * (p - eye), toward = screen_basis * r;
     float reach = toward.z < 0.0 ? min(MIRROR_REACH, 0.9 * first.z / -toward.z) : MIRROR_REACH;
     vec3 last = first + reach * toward;
     vec2 from = first.xy / first.z, way = last.xy / last.z - from;
-    // Along the way over the image, 0 … 1, inverse depth is linear. Only a part of it may lie in the image.
+    // Inverse depth is linear along the ray's path over the image, 0 … 1. Only a part of the path may lie in the image.
     float near = 1.0 / first.z, rise = 1.0 / last.z - near;
     vec2 exits = (1.0 - from * sign(way)) / (abs(way) + 1e-6);
     float part = clamp(min(exits.x, exits.y), 0.0, 1.0);
@@ -41,7 +41,7 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
     float before = 0.0, behind = part, passed = 0.0;
     int steps = wanted ? MIRROR_STEPS : 0;
     for (int i = 1; i <= steps; ++i) {
-        // Short steps first: what stands on the road is mirrored from its foot.
+        // Short steps first, so that the reflection of a thing on the road begins at its foot.
         float share = float(i) / float(MIRROR_STEPS), at = part * share * mix(0.25, 1.0, share);
         float depth = 1.0 / (near + rise * at), nearer = 1.0 / (near + rise * passed);
         float seen;
@@ -59,7 +59,7 @@ vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
         behind = met ? at : behind;
         before = met ? before : at;
     }
-    // A rough film draws the image out up and down, in the plane of the ray. What leaves the image goes on as at its border.
+    // A rough film blurs the reflection vertically, in the plane of the ray. Beyond the image, its border is repeated.
     vec2 middle = from + way * behind;
     float along = reach * behind / (last.z * (near + rise * behind));
     vec3 clear_air = exp(-extinction * along);

@@ -1,5 +1,6 @@
-// A movable's sample before its textures: they are read later, once per sample that stays (texturing.frag). Movables have
-// many triangles smaller than the block of fragments that a driver shades together, so a texture read here costs ten times.
+// A movable's sample before texturing. Textures are read later, once per visible sample (texturing.frag): movables have many
+// triangles smaller than the block of fragments that a driver shades together, so a texture read here would cost ten times as
+// much.
 #include "octahedron.glsl"
 #include "surface.glsl"
 layout(location = 0) out vec2 out_uv;
@@ -12,7 +13,7 @@ void main() {
     see_through();
 #endif
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec3 normal = normalize(world_normal);
     if (!gl_FrontFacing) normal = -normal;
@@ -22,7 +23,7 @@ void main() {
     uint footprint = 0u;
 #ifdef TEXTURED
     vec2 du = dFdx(uv), dv = dFdy(uv);
-    // The mean side of the footprint: a pixel has several samples across its longer side.
+    // The mean side of the footprint suffices, since a pixel has several samples along the longer side.
     float level = 0.5 * log2(max(length(du) * length(dv), 1e-12)) + 32.0;
 #ifdef NORMAL_TEXTURE
     // Tangent frame from screen derivatives (Schueler 2013, "Normal mapping without precomputed tangents", GPU Pro 4).

@@ -1,11 +1,11 @@
-// The surface's direction in the world, one point sample per pixel centre, in step with the truth pass.
+// Surface normal in the world, one point sample per pixel centre, aligned with the truth pass.
 #include "octahedron.glsl"
 #include "surface.glsl"
 layout(location = 0) out ivec2 out_normal;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec3 normal = normalize(world_normal);
     if (!gl_FrontFacing) normal = -normal;

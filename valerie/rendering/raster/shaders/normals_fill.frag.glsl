@@ -1,4 +1,4 @@
-// Nothing, or a copy of the statics, under what is drawn next.
+// The background of the next drawing: nothing, or a copy of the statics.
 #ifdef FROM_STATICS
 uniform isampler2D from_normals;
 uniform sampler2D from_depth;

@@ -1,6 +1,6 @@
-// Ambient occlusion of near things, from the depth map: McGuire et al. 2011, "The Alchemy screen-space ambient
-// obscurance algorithm" (doi:10.1145/2018323.2018327). One value per pixel, at its first sample. A sample that is RADIUS or
-// further away has weight 0 exactly: the layer's rectangle is bounded by it.
+// Ambient occlusion from the depth map: McGuire et al. 2011, "The Alchemy screen-space ambient obscurance algorithm"
+// (doi:10.1145/2018323.2018327). One value per pixel, at its first sample. A tap at ``radius`` or farther has weight 0 exactly,
+// which bounds the layer's rectangle.
 #include "disc.glsl"
 #include "octahedron.glsl"
 #include "sample.glsl"
@@ -21,7 +21,7 @@ void main() {
     vec3 p = ray_of(s) * depth;
     vec3 normal = octahedron_decode(texelFetch(normals_map, s, 0).zw);
     float reach = clamp(radius * focal / depth, 1.5, largest_radius);
-    // The noise repeats every 4 × 4 pixels, the size of the blur that follows.
+    // The noise repeats every 4 × 4 pixels, the size of the blur (blur.frag).
     float turn = gradient_noise(vec2(pixel % 4)) * 6.2831853;
     vec2 way = direction(turn);
     float sum = 0.0;

@@ -1,16 +1,16 @@
-// Visibility of the sky from a place in DIRECTIONS directions; one value for SKYLIGHT_CELL × SKYLIGHT_CELL samples, taken at the
-// first of them. Each direction has a shadow map of the statics (one tile of an atlas). Visibility does not depend on the light.
+// Visibility of the sky in DIRECTIONS directions, computed at the first of SKYLIGHT_CELL × SKYLIGHT_CELL samples for all of them.
+// Each direction has a shadow map of the statics, a tile of an atlas. Visibility does not depend on the light.
 #include "octahedron.glsl"
 #include "sample.glsl"
 uniform sampler2D normals_map;
-uniform sampler2D atlas;                       // TILES.x × TILES.y shadow maps
+uniform sampler2D atlas;                       // tiles.x × tiles.y shadow maps
 uniform ivec2 tiles;
 uniform vec4 tile_rows[3 * DIRECTIONS];        // world to [0, 1]³ of each tile
 uniform vec3 tile_extents[DIRECTIONS];         // metres
-layout(location = 0) out uvec4 out_first;      // four directions in each number, the first in its lowest byte, in steps of 1/255
+layout(location = 0) out uvec4 out_first;      // four directions per number, the first in the lowest byte, in steps of 1/255
 layout(location = 1) out uvec4 out_second;
 
-// Steepest surface, in metres along the light per metre across it, whose texels are told from what hides it.
+// Steepest slope, in metres along the light per metre across it, at which a surface's own texels are told from its casters.
 const float STEEPEST = 30.0;
 
 void main() {
@@ -30,7 +30,7 @@ void main() {
             vec2 corner = vec2(k % tiles.x, k / tiles.x) * tile_pixels;
             vec2 t = clamp(c.xy * tile_pixels, vec2(1.0), tile_pixels - 1.0) + corner;
             vec2 f = fract(t - 0.5);
-            // Each texel is compared with the surface's own plane there: a surface that slopes through a texel hides nothing.
+            // Each texel is compared with the surface's plane at the texel, so that a sloping surface does not hide itself.
             vec3 n = tile_extents[k] * vec3(dot(tile_rows[3 * k].xyz, normal), dot(tile_rows[3 * k + 1].xyz, normal),
                 dot(tile_rows[3 * k + 2].xyz, normal));
             vec2 slope = clamp(-n.xy / (abs(n.z) < 1e-3 ? 1e-3 : n.z), -STEEPEST, STEEPEST);
@@ -40,7 +40,7 @@ void main() {
             float open = inside ? mix(mix(lit.w, lit.z, f.x), mix(lit.x, lit.y, f.x), f.y) : 1.0;
             four = (four >> 8) | (uint(open * 255.0 + 0.5) << 24);
         }
-        // Numbers are pushed in at the end, and come to their places by the last one.
+        // Each number enters at the end and shifts the others; after the last, all are in their places.
         out_first = uvec4(out_first.yzw, out_second.x);
         out_second = uvec4(out_second.yzw, four);
     }

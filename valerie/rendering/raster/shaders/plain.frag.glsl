@@ -1,4 +1,5 @@
-// Pixels whose 2 × 2 samples show one surface that hardly bends, or sky alone, are plain: they are lit once, here put together.
+// The G-buffer of plain pixels, which are lit once. A pixel is plain if its 2 × 2 samples show one nearly flat surface, or only
+// sky.
 #include "octahedron.glsl"
 #include "sample.glsl"
 #include "roughness.glsl"
@@ -10,7 +11,7 @@ layout(location = 1) out vec4 out_normals;   // as in the G-buffer
 layout(location = 2) out uvec2 out_material;
 layout(location = 3) out float out_depth;    // window depth of the pixel's centre
 
-// Largest part of the distance by which depths of a plain pixel differ, and of a unit by which its normals do.
+// Largest differences within a plain pixel: of depth, as a share of the distance, and of unit normals.
 const float DEPTHS = 0.03;
 const float FACES = 0.1;
 const float BUMPS = 0.25;
@@ -42,7 +43,7 @@ void main() {
         rough = max(rough, dot(b, b));
         bent = max(bent, dot(f, f));
     }
-    // Inverse depth is linear over the image, and so over the window's.
+    // Inverse depth is linear over the image and in window depth.
     vec4 near = near_far.y - window * (near_far.y - near_far.x);
     float nearest = max(max(near.x, near.y), max(near.z, near.w)), farthest = min(min(near.x, near.y), min(near.z, near.w));
     one = one && nearest - farthest < DEPTHS * nearest && bent < FACES * FACES * dot(face, face)

@@ -1,4 +1,4 @@
-// The factors of a roughness texture in 16 bits: roughness (low byte) and metallic.
+// Packs the factors of a roughness texture into 16 bits: roughness (low byte) and metallic.
 const uint NO_ROUGHNESS_TEXTURE = 0xffffu;
 
 uint packed_factors(vec2 factors) {

@@ -1,6 +1,6 @@
-// From a sample of the G-buffer (two by two per pixel) back to the world.
+// Position in the world of a sample of the G-buffer (two by two per pixel).
 uniform sampler2D depth_map;   // window depth, 1 where nothing was drawn
-uniform ivec2 sample_size;     // of the G-buffer
+uniform ivec2 sample_size;     // size of the G-buffer
 uniform vec2 near_far;
 uniform vec3 eye;
 uniform mat3 ray_basis;        // columns: right and up at the image's edge, forward, at depth 1
@@ -9,12 +9,12 @@ float linear_depth(float window) {
     return near_far.x * near_far.y / (near_far.y - window * (near_far.y - near_far.x));
 }
 
-// Direction through a place in the image, counted in samples, of depth 1 along the optical axis.
+// Ray through a place in the image, counted in samples, with depth 1 along the optical axis.
 vec3 ray_through(vec2 place) {
     return ray_basis * vec3(place / vec2(sample_size) * 2.0 - 1.0, 1.0);
 }
 
-// Direction through the middle of a sample.
+// Ray through the centre of a sample.
 vec3 ray_of(ivec2 s) {
     return ray_through(vec2(s) + 0.5);
 }

@@ -1,4 +1,4 @@
-// Corners of the parts of a target that a pass runs over, in clip space. Nothing is interpolated: a fragment knows its place.
+// Corners of the parts of a target that a pass runs over, in clip space. Nothing is interpolated: fragments use gl_FragCoord.
 in vec2 corner;
 
 void main() {

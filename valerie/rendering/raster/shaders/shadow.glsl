@@ -1,21 +1,20 @@
 // Soft shadows of the sun: percentage closer soft shadows (Fernando 2005, doi:10.1145/1187112.1187153) with the sun's angular
-// size, and a receiver plane so that wide kernels do not shadow their own surface. All lengths in metres.
+// size. A receiver plane prevents self-shadowing of surfaces by wide kernels. All lengths are in metres.
 uniform mat3 light_rows;        // world to the light's frame; depth grows away from the sun
 uniform float sun_spread;       // tangent of half the sun's angle
 uniform float largest_penumbra;
 const int BLOCKER_TAPS = 6;
 const int FILTER_TAPS = 10;
 
-// Depth of the caster at a place of the map, far away where there is none.
+// Depth of the caster at a place of the map; very large without a caster.
 float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) {
-    float found = texelFetch(map, clamp(ivec2(at * scale), ivec2(0), last), 0).r;
-    return found == 1.0 ? 1e9 : found * range;
+    float depth = texelFetch(map, clamp(ivec2(at * scale), ivec2(0), last), 0).r;
+    return depth == 1.0 ? 1e9 : depth * range;
 }
 
-// Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra. ``way`` is any
-// direction in the map's plane.
-// A CPU rasteriser runs both sides of a branch, and the body of a loop once more than any lane needs, so the loops over taps are
-// kept small, and have no turns where they are not wanted.
+// Visible share of the sun's disc, exactly 1 where the map has no caster within the largest penumbra. ``way`` is any direction in
+// the map's plane. A CPU rasteriser runs both sides of a branch, and the body of a loop once more than any lane needs. The loops
+// over taps are therefore small, and have no iterations where the result is not wanted.
 float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
@@ -30,14 +29,15 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     float blockers = 0.0, distance_sum = 0.0;
     int taps = inside ? BLOCKER_TAPS : 0;
     for (int i = 0; i < taps; ++i) {
-        // The first tap is the place itself: what hides it may be no wider than the gaps between the others (a head its own face).
+        // The first tap is the place itself, since a caster may be narrower than the gaps between the others (a head over its
+        // face).
         vec2 o = toward * (search * sqrt(float(i) / float(BLOCKER_TAPS)));
         toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
-        float found = caster_depth(map, at.xy + o, scale, last, extent.z);
-        if (found < plane) {
+        float depth = caster_depth(map, at.xy + o, scale, last, extent.z);
+        if (depth < plane) {
             blockers += 1.0;
-            distance_sum += at.z - found;
+            distance_sum += at.z - depth;
         }
     }
     float width = clamp(distance_sum / max(blockers, 1.0) * sun_spread, smallest, search);
@@ -48,14 +48,14 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
         vec2 o = toward * (width * sqrt((float(i) + 0.5) / float(FILTER_TAPS)));
         toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
-        float found = caster_depth(map, at.xy + o, scale, last, extent.z);
-        hidden += found < plane ? 1.0 : 0.0;
+        float depth = caster_depth(map, at.xy + o, scale, last, extent.z);
+        hidden += depth < plane ? 1.0 : 0.0;
     }
     return 1.0 - hidden / float(FILTER_TAPS);
 }
 
 #ifdef PLAIN
-// The same for a pixel: the mean over its samples. The columns of ``steps`` lead from one to the next, in the map's plane.
+// The mean of lit_share over a pixel's samples. The columns of ``steps`` lead from sample to sample in the map's plane.
 float lit_mean(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, mat2 steps, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));

@@ -1,16 +1,17 @@
-// Light of the sky and of what hides it, as spherical harmonics, from how open each direction is (openness.frag).
-// It is linear in that: the weights hold the sky's light in each direction, less the street's that hides it (surroundings.py).
+// Light of the sky and of the surfaces that hide it, as spherical harmonics, from the openness of each direction (openness.frag).
+// It is linear in the openness: the weights are the sky's light in each direction minus that of the hiding surfaces
+// (surroundings.py).
 #include "sample.glsl"
 uniform usampler2D first;
 uniform usampler2D second;
 uniform vec4 hidden[4];                        // sums where no direction is open: red, green, blue, zonal
-uniform vec4 weights[4 * 32];                  // more of them per step of openness
+uniform vec4 weights[4 * 32];                  // increments of the sums per step of openness
 layout(location = 0) out vec4 out_red;         // mean, x, y, z
 layout(location = 1) out vec4 out_green;
 layout(location = 2) out vec4 out_blue;
-layout(location = 3) out vec4 out_zonal;       // of all three, the part of order 2 about the vertical
+layout(location = 3) out vec4 out_zonal;       // zonal parts of order 2 of red, green and blue
 
-// Written out instead of a loop: with a constant place, all lanes share one weight.
+// Unrolled instead of a loop: with a constant index, all lanes share one weight.
 #define OPEN(K, STEPS) { \
     float open = float((STEPS) & 255u); \
     out_red += open * weights[4 * (K)]; \
@@ -35,7 +36,7 @@ void main() {
     FOUR(20, far.y)
     FOUR(24, far.z)
     FOUR(28, far.w)
-    // Nothing is lit where nothing was drawn.
+    // There is no light where nothing was drawn.
     float drawn = texelFetch(depth_map, cell * SKYLIGHT_CELL, 0).r == 1.0 ? 0.0 : 1.0;
     out_red *= drawn;
     out_green *= drawn;

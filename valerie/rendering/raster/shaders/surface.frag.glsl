@@ -1,4 +1,4 @@
-// The G-buffer: what lighting needs to know of each sample.
+// The G-buffer: the inputs of the lighting at each sample.
 #include "octahedron.glsl"
 #include "surface.glsl"
 layout(location = 0) out vec4 out_albedo;    // square root of the linear base colour
@@ -23,20 +23,20 @@ void main() {
     vec3 color = material_texel(0).rgb;
     vec2 du = dFdx(uv), dv = dFdy(uv);
 #ifdef CUT
-    // Cut surfaces are read as truth reads them: with anisotropic filters.
+    // Thin parts keep their colour with anisotropic filters.
     float slant = 0.0;
 #else
-    // Where one side of a sample's footprint is longer, textures are read finer than that side asks for, and the pixel's other
-    // samples cover what lies between: far cheaper on a CPU.
+    // On elongated footprints, textures are read at a finer mip level than the longer side needs. The pixel's other samples cover
+    // the gaps, which is far cheaper on a CPU than anisotropic filters.
     float wide = dot(du, du), high = dot(dv, dv);
     float slant = 0.5 * log2(max(wide, high) / max(min(wide, high), 1e-20));
 #endif
 #ifdef COLOR_TEXTURE
 #ifdef CUT
-    vec4 texel = color_texel();
-    cut_by_alpha(texel.a);
+    cut_by_alpha();
+    vec4 texel = texture(color_textures, vec3(uv, material_texel(3).x));
 #else
-    // Two places along the longer side.
+    // Two taps along the longer side.
     vec3 along = vec3((wide > high ? du : dv) * 0.25, 0.0), at = vec3(uv, material_texel(3).x);
     float level = -min(slant, 1.6);
     vec4 texel = 0.5 * (texture(color_textures, at + along, level) + texture(color_textures, at - along, level));

@@ -15,19 +15,24 @@ vec4 material_texel(int texel) {
 #ifdef COLOR_TEXTURE
 uniform sampler2DArray color_textures;
 
-vec4 color_texel() {
-    return texture(color_textures, vec3(uv, material_texel(3).x));
-}
-
-void cut_by_alpha(float alpha) {
-    if (alpha < material_texel(0).a) discard;
+// Alpha is read at full detail at any distance: the mean of bars and gaps would cut both or neither. Drivers may filter
+// textureLod anisotropically, over more than the place asked for.
+void cut_by_alpha() {
+    int layer = int(material_texel(3).x), last = textureSize(color_textures, 0).x - 1;
+    vec2 at = fract(uv) * float(last + 1) - 0.5, part = fract(at);
+    ivec2 low = ivec2(floor(at)) & last, high = (low + 1) & last;
+    vec4 alpha = vec4(
+        texelFetch(color_textures, ivec3(low, layer), 0).a, texelFetch(color_textures, ivec3(high.x, low.y, layer), 0).a,
+        texelFetch(color_textures, ivec3(low.x, high.y, layer), 0).a, texelFetch(color_textures, ivec3(high, layer), 0).a);
+    vec2 row = mix(alpha.xz, alpha.yw, part.x);
+    if (mix(row.x, row.y, part.y) < material_texel(0).a) discard;
 }
 #endif
 
 #ifdef CLEAR
-// A pane covers some of a pixel's 2 × 2 samples, what is behind it the others; the filter that makes pixels of samples
-// blends them: exactly for a half, within 7 % of the difference for other shares. The pattern is mirrored from one column of
-// cells to the next, so that the first sample of a cell, which stands for it in coarser maps, is not always the pane's.
+// A pane covers some of a pixel's 2 × 2 samples; the background shows in the others. The resolve filter blends them, exactly for
+// a share of one half and within 7 % of the difference for others. The pattern is mirrored in every other column of cells.
+// Otherwise the first sample of a cell, which represents the cell in coarser maps, would always be the pane's.
 void see_through() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     int x = (s.x ^ (s.x / 4)) & 1, y = s.y & 1;

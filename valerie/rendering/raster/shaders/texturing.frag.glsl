@@ -1,4 +1,4 @@
-// Textures of the movables' samples that stayed: base colour and shading normal into the G-buffer.
+// Texturing of the movables' visible samples: writes base colour and shading normal to the G-buffer.
 #include "octahedron.glsl"
 #include "roughness.glsl"
 uniform sampler2D uv_map;
@@ -9,8 +9,8 @@ layout(location = 0) out vec4 out_albedo;
 layout(location = 1) out vec4 out_normals;
 layout(location = 2) out uvec2 out_material;
 
-// One array of textures per side, a power of two. Each use has the sum of the sides that the frame's movables have of it: a CPU
-// rasteriser reads them all for every sample.
+// There is one texture array per side, a power of two. Each use has the sum of the sides that occur in the frame, since a CPU
+// rasteriser reads all arrays of a use for every sample.
 #define SIDES (COLOR_SIDES | NORMAL_SIDES | ROUGHNESS_SIDES)
 #if SIDES & 64
 uniform sampler2DArray textures_64;
@@ -32,9 +32,9 @@ uniform sampler2DArray textures_2048;
 #endif
 
 #define READ(SIDE) if ((sides & SIDE) != 0 && side == SIDE) \
-    found = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
+    color = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
 vec4 texel(const int sides, int side, float layer, vec2 uv, float level) {
-    vec4 found = vec4(1.0);
+    vec4 color = vec4(1.0);
 #if SIDES & 64
     READ(64)
 #endif
@@ -53,7 +53,7 @@ vec4 texel(const int sides, int side, float layer, vec2 uv, float level) {
 #if SIDES & 2048
     READ(2048)
 #endif
-    return found;
+    return color;
 }
 
 vec3 linear_from_srgb(vec3 c) {
@@ -62,12 +62,12 @@ vec3 linear_from_srgb(vec3 c) {
 
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy);
-    uvec2 found = texelFetch(row_map, s, 0).rg;
-    bool moving = found.x > 0u;
-    int row = moving ? int(found.x) - 1 : 0;
+    uvec2 stored = texelFetch(row_map, s, 0).rg;
+    bool moving = stored.x > 0u;
+    int row = moving ? int(stored.x) - 1 : 0;
     vec4 places = moving ? texelFetch(material_table, ivec2(3, row), 0) : vec4(0.0);
     vec2 uv = texelFetch(uv_map, s, 0).rg;
-    float packed_level = unpackHalf2x16(found.y).x;
+    float packed_level = unpackHalf2x16(stored.y).x;
     float level = abs(packed_level) - 32.0;
     vec3 color = texelFetch(material_table, ivec2(0, row), 0).rgb;
     color *= linear_from_srgb(texel(COLOR_SIDES, int(places.z), places.x, uv, level).rgb);
@@ -83,7 +83,7 @@ void main() {
     }
     vec4 more = moving ? texelFetch(material_table, ivec2(4, row), 0) : vec4(0.0);
     vec2 factors = texel(ROUGHNESS_SIDES, int(more.z), more.y, uv, level).gb;
-    // At the end: llvmpipe's loops do not leave off for lanes that were discarded before.
+    // Discarded last, since llvmpipe's loops do not stop for lanes discarded earlier.
     if (!moving) discard;
     out_albedo = vec4(sqrt(color), 1.0);
     out_normals = vec4(octahedron_encode(shading), frame.xy);

@@ -1,4 +1,4 @@
-// Sky, or a copy of the statics, under what is drawn next.
+// The background of the next drawing: sky, or a copy of the statics.
 #ifdef FROM_STATICS
 uniform usampler2D from_ids;
 uniform sampler2D from_axis_depth;

@@ -1,8 +1,8 @@
 import pytest
 
-from valerie.analysis.where import METADATA, compile_where
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterDefinition
+from valerie.runs.where import METADATA, compile_where
 
 ELEVATION = ParameterDefinition.model_validate(
     {"path": "scene.sun-1.elevation", "type": "FLOAT", "default": 40.0, "affects": "light"}

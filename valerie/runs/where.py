@@ -10,12 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from valerie.measures import MEASURES, OF_FUNCTION, names_from
+from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.runs.documents import RunSpec
 
 #: Columns that are known as soon as the truth is made, without any function.
-METADATA: Final = tuple(measure.name for measure in MEASURES if measure.source not in OF_FUNCTION)
+METADATA: Final = names_from(*WITHOUT_FUNCTION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class Where:
     text: str
     names: frozenset[str]
     _constraint: Constraint
+    _opposite: Constraint
 
     @property
     def scored(self) -> bool:
@@ -58,6 +60,19 @@ class Where:
             row: column or parameter path to value; missing parameters have their defaults.
         """
         return self._constraint.holds(row)
+
+    def excludes(self, row: Mapping[str, Any]) -> bool:
+        """Return whether a row is out for certain, whatever the values are that it lacks."""
+        return self._opposite.holds(row)
+
+
+def choices_of(spec: RunSpec, cameras: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the names that the columns of a run's rows can have, for `compile_where`."""
+    return {
+        "camera": tuple(cameras),
+        "sensor": tuple(setting.name for setting in spec.sensors),
+        "function": spec.functions,
+    }
 
 
 def compile_where(
@@ -86,4 +101,5 @@ def compile_where(
         kind = ParameterType.FLOAT if measure.is_number else ParameterType.CATEGORICAL
         names[measure.name] = Column(measure.name, kind, tuple((choices or {}).get(measure.name, ())))
     constraint = compile_constraint(text, names, field=field, word="column")
-    return Where(text, constraint.paths, constraint)
+    opposite = compile_constraint(f"not ({text})", names, field=field, word="column")
+    return Where(text, constraint.paths, constraint, opposite)

@@ -1,0 +1,45 @@
+"""A worker's batch and the heartbeat that renews its leases, with the one write lock of SQLite between them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from sqlalchemy import Connection, event
+
+from tests.world.blank import Pipeline
+from tests.world.boxes import spec
+from valerie.db.products import Finished, Job
+from valerie.pipeline.work.stages import run_stage
+from valerie.runs.states import Stage, stage_of
+
+
+def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(heartbeat_seconds=0.01)
+    pipeline.submit(spec(xs=1, ys=1))
+    pipeline.loop.tick(everything=True)
+    digests = [ready.digest for ready in pipeline.broker.ready if stage_of(ready.route) is Stage.RENDER]
+    worker, beating, publishing = threading.get_ident(), threading.Event(), threading.Event()
+
+    class Maker:
+        """Ends its last product only while the heartbeat holds the database's write lock."""
+
+        def make(self, job: Job) -> Finished:
+            if job.digest == digests[-1]:
+                event.listen(pipeline.context.engine, "checkout", before_a_transaction)
+                event.listen(pipeline.context.engine, "begin", in_a_transaction)
+                assert beating.wait(30)
+            return Finished(job.digest, bytes=1, pixels=1, cpu_seconds=0.0)
+
+    def before_a_transaction(*_: object) -> None:
+        if threading.get_ident() == worker:
+            publishing.set()
+
+    def in_a_transaction(_: Connection) -> None:
+        if threading.get_ident() != worker:
+            beating.set()
+            assert publishing.wait(30)
+
+    run_stage(pipeline.context, Maker(), digests)
+    states = {product.digest: product.state for product in pipeline.products()}
+    assert {states[digest] for digest in digests} == {"done"}

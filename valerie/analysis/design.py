@@ -1,0 +1,80 @@
+"""Choice of a run's variants, as far as statistics need it: which rows were drawn, and which positions make a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import PERSON
+from valerie.statistics.replicates import replicates
+from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Choice of the variants of one run.
+
+    Attributes:
+        blocks: design and number of variants of each block, in order.
+        street: seed of the generated street; None for an asset without a seed.
+    """
+
+    blocks: tuple[tuple[str, int], ...]
+    street: int | None = None
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Self:
+        """Read the result of `dataclasses.asdict`, also after a round trip through JSON text."""
+        return cls(tuple((name, count) for name, count in document["blocks"]), document["street"])
+
+    def design_of(self, variants: NDArray[np.int64]) -> tuple[str, NDArray[np.int64] | None]:
+        """Return the design of some variants (`valerie.statistics.units.sampling_units`) and their replicates.
+
+        Blocks that list their variants make the whole a list, as do the samplers of plug-ins, of which nothing is known.
+        Among blocks that draw, a single one of independent variants makes all count as independent, which is right but
+        wide.
+
+        Args:
+            variants: (N,) indexes of variants of the run.
+
+        Returns:
+            The name, and (N,) the replicate of each variant; None where the design has none.
+        """
+        names = {name for name, _ in self.blocks}
+        if not names <= INDEPENDENT | EVEN:
+            return "grid", None
+        if names & INDEPENDENT:
+            return "random", None
+        numbers = [replicates(count) for _, count in self.blocks]
+        firsts = accumulate((own.max() + 1 for own in numbers[:-1]), initial=0)
+        return "sobol", np.concatenate([own + first for own, first in zip(numbers, firsts, strict=True)])[variants]
+
+    def drawn(self, variants: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return (N,) bool: the variants that are not listed, each of which is a place of its own."""
+        return np.array([name not in LISTED for name, _ in self.blocks])[self.blocks_of(variants)]
+
+    def blocks_of(self, variants: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return (N,) the block that each variant comes from."""
+        ends = list(accumulate(count for _, count in self.blocks))
+        return np.searchsorted(ends, variants, side="right").astype(np.int64)
+
+    def block(self, number: int) -> tuple[str, int, int]:
+        """Return the design of a block, the index of its first variant, and its number of variants."""
+        name, count = self.blocks[number]
+        return name, sum(size for _, size in self.blocks[:number]), count
+
+
+#: Design of variants of which nothing is known: no sample of anything, and each a place of its own.
+UNKNOWN: Final = Design((("unknown", 2**62),))
+
+
+def position_paths(paths: Iterable[str]) -> tuple[str, ...]:
+    """Return the parameters that make a place: positions of persons, or all positions where no person's varies."""
+    positions = [path for path in paths if ".pos." in path]
+    of_persons = tuple(path for path in positions if path.split(".")[1].startswith(f"{PERSON.node_class}-"))
+    return of_persons or tuple(positions)

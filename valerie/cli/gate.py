@@ -1,0 +1,162 @@
+"""`valerie gate`: let a change pass or not, by the requirements of a run and by a baseline."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from valerie.cli.shell import DataDir, Exit, Json, RunId, console, say, settings_of
+from valerie.errors import InvalidInput, StorageUnavailable
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from valerie.analysis.gate import GateResult, GateRun
+
+
+def gate(
+    run_id: RunId,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            "--baseline", metavar="RUN|FUNCTION", help="A run on the same frames, or another function of this run."
+        ),
+    ] = None,
+    function: Annotated[
+        str | None, typer.Option("--function", metavar="NAME", help="Compare this function alone with the baseline.")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Also write the verdicts: FILE.csv, .parquet or .json."),
+    ] = None,
+    allow_undecided: Annotated[
+        bool, typer.Option("--allow-undecided", help="Let undecided requirements pass.")
+    ] = False,
+    effect: Annotated[
+        float,
+        typer.Option(
+            "--effect", min=0.001, max=0.999, help="Drop of pACC that must not stay unseen; names the places needed."
+        ),
+    ] = 0.05,
+    mixed: Annotated[
+        bool, typer.Option("--mixed", help="Also compare functions that ran in unequal numeric classes.")
+    ] = False,
+    as_json: Json = False,
+    url: Annotated[
+        str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
+    ] = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Exit with 6 unless a run meets its requirements and is nowhere worse than the baseline.
+
+    A requirement that is not met fails, and so does one that is undecided. The
+    baseline is compared on identical frames, slice by slice; at most 5 % of the
+    slices that are named worse are expected to be so by chance.
+    """
+    from valerie.analysis.gate import called
+    from valerie.analysis.gate import gate as judge
+    from valerie.analysis.junit import junit_xml
+
+    if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
+    read = run_reader(url, data_dir)
+    run = read(run_id)
+    other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
+    result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
+    if junit is not None:
+        _write(junit, junit_xml(result))
+    if output is not None:
+        _write(output, _verdicts(result, output.suffix))
+    if as_json:
+        typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
+    else:
+        for part in renderables(result):
+            console().print(part)
+    if not result.passed:
+        raise typer.Exit(Exit.GATE_FAILED)
+
+
+def renderables(result: GateResult) -> list[RenderableType]:
+    """Return a gate's result for a rich console: verdicts, then what became worse, then all other slices."""
+    from rich.text import Text
+
+    from valerie.analysis.gate import slice_text
+    from valerie.analysis.verdict_text import verdicts_renderable
+
+    parts: list[RenderableType] = [verdicts_renderable(result.verdicts), ""] if result.verdicts else []
+    for version in result.versions:
+        head = f"{version.version} against {version.baseline}: "
+        worse = len(version.gate.worse)
+        head += f"worse in {worse:,} of {len(version.gate.slices):,} slices" if worse else "nowhere worse"
+        parts.append(Text(head, style="bold red" if worse else "bold"))
+        for item in sorted(version.gate.slices, key=lambda item: not item.worse):
+            text = f"  {'WORSE  ' if item.worse else ''}{item.name}: {slice_text(item, version.gate.effect)}"
+            parts.append(Text(text, style="" if item.worse else "dim"))
+        if version.unmatched:
+            parts.append(Text(f"  {version.unmatched:,} rows have no counterpart and are not compared.", style="dim"))
+        parts.append("")
+    parts.append(Text("The gate is open." if result.passed else "The gate is shut.", style="bold"))
+    return parts
+
+
+def _verdicts(result: GateResult, suffix: str) -> bytes:
+    import io
+
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    from valerie.analysis.verdicts import to_json, verdict_table
+
+    if suffix == ".json":
+        return json.dumps(to_json(result.verdicts), ensure_ascii=False, indent=1).encode()
+    buffer = io.BytesIO()
+    write = pyarrow.csv.write_csv if suffix == ".csv" else pyarrow.parquet.write_table
+    write(verdict_table(result.verdicts), buffer)
+    return buffer.getvalue()
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except OSError as error:
+        raise StorageUnavailable(f"{path} cannot be written: {error.strerror}") from error
+    say(f"wrote {path}")
+
+
+def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
+    """Return the function that reads a run from a server, or from the data folder."""
+    if url is None:
+        from valerie.cli.deployment import context_of
+        from valerie.pipeline.reading.gate import read_gate_run
+
+        def from_folder(run_id: str) -> GateRun:
+            with context_of(data_dir) as context:
+                return read_gate_run(context, run_id)
+
+        return from_folder
+
+    from valerie.cli.connecting import client_of
+
+    def from_server(run_id: str) -> GateRun:
+        import io
+
+        from valerie.analysis.gate import GateRun
+        from valerie.analysis.table import EvaluationTable
+        from valerie.analysis.verdicts import from_json
+        from valerie.runs.pins import Pins
+        from valerie.runs.spec import RunSpec
+
+        with client_of(settings_of(data_dir), url) as client:
+            verdicts = from_json(client.summary(run_id).verdicts)
+            detail = client.detail(run_id)
+            table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))
+        spec, pins = RunSpec.model_validate(detail.spec), Pins.model_validate(detail.pins)
+        return GateRun(run_id, spec, detail.asset_digest, pins, table, verdicts)
+
+    return from_server

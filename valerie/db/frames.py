@@ -1,0 +1,154 @@
+"""Queries about the frames of a run: their products, annotations and persons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import groupby
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import BigInteger, Connection, Select, literal, select, tuple_
+from sqlalchemy.orm import aliased
+
+from valerie.db.links import (
+    FRAME_COLUMNS,
+    LIGHT_OF_FRAME,
+    LIGHT_OF_PERSON,
+    VARIANT_OF_FRAME,
+    StoredFrame,
+    frame_order,
+    key_of,
+    names_frame,
+)
+from valerie.db.long_table import COLUMNS
+from valerie.db.measured import SEEN, SeenPerson
+from valerie.db.models import Frame, FrameAnnotation, PersonLight, PersonView, Product, Variant
+from valerie.errors import NotFound
+from valerie.measures import Source, names_from
+from valerie.runs.frames import FrameKey
+from valerie.runs.states import ProductState
+
+_LIT: Final = names_from(Source.LIGHT)
+
+
+def get(connection: Connection, key: FrameKey) -> StoredFrame:
+    """Read one frame.
+
+    Raises:
+        NotFound: no such frame.
+    """
+    query = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(names_frame(Frame, key))
+    row = connection.execute(query).first()
+    if row is None:
+        raise NotFound("frame", key)
+    return StoredFrame.of(row)
+
+
+def page(
+    connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int
+) -> list[tuple[StoredFrame, tuple[ProductState, ProductState, ProductState]]]:
+    """Read the frames of a run after one, in order, each with the states of its background, layer and truth."""
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    query = (
+        select(
+            *FRAME_COLUMNS,
+            background.state.label("background_state"),
+            layer.state.label("layer_state"),
+            truth.state.label("truth_state"),
+        )
+        .select_from(Frame)
+        .join(Variant, VARIANT_OF_FRAME)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .where(Frame.run_id == run_id)
+        .order_by(*frame_order(Frame))
+        .limit(limit)
+    )
+    if after is not None:
+        query = query.where(tuple_(*frame_order(Frame)) > _place(after))
+    return [
+        (StoredFrame.of(row), (row.background_state, row.layer_state, row.truth_state))
+        for row in connection.execute(query)
+    ]
+
+
+def _place(key: FrameKey) -> Any:
+    """Return a frame's place in its run, to be compared with `frame_order`."""
+    return tuple_(*(literal(part, BigInteger) for part in (key.variant, key.camera, key.time)))
+
+
+def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame, tuple[SeenPerson, ...]]]:
+    """Read the frames whose image and truth are stored, in order, each with its persons and the light on them.
+
+    A frame without any person has one with instance 0.
+    """
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    query: Select[Any] = (
+        select(
+            *FRAME_COLUMNS,
+            PersonView.instance_id,
+            PersonView.box,
+            PersonView.amodal_box,
+            *(COLUMNS[name] for name in (*SEEN, *_LIT)),
+        )
+        .select_from(Frame)
+        .join(Variant, VARIANT_OF_FRAME)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .join(PersonView, PersonView.truth == Frame.truth)
+        .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
+        .outerjoin(PersonLight, LIGHT_OF_PERSON)
+        .where(
+            Frame.run_id == run_id,
+            background.state == ProductState.DONE,
+            layer.state == ProductState.DONE,
+            truth.state == ProductState.DONE,
+        )
+        .order_by(*frame_order(Frame), PersonView.instance_id)
+    )
+    rows = connection.execution_options(yield_per=5_000).execute(query)
+    for _, group in groupby(rows, partial(key_of, run_id)):
+        members = list(group)
+        persons = (member[len(FRAME_COLUMNS) :] for member in members)
+        yield (
+            StoredFrame.of(members[0]),
+            tuple(
+                SeenPerson(number, dict(zip((*SEEN, *_LIT), values, strict=True)), box, amodal)
+                for number, box, amodal, *values in persons
+            ),
+        )
+
+
+def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, FrameKey | None]:
+    """Return the frames before and after one, in the order of `page`; None at the ends."""
+    columns, here = frame_order(Frame), _place(key)
+
+    def nearest(condition: Any, order: list[Any]) -> FrameKey | None:
+        query = select(*columns).where(Frame.run_id == key.run_id, condition).order_by(*order).limit(1)
+        row = connection.execute(query).first()
+        return None if row is None else key_of(key.run_id, row)
+
+    return (
+        nearest(tuple_(*columns) < here, [column.desc() for column in columns]),
+        nearest(tuple_(*columns) > here, [column.asc() for column in columns]),
+    )
+
+
+class AnnotationLink(NamedTuple):
+    """An annotation of a frame: its product and that product's state."""
+
+    product: str
+    state: ProductState
+
+
+def annotation_links(connection: Connection, key: FrameKey) -> dict[str, AnnotationLink]:
+    """Read the annotations of one frame by kind."""
+    rows = connection.execute(
+        select(FrameAnnotation.kind, FrameAnnotation.product, Product.state)
+        .join(Product, Product.digest == FrameAnnotation.product)
+        .where(names_frame(FrameAnnotation, key))
+        .order_by(FrameAnnotation.kind)
+    )
+    return {kind: AnnotationLink(product, state) for kind, product, state in rows}

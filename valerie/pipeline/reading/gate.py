@@ -1,0 +1,31 @@
+"""Runs as the gate reads them."""
+
+from __future__ import annotations
+
+import orjson
+
+from valerie.analysis.gate import GateRun
+from valerie.analysis.verdicts import from_json
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import read_run
+from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+from valerie.pipeline.reading.tables import read_table
+
+
+def read_gate_run(context: Context, run_id: str) -> GateRun:
+    """Read an ended run.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: it has not ended, or its asset changed.
+    """
+    summary = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    run = read_run(context, run_id)
+    return GateRun(
+        run_id,
+        run.resolved.spec,
+        run.resolved.asset_digest,
+        run.pins,
+        read_table(context.engine, run),
+        from_json(summary["verdicts"]),
+    )
