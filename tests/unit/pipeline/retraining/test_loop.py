@@ -113,7 +113,7 @@ def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: t
 def test_an_asset_without_seeds_has_no_fresh_streets(
     drawn: tuple[Context, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("valerie.scene.assets.asset.is_generated", lambda name: False)
+    monkeypatch.setattr("valerie.pipeline.retraining.weakness.is_generated", lambda name: False)
     with pytest.raises(InvalidInput, match="fresh streets"):
         find_weakness(*drawn, FAR, "semantic-fpn-small")
 
