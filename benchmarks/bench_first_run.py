@@ -16,7 +16,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import defaultdict
+from operator import itemgetter
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -96,10 +97,10 @@ class _Watch:
         """Return CPU seconds by kind of process, the largest first."""
         self._stop.set()
         self._thread.join()
-        sums: Counter[str] = Counter()
+        sums: defaultdict[str, float] = defaultdict(float)
         for (name, _), seconds in self._seconds.items():
             sums[name] += seconds
-        return {name: round(seconds, 1) for name, seconds in sums.most_common()}
+        return {name: round(seconds, 1) for name, seconds in sorted(sums.items(), key=itemgetter(1), reverse=True)}
 
     def _run(self) -> None:
         while not self._stop.wait(_LOOK_SECONDS):

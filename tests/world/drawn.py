@@ -11,7 +11,6 @@ from tests.world.makers import DrawingMaker
 from tests.world.world import World
 from valerie.db.products import Job
 from valerie.errors import RenderingError
-from valerie.perception.base import FunctionCard
 from valerie.perception.shipped import function_card
 from valerie.runs.pins import FunctionOffer, Offer
 from valerie.runs.states import Stage, route_of
@@ -41,10 +40,9 @@ class DrawnWorld(World):
         infer = (
             FunctionOffer(
                 stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1,
-                route=route_of(Stage.INFER, infer_class), digest=digest,
-                card=FunctionCard(name, digest, name, "fp32", "torch", {}),
+                route=route_of(Stage.INFER, infer_class), digest=card.digest, card=card,
             )
-            for name in FUNCTIONS if (digest := function_card(name).digest)
+            for name in FUNCTIONS if (card := function_card(name))
         )  # fmt: skip
         self.offer("drawn-render", *render)
         self.offer("drawn-infer", *infer, stage=Stage.INFER)

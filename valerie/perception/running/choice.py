@@ -81,7 +81,7 @@ def agreeing_choice(document: FunctionDocument, payload: Path) -> Choice:
     Raises:
         ValerieError: the reference cannot run it.
     """
-    reference = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
+    reference: Engine = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
     expected = _answer(document, payload, reference)
     complaints = []
     for engine in _FASTEST_FIRST:
