@@ -19,7 +19,8 @@ from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, Unkno
 from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.shipped import AUTO, FUNCTIONS, load_function
+from valerie.perception.running.choice import AUTO
+from valerie.perception.shipped import FUNCTIONS, load_function
 from valerie.rendering.engine import Engine, EngineSettings
 from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of

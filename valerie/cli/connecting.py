@@ -6,12 +6,15 @@ import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from valerie.cli.shell import command_name, say
 from valerie.client import Client, ServerUnavailableError
 from valerie.embedded import running
-from valerie.embedded.supervisor import Supervisor
 from valerie.settings import Settings
+
+if TYPE_CHECKING:
+    from valerie.embedded.supervisor import Supervisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,8 @@ def system_of(settings: Settings) -> Iterator[System]:
             yield System(client, owned=False, check=lambda: None)
         return
     say(f"starting Redis, the API and the workers (logs: {settings.data_dir / 'logs'})")
+    from valerie.embedded.supervisor import Supervisor  # commands that only ask a server need no Redis
+
     with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         yield System(client, owned=True, check=supervisor.check, supervisor=supervisor)
 
