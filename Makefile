@@ -33,6 +33,10 @@ cycles: ## Install Blender's Cycles in its own environment (1 GB; GPL)
 run: setup ## Run a validation and show its result (SPEC=examples/first-run.yaml)
 	@exec $(VENV)/bin/valerie run $(SPEC) --end-with-parent
 
+.PHONY: paper-small
+paper-small: setup ## Run a small part of the paper's experiment and test the paper's claims on it (minutes)
+	@exec $(VENV)/bin/valerie run examples/paper-small.yaml --claims examples/paper-claims.yaml --end-with-parent
+
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C
 	@exec $(VENV)/bin/valerie up --end-with-parent

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from valerie.analysis.design import Design
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import MEASURES
 from valerie.parameters.blocks import Block, Variation
@@ -18,19 +19,25 @@ from valerie.runs.requirements import Requirement, resolve_requirements
 from valerie.runs.spec import RunSpec
 
 X = "scene.person-1.pos.x"
-DEFINITION = ParameterDefinition.model_validate(
-    {"path": X, "type": "FLOAT", "affects": "geometry", "minimum": 0, "maximum": 1000, "default": 0}
+DEFINITION, *_FURTHER = (
+    ParameterDefinition.model_validate(
+        {"path": path, "type": "FLOAT", "affects": "geometry", "minimum": 0, "maximum": 1000, "default": 0}
+    )
+    for path in (X, *(f"scene.person-{number}.pos.x" for number in range(2, 9)))
 )
 #: Pixels of every planted person that is seen.
 PIXELS = 1000
 
 
-def planted_table(pacc: ArrayLike, variants: ArrayLike, **columns: Any) -> EvaluationTable:
+def planted_table(
+    pacc: ArrayLike, variants: ArrayLike, *, design: Design | None = None, **columns: Any
+) -> EvaluationTable:
     """Return a table of one person a row, behind one camera; NaN is a fully hidden person.
 
     Args:
         pacc: (N,) shares of the person's pixels that are found.
         variants: (N,) variant of each row.
+        design: that chose the variants; None: unknown.
         columns: further columns, (N,) or one value for all rows; the frame is that of the variant by default.
     """
     scores, index = np.asarray(pacc, np.float64), np.asarray(variants, np.int64)
@@ -59,18 +66,19 @@ def planted_table(pacc: ArrayLike, variants: ArrayLike, **columns: Any) -> Evalu
     }
     for name, column in columns.items():
         filled[name] = [column] * count if isinstance(column, str | int | float) else column
-    return EvaluationTable.from_columns(filled, {X: "FLOAT"})
+    return EvaluationTable.from_columns(filled, {X: "FLOAT"}, {} if design is None else {"planted": design})
 
 
-def drawn_space(design: str, count: int, *more: Block) -> ParameterSpace:
-    """Return the space of one block that draws ``count`` variants, and of the blocks that follow it."""
-    block = Block(design=design, count=count, variations=(Variation(X, Uniform()),))
-    return ParameterSpace([DEFINITION], [block, *more])
+def drawn_space(design: str, count: int, *, dimensions: int = 1, seed: int = 0) -> ParameterSpace:
+    """Return the space of one block that draws ``count`` variants of 0…1000."""
+    definitions = [DEFINITION, *_FURTHER][:dimensions]
+    variations = tuple(Variation(definition.path, Uniform()) for definition in definitions)
+    return ParameterSpace(definitions, [Block(design=design, count=count, variations=variations)], seed=seed)
 
 
-def listed_space(count: int) -> ParameterSpace:
-    """Return the space of ``count`` listed variants."""
-    return ParameterSpace([DEFINITION], [Block(design="points", points=tuple({X: float(i)} for i in range(count)))])
+def drawn(design: str, count: int) -> Design:
+    """Return the choice of ``count`` variants by one block."""
+    return Design(((design, count),))
 
 
 def requirement(statistic: str, functions: tuple[str, ...] = ("net",), **fields: Any) -> Requirement:

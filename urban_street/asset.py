@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import Field
@@ -52,7 +52,7 @@ from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
-from valerie.scene.assets.asset import PackSettings
+from valerie.scene.assets.asset import AssetArguments, PackSettings
 from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest, TrainingRules
 from valerie.scene.assets.objects import classified
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
@@ -173,7 +173,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     )
 
 
-def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
+def draw_arguments(rng: np.random.Generator) -> AssetArguments:
     """Draw the arguments of a training street, except its seed; all choices come from ``rng``."""
 
     def pick(shares: Mapping[str, float]) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 from urllib.parse import quote
 
 import httpx
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
 
@@ -130,6 +130,115 @@ class FailureError(_Read):
     cause: str | None = None
 
 
+class Trial(_Read):
+    """A function that was run once, when it was registered.
+
+    Attributes:
+        numeric_class, precision: read back from the compiled model.
+        picture: width and height, pixels.
+        cpu_seconds: of one picture.
+    """
+
+    numeric_class: str
+    precision: str
+    picture: tuple[int, int]
+    cpu_seconds: float
+
+
+class NoTrial(_Read):
+    """Why a function was not run when it was registered."""
+
+    skipped: str
+
+
+class _Kept(BaseModel):
+    # Goes into a file again, with all members.
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+
+class FunctionFile(_Kept):
+    """The description of a function's file; ``format`` is also its suffix."""
+
+    format: str
+
+
+class FunctionDocument(_Kept):
+    """The document of a registered function.
+
+    Attributes:
+        name: of the function.
+        payload: describes its file; None for kinds without one.
+    """
+
+    name: str
+    payload: FunctionFile | None = None
+
+
+class Function(_Read):
+    """A function under test with its card.
+
+    Attributes:
+        name, digest, architecture, precision, engine, provenance: from its card.
+        numeric_classes: in which living workers offer it.
+        card: title and text of each row of the card.
+        problem: why it cannot be used; None where it can.
+        reference: name of this version in specs; None for an installed function.
+        kind: network, onnx, huggingface, http or predictions; None for a class of an installed package.
+        version: number of a registered version.
+        classes, unmapped: Cityscapes classes that it can predict, and its own that count as void.
+        judged_by: Cityscapes classes that its scores over all classes are over; empty: all.
+        created_at: of a registered version.
+        document: of a registered version, where one function was asked for.
+        check: the trial, in the answer to a registration.
+    """
+
+    name: str
+    digest: str
+    architecture: str
+    precision: str
+    engine: str
+    provenance: dict[str, str]
+    numeric_classes: tuple[str, ...]
+    card: tuple[tuple[str, str], ...]
+    problem: str | None = None
+    reference: str | None = None
+    kind: str | None = None
+    version: int | None = None
+    classes: tuple[str, ...] | None = None
+    unmapped: tuple[str, ...] | None = None
+    judged_by: tuple[str, ...] = ()
+    created_at: str | None = None
+    document: FunctionDocument | None = None
+    check: Trial | NoTrial | None = None
+
+    def as_json(self) -> dict[str, JsonValue]:
+        """Return the members that the registry gave, as JSON values."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+
+class RegisteredFunction(NamedTuple):
+    """The answer to a registration; ``new`` is False where this version was there already."""
+
+    function: Function
+    new: bool
+
+
+class RunSummary(_Read):
+    """Summary, findings and verdicts of an ended run, as documents that `valerie.analysis` reads."""
+
+    summary: dict[str, JsonValue]
+    findings: dict[str, JsonValue]
+    verdicts: tuple[dict[str, JsonValue], ...]
+
+
+class RunDetail(_Read):
+    """What a run computes: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
+
+    spec: dict[str, JsonValue]
+    asset_digest: str
+    pins: dict[str, JsonValue]
+
+
 class Failure(_Read):
     """A product that failed for good.
 
@@ -140,6 +249,23 @@ class Failure(_Read):
 
     kind: str
     error: FailureError | None
+
+
+class _Page(_Read):
+    items: list[JsonValue]
+    next: str | None
+
+
+class _Uploaded(_Read):
+    new: bool
+
+
+class _Spec(_Read):
+    annotations: tuple[str, ...]
+
+
+class _RunWithSpec(_Read):
+    spec: _Spec
 
 
 class Client:
@@ -196,10 +322,9 @@ class Client:
         """Return a run."""
         return self._read(Run, "GET", f"/v1/runs/{run_id}")
 
-    def spec(self, run_id: str) -> dict[str, Any]:
-        """Return the spec of a run as a document."""
-        spec: dict[str, Any] = self._document("GET", f"/v1/runs/{run_id}")["spec"]
-        return spec
+    def annotations(self, run_id: str) -> tuple[str, ...]:
+        """Return the kinds of annotations that the spec of a run asks for."""
+        return self._read(_RunWithSpec, "GET", f"/v1/runs/{run_id}").spec.annotations
 
     def progress(self, run_id: str) -> Progress:
         """Return the progress of a run."""
@@ -210,13 +335,13 @@ class Client:
         documents = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
         return [_validated(Failure, document) for document in documents]
 
-    def summary(self, run_id: str) -> dict[str, Any]:
-        """Return the ``summary``, the ``findings`` and the ``verdicts`` of an ended run, as JSON documents."""
-        return self._document("GET", f"/v1/runs/{run_id}/summary")
+    def summary(self, run_id: str) -> RunSummary:
+        """Return summary, findings and verdicts of an ended run."""
+        return self._read(RunSummary, "GET", f"/v1/runs/{run_id}/summary")
 
-    def detail(self, run_id: str) -> dict[str, Any]:
-        """Return everything that the server tells about a run, with its spec and its pins."""
-        return self._document("GET", f"/v1/runs/{run_id}")
+    def detail(self, run_id: str) -> RunDetail:
+        """Return spec and pins of a run."""
+        return self._read(RunDetail, "GET", f"/v1/runs/{run_id}")
 
     def evaluations(self, run_id: str) -> bytes:
         """Return the long table of a run, as Parquet."""
@@ -242,14 +367,13 @@ class Client:
         """Delete an ended run."""
         self._send("DELETE", f"/v1/runs/{run_id}")
 
-    def functions(self) -> list[dict[str, Any]]:
+    def functions(self) -> list[Function]:
         """Return the functions under test with their cards."""
-        functions: list[dict[str, Any]] = self._send("GET", "/v1/functions").json()
-        return functions
+        return [_validated(Function, document) for document in self._send("GET", "/v1/functions").json()]
 
-    def function(self, reference: str) -> dict[str, Any]:
+    def function(self, reference: str) -> Function:
         """Return a function with its card and document."""
-        return self._document("GET", f"/v1/functions/{quote(reference)}")
+        return self._read(Function, "GET", f"/v1/functions/{quote(reference)}")
 
     def function_payload(self, reference: str) -> bytes:
         """Return the file of a registered function."""
@@ -257,16 +381,13 @@ class Client:
 
     def register_function(
         self, texts: Mapping[str, str], payload: Path | None = None, *, filename: str | None = None
-    ) -> tuple[dict[str, Any], bool]:
+    ) -> RegisteredFunction:
         """Register a function.
 
         Args:
             texts: any of ``document``, ``name``, ``engine``, ``precision``.
             payload: its file.
             filename: name of the file on the server; None takes that of ``payload``.
-
-        Returns:
-            (the registered function, True if it is new).
         """
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
         # Converting and testing a large network takes minutes.
@@ -277,7 +398,8 @@ class Client:
             with payload.open("rb") as stream:
                 fields.append(("payload", (filename or payload.name, stream)))
                 response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
-        return response.json(), response.status_code == httpx.codes.CREATED
+        function = _validated(Function, response.json())
+        return RegisteredFunction(function, response.status_code == httpx.codes.CREATED)
 
     def remove_function(self, reference: str) -> None:
         """Remove one version of a registered function."""
@@ -304,23 +426,19 @@ class Client:
         parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
         path = f"/v1/frames/{quote(frame_id)}/prediction"
         headers = {"Content-Type": "image/png"}
-        return bool(self._document("PUT", path, params=parameters, content=data, headers=headers)["new"])
+        return self._read(_Uploaded, "PUT", path, params=parameters, content=data, headers=headers).new
 
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
-        return _validated(model, self._document(method, path, **options))
+        return _validated(model, self._send(method, path, **options).json())
 
     def _pages(self, path: str, *, page_size: int) -> Iterator[object]:
         """Yield the items of all pages; a page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
             parameters: dict[str, str | int] = {"limit": page_size, **({"cursor": cursor} if cursor else {})}
-            page = self._document("GET", path, params=parameters)
-            yield from page["items"]
-            cursor = page["next"]
-
-    def _document(self, method: str, path: str, **options: Any) -> dict[str, Any]:
-        document: dict[str, Any] = self._send(method, path, **options).json()
-        return document
+            page = self._read(_Page, "GET", path, params=parameters)
+            yield from page.items
+            cursor = page.next
 
     def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
         try:

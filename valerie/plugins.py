@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from importlib import import_module
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import ValidationError
 
 from valerie.entry_points import PluginKind, installed, named_packages
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
+from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.shipped import FUNCTIONS, load_function
+from valerie.perception.shipped import AUTO, FUNCTIONS, load_function
 from valerie.rendering.engine import Engine, EngineSettings
 from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of
@@ -126,7 +127,7 @@ def known_engine(name: str) -> Engine | None:
     return declared_engine(name) if name in _RENDERERS.names() else None
 
 
-def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Renderer:
+def create_renderer(name: str, settings: Mapping[str, Value] | None = None) -> Renderer:
     """Open an engine, with what a spec says of its settings.
 
     Raises:
@@ -144,7 +145,7 @@ def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Ren
     return renderer
 
 
-def engine_settings(name: str, engine: Engine, settings: Mapping[str, Any]) -> EngineSettings:
+def engine_settings(name: str, engine: Engine, settings: Mapping[str, Value]) -> EngineSettings:
     """Check the settings that a spec gives an engine.
 
     Raises:
@@ -167,7 +168,7 @@ def engine_settings(name: str, engine: Engine, settings: Mapping[str, Any]) -> E
         ) from None
 
 
-def engine_inputs(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+def engine_inputs(name: str, settings: Mapping[str, Value]) -> dict[str, Value]:
     """Return all settings that an engine's pixels depend on; of an engine that is gone, the settings as they are.
 
     Raises:
@@ -177,7 +178,7 @@ def engine_inputs(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return dict(settings) if engine is None else engine_settings(name, engine, settings).inputs()
 
 
-def engine_cost(name: str, settings: Mapping[str, Any]) -> float:
+def engine_cost(name: str, settings: Mapping[str, Value]) -> float:
     """Return the CPU seconds of a picture relative to the engine's default settings."""
     engine = known_engine(name)
     return 1.0 if engine is None else engine_settings(name, engine, settings).cost()
@@ -199,15 +200,19 @@ def function_names(*, testing: bool = False) -> tuple[str, ...]:
     return (*FUNCTIONS, *_FUNCTIONS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
-def create_function(name: str, *, threads: int = 1, device: str = "auto") -> PerceptionFunction:
+def create_function(name: str, *, threads: int = 1, device: str = "auto", precision: str = AUTO) -> PerceptionFunction:
     """Load a function under test; the entry point of an installed package is called without arguments.
+
+    Args:
+        name: of a shipped function, or of one of an installed package.
+        threads, device, precision: of a shipped function; see `valerie.perception.shipped.load_function`.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
         NotFound, InvalidInput: its file is missing or damaged.
     """
     if name in FUNCTIONS:
-        return load_function(name, threads=threads, device=device)
+        return load_function(name, threads=threads, device=device, precision=precision)
     function: PerceptionFunction = _FUNCTIONS.load(name)()
     return function
 

@@ -119,6 +119,10 @@ class Settings(BaseSettings):
     infer_device: str = Field(
         "auto", pattern=r"^(auto|cpu|cuda(:[0-9]+)?)$", description="device of torch: auto, cpu, cuda, cuda:1"
     )
+    infer_precision: Literal["auto", "fp32", "bf16"] = Field(
+        "auto",
+        description="precision of the shipped functions; auto: bf16 where the processor multiplies it, else fp32",
+    )
     infer_memory_mb: int = Field(
         16_384,
         ge=0,

@@ -23,8 +23,8 @@ from valerie.analysis.before_after_drawing import comparison_renderable, draw_co
 from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
-from valerie.pipeline.retraining.comparison import compare_versions
-from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain
+from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+from valerie.pipeline.retraining.loop import Resources, RetrainSettings, Watcher, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness
 from valerie.settings import load_settings
 
@@ -88,11 +88,12 @@ def close_the_loop(
             out / f"{name}.safetensors",
             settings.model_copy(update={"targeted": targeted}),
             folder=out / name,
-            processes=processes,
-            threads=threads,
-            on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
-            on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
-                now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
+            resources=Resources(processes, threads),
+            watcher=Watcher(
+                on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
+                on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
+                    now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
+                ),
             ),
         )
         _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
@@ -106,9 +107,8 @@ def close_the_loop(
         run_id,
         versions,
         open_function=lambda name: open_reference(name, context=context),
-        where=where,
-        region=weakness.region,
-        progress=lines.tell,
+        grouping=Grouping(where, weakness.region),
+        progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
     )
     Console(highlight=False, width=None if sys.stdout.isatty() else 150).print(comparison_renderable(comparison))
     document = {

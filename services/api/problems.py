@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import structlog
 from fastapi import FastAPI, Request
@@ -13,6 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from typing_extensions import TypedDict  # pydantic reads no other before Python 3.12
 
 from valerie.errors import (
     Conflict,
@@ -51,13 +53,20 @@ _KINDS: Final[tuple[tuple[type[ValerieError], HTTPStatus, str], ...]] = (
 MEDIA_TYPE: Final = "application/problem+json"
 
 
-class FieldProblem(BaseModel):
+#: A JSON value that is neither list nor object.
+_Scalar = str | float | int | bool | None
+
+
+class FieldProblem(TypedDict):
     """Error in one field of the request."""
 
-    field: str = Field(description="dotted path in the document or name of the parameter; empty for the whole request")
+    field: Annotated[
+        str,
+        Field(description="dotted path in the document or name of the parameter; empty for the whole request"),
+    ]
     message: str
-    value: str | float | int | bool | None = Field(None, description="rejected value, shortened")
-    limit: str | float | int | bool | None = Field(None, description="bound or form that would be accepted")
+    value: Annotated[_Scalar, Field(description="rejected value, shortened")]
+    limit: Annotated[_Scalar, Field(description="bound or form that would be accepted")]
 
 
 class Problem(BaseModel):
@@ -82,10 +91,10 @@ class ProblemResponse(JSONResponse):
         )
 
 
-def problem(status: int, title: str, detail: str, **members: Any) -> JSONResponse:
-    """Return one problem document."""
-    document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
-    return ProblemResponse(document, status_code=int(status))
+def problem(status: int, title: str, detail: str, *, errors: Sequence[FieldProblem] | None = None) -> JSONResponse:
+    """Return one problem document; ``errors`` is a member of it where it is not None."""
+    document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail}
+    return ProblemResponse(document | ({} if errors is None else {"errors": errors}), status_code=int(status))
 
 
 def install(app: FastAPI) -> None:
@@ -93,24 +102,24 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(ValerieError)
     async def valerie_error(_: Request, error: ValerieError) -> JSONResponse:
-        members: dict[str, Any] = {}
+        errors: list[FieldProblem] | None = None
         deciding: ValerieError = error
         if isinstance(error, InvalidInput):
             problems = error.problems if isinstance(error, InvalidInputs) else (error,)
-            members["errors"] = [_members(one) for one in problems]
+            errors = [_field_problem(one) for one in problems]
             deciding = problems[0] if len(problems) == 1 else error
         status, title = next((status, title) for kind, status, title in _KINDS if isinstance(deciding, kind))
-        return problem(status, title, str(error), **members)
+        return problem(status, title, str(error), errors=errors)
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
         errors = [
-            {
-                "field": ".".join(str(part) for part in one["loc"][1:]) or str(one["loc"][0]),
-                "message": one["msg"],
-                "value": _plain(one.get("input")),
-                "limit": _limit(one.get("ctx", {})),
-            }
+            FieldProblem(
+                field=".".join(str(part) for part in one["loc"][1:]) or str(one["loc"][0]),
+                message=one["msg"],
+                value=_plain(one.get("input")),
+                limit=_limit(one.get("ctx", {})),
+            )
             for one in error.errors()
         ]
         detail = "; ".join(f"{one['field']}: {one['message']}" for one in errors)
@@ -128,11 +137,11 @@ def install(app: FastAPI) -> None:
         return problem(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error", "internal error of the server; see its log")
 
 
-def _members(error: InvalidInput) -> dict[str, Any]:
+def _field_problem(error: InvalidInput) -> FieldProblem:
     value, limit = error.value, error.limit
     if isinstance(error, UnknownName):
         value, limit = error.name, limit or ", ".join(error.known)
-    return {"field": error.field, "message": error.message, "value": _plain(value), "limit": _plain(limit)}
+    return FieldProblem(field=error.field, message=error.message, value=_plain(value), limit=_plain(limit))
 
 
 #: Bounds of pydantic to their text.
@@ -140,11 +149,11 @@ _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 
 
-def _limit(context: dict[str, Any]) -> str | None:
+def _limit(context: Mapping[str, object]) -> str | None:
     return ", ".join(text.format(context[name]) for name, text in _BOUNDS.items() if name in context) or None
 
 
-def _plain(value: object) -> object:
+def _plain(value: object) -> _Scalar:
     """Return a JSON value that is short enough to read."""
     if value is None or isinstance(value, bool | int | float):
         return value if not isinstance(value, float) or math.isfinite(value) else str(value)

@@ -172,7 +172,7 @@ def test_a_run_completes_although_a_render_worker_was_killed(stack: Stack, finis
 
 def test_the_results_are_whole(stack: Stack, finished: str) -> None:
     with stack.client() as client:
-        summary = client.summary(finished)["summary"]
+        summary = client.summary(finished).summary
         report = client.report(finished).decode()
         evaluated = client.progress(finished).stages["render"].total
     assert summary["frames"] == evaluated

@@ -50,7 +50,7 @@ def schema(new_database: Callable[[], str], redis_url: str, tmp_path_factory: py
         real = {
             "run_id": run,
             "frame_id": frame["id"],
-            "name": "urban-street",
+            "name": "drawn-street",
             "digest": frame["truth"],
             "kind": "truth",
         }

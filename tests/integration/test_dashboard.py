@@ -49,7 +49,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
     world.work(spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
-    world.work(spec("running", constants={"sun-1.elevation": 25}), products=150)
+    world.work(spec("running", constants={"sun-1.elevation": 25}), products=100)
     for provenance in ({**SECOND, "source": "first.onnx"}, SECOND):
         registry.register(world.context, *small_onnx(folder, provenance=provenance))
     with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:

@@ -9,7 +9,7 @@ import pytest
 
 from urban_street.human import CHARACTERS
 from valerie.parameters.definitions import ParameterDefinition, Value
-from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
+from valerie.scene.assets.asset import SceneAsset, asset_manifest
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.variation.variant import apply
@@ -260,11 +260,6 @@ TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "camera roll": [(30.0, looking(2))],
     "camera focal_length_mm": [(35.0, itself("focal_length_mm"))],
 }
-
-
-@pytest.fixture(scope="module")
-def asset() -> SceneAsset:
-    return load_asset("urban-street")
 
 
 def row_of(path: str) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from valerie.parameters.definitions import ParameterType, Value
 from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
+from valerie.scene.assets.asset import SceneAsset, asset_manifest
 from valerie.scene.assets.gltf_scene import load_gltf
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import JOINTS, Scene
@@ -38,11 +38,6 @@ VEHICLES = tuple(
 HOUSES = tuple(house.path for house in varied_houses(layout_street(StreetSettings())))
 #: The paper's positions (section 6.1).
 GRID = tuple(product(range(-2, 8), range(5, 36, 2)))
-
-
-@pytest.fixture(scope="module")
-def asset() -> SceneAsset:
-    return load_asset("urban-street")
 
 
 def test_it_declares_what_the_paper_varies_over_wide_ranges() -> None:
@@ -373,19 +368,17 @@ def test_a_house_is_an_input_of_the_background_and_a_bus_of_what_moves() -> None
 
 
 @pytest.mark.gl
-def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(asset: SceneAsset) -> None:
+def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(
+    asset: SceneAsset, truth_pass: TruthPass
+) -> None:
     width, height = 480, 270
     house = HOUSES[4]
     person: dict[str, Value] = {"scene.person-1.pos.x": 8.5, "scene.person-1.pos.y": 22.0}
     moved = {**person, f"{house}.pos.x": MANIFEST.definition(f"{house}.pos.x").minimum or 0.0, f"{house}.scale": 0.97}
     view = View("camera-1", width, height)
-    truth_pass = TruthPass()
-    try:
-        scene = apply(moved, asset)
-        statics, layer = truth_pass.parts(scene, view)
-        truth, before = truth_pass.truth(scene, view), truth_pass.truth(apply(person, asset), view)
-    finally:
-        truth_pass.close()
+    scene = apply(moved, asset)
+    statics, layer = truth_pass.parts(scene, view)
+    truth, before = truth_pass.truth(scene, view), truth_pass.truth(apply(person, asset), view)
     assert np.array_equal(layer.over(statics).class_map, truth.class_map)
     rows, columns = np.nonzero(before.instance_map == 24001)
     assert len(rows) > 100

@@ -11,12 +11,17 @@ from valerie.scene.gltf.writer import save_gltf
 from valerie.testing.assets import simple_asset
 
 
-def write_box_street(folder: Path) -> None:
-    """Write the asset of boxes into an asset folder that does not exist yet; the folder's name is the asset's."""
+def write_box_street(folder: Path, **changes: Any) -> None:
+    """Write the asset of boxes into an asset folder that does not exist yet.
+
+    Args:
+        folder: its name is the asset's.
+        changes: other entries of the manifest.
+    """
     folder.mkdir(parents=True)
     asset = simple_asset()
     save_gltf(asset.base, folder / "scene.glb")
-    document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]}
+    document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]} | changes
     (folder / "manifest.yaml").write_text(yaml.safe_dump(document))
 
 

@@ -1,4 +1,4 @@
-"""Runs over the manifest of the urban street, whose pictures, truths and predictions are drawn with numpy."""
+"""Runs over the street of boxes, whose pictures, truths and predictions are drawn with numpy (`tests.world.street`)."""
 
 from __future__ import annotations
 
@@ -7,18 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.world.boxes import write_box_street
 from tests.world.makers import DrawingMaker
 from tests.world.world import World
 from valerie.db.products import Job
 from valerie.errors import RenderingError
+from valerie.parameters.declaring import angle, number
+from valerie.parameters.definitions import Affects
 from valerie.perception.base import FunctionCard
 from valerie.perception.shipped import function_card
 from valerie.runs.pins import FunctionOffer, Offer
 from valerie.runs.states import Stage, route_of
+from valerie.scene.assets.manifest import Footprint
 from valerie.settings import Settings
+from valerie.testing.assets import simple_manifest
 
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 CLASS = "drawn-1"
+#: The asset of the runs, and the choices of a pedestrian in it.
+ASSET = "drawn-street"
+CHARACTERS = ("red-coat", "blue-coat")
 #: Products of one step of a run that stays unfinished.
 _FEW = 24
 
@@ -27,6 +35,8 @@ class DrawnWorld(World):
     """A deployment with one worker per stage that offers drawn products, functions as if in ``infer_class``."""
 
     def __init__(self, settings: Settings, *, infer_class: str = CLASS) -> None:
+        if not (settings.asset_dir / ASSET).exists():
+            write_drawn_street(settings.asset_dir / ASSET)
         super().__init__(settings, lambda context: dict.fromkeys((Stage.RENDER, Stage.INFER), DrawingMaker(context)))
         render = (
             Offer(
@@ -42,7 +52,7 @@ class DrawnWorld(World):
             FunctionOffer(
                 stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1,
                 route=route_of(Stage.INFER, infer_class), digest=digest,
-                card=FunctionCard(name, digest, name, "fp32", "drawn", {}),
+                card=FunctionCard(name, digest, name, "fp32", "torch", {}),
             )
             for name in FUNCTIONS if (digest := function_card(name).digest)
         )  # fmt: skip
@@ -75,15 +85,38 @@ class DrawnWorld(World):
         return run_id
 
 
+def write_drawn_street(folder: Path) -> None:
+    """Write the street of boxes with a row of houses on the right, and with every parameter that a drawn camera has."""
+    manifest = simple_manifest()
+    cameras = []
+    for name, place, yaw in (("camera-1", (2.5, -12.0, 1.4), 0.0), ("camera-2", (0.6, -12.0, 1.3), 358.0)):
+        path = f"scene.{name}"
+        cameras += [
+            number(f"{path}.pos.{axis}", -20, 20, at, Affects.GEOMETRY, "m")
+            for axis, at in zip("xyz", place, strict=True)
+        ]
+        cameras += [
+            angle(f"{path}.yaw", yaw, Affects.GEOMETRY),
+            number(f"{path}.focal_length_mm", 20, 100, 50.0, Affects.GEOMETRY, "mm"),
+        ]
+    own = [parameter for parameter in manifest.parameters if ".camera-" not in parameter.path]
+    houses = Footprint(path="scene.building-1", polygon=((5, -5), (12, -5), (12, 55), (5, 55)))
+    write_box_street(
+        folder,
+        parameters=[parameter.model_dump(mode="json") for parameter in (*own, *cameras)],
+        obstacles=[houses.model_dump(mode="json")],
+    )
+
+
 def spec(name: str, *, width: int = 96, height: int = 54, **more: Any) -> dict[str, Any]:
-    """Eighteen variants: the paper's positions, thinned out, and both pedestrians; one x stands inside a house."""
+    """Return a spec of 24 variants: twelve places, both pedestrians; one x stands inside a house."""
     return {
         "name": name,
-        "asset": "urban-street",
+        "asset": ASSET,
         "vary": [
             ["person-1.pos.x", "HOMOGENEOUS", -1.0, 6.0, 3.5],
-            ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0],
-            ["person-1.character", "CHOICE", ["yellow-shirt", "black-outfit"]],
+            ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 10.0],
+            ["person-1.character", "CHOICE", list(CHARACTERS)],
         ],
         "resolution": {"width": width, "height": height},
         "functions": list(FUNCTIONS),
@@ -114,7 +147,7 @@ def draw_runs(settings: Settings) -> DrawnRuns:
     world = DrawnWorld(settings)
     finished = world.work(spec("finished"))
     failed = world.work(spec("failed", constants={"sun-1.elevation": 12}), broken=layer_of_variant_4)
-    running = world.work(spec("running", constants={"sun-1.elevation": 25}), products=150)
+    running = world.work(spec("running", constants={"sun-1.elevation": 25}), products=100)
     waiting = world.work(spec("waiting", renderer="pyrender"), products=0)
     world.context.engine.dispose()
     return DrawnRuns(settings.data_dir, finished, failed, running, waiting)

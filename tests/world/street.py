@@ -18,7 +18,10 @@ _COLORS = {
     ROAD: (0.16, 0.16, 0.17), SIDEWALK: (0.36, 0.34, 0.32), BUILDING: (0.42, 0.30, 0.22), POLE: (0.12, 0.12, 0.13),
     VEGETATION: (0.10, 0.20, 0.06), SKY: (0.55, 0.72, 1.1), CAR: (0.30, 0.05, 0.06),
 }  # fmt: skip
-_SHIRTS = {"yellow-shirt": (0.75, 0.55, 0.05), "black-outfit": (0.02, 0.02, 0.025)}
+_SHIRTS = {
+    "red-coat": (0.6, 0.05, 0.05), "blue-coat": (0.05, 0.05, 0.6),
+    "yellow-shirt": (0.75, 0.55, 0.05), "black-outfit": (0.02, 0.02, 0.025),
+}  # fmt: skip
 _SKIN, _TROUSERS = (0.45, 0.28, 0.2), (0.05, 0.06, 0.12)
 _HEIGHT_M = 1.75
 

@@ -50,22 +50,22 @@ def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[C
     }
 
 
-def build(carries: str, pose: str, body: Body, posed: Posed, worn: Points, ground: float) -> dict[str, Piece]:
+def build(carries: str, pose: str, body: Body, posed: Posed, clothes: Points, ground: float) -> dict[str, Piece]:
     """Return all parts in the posed body's frame.
 
     Args:
         carries: one of `urban_street.human.stances.CARRIED` except ``own``.
         pose: one of `POSES`.
         body, posed: the body and where its bones are.
-        worn: (V, 3) points of all clothes.
+        clothes: (V, 3) points of all clothes.
         ground: height of the ground, metres.
     """
     size = float(body.head("upperarm_l")[2] - body.head("thigh_l")[2]) / _TORSO
     pieces: dict[str, Piece] = {}
     if carries == "backpack":
-        pieces["carried-backpack"] = _backpack(body, posed, worn, size)
+        pieces["carried-backpack"] = _backpack(body, posed, clothes, size)
     elif carries == "shoulder-bag":
-        pieces["carried-shoulder-bag"] = _shoulder_bag(body, posed, worn, size)
+        pieces["carried-shoulder-bag"] = _shoulder_bag(body, posed, clothes, size)
     elif carries == "shopping-bag":
         pieces["carried-shopping-bag"] = _shopping_bag(_grip(body, posed, "l"), ground)
     elif carries == "umbrella":
@@ -90,10 +90,10 @@ def _grip(body: Body, posed: Posed, side: str) -> Points:
     return _moved(posed, f"hand_{side}", knuckles + 0.028 * palm)
 
 
-def _trunk(body: Body, posed: Posed, worn: Points, size: float) -> Points:
+def _trunk(body: Body, posed: Posed, clothes: Points, size: float) -> Points:
     """Return points of the clothes on the trunk, in the chest's rest frame."""
     matrix = posed.transforms[data.rig().bones.index("spine_03")]
-    local = (worn - matrix[:3, 3]) @ matrix[:3, :3]
+    local = (clothes - matrix[:3, 3]) @ matrix[:3, :3]
     reach = abs(float(body.head("upperarm_l")[0])) + 0.03 * size
     keep = (np.abs(local[:, 0]) < reach) & (local[:, 2] > body.head("thigh_l")[2] - 0.1 * size)
     points: Points = local[keep]
@@ -113,8 +113,8 @@ def _around(flat: Points, start: float, end: float, count: int, off: float) -> P
     return np.asarray(middle + (radius + off)[:, None] * ways)
 
 
-def _backpack(body: Body, posed: Posed, worn: Points, size: float) -> Piece:
-    trunk = _trunk(body, posed, worn, size)
+def _backpack(body: Body, posed: Posed, clothes: Points, size: float) -> Piece:
+    trunk = _trunk(body, posed, clothes, size)
     shoulder = float(body.head("upperarm_l")[2])
     pieces = []
     level = shoulder - 0.17 * size
@@ -138,8 +138,8 @@ def _backpack(body: Body, posed: Posed, worn: Points, size: float) -> Piece:
     return _placed(posed, "spine_03", _joined(pieces))
 
 
-def _shoulder_bag(body: Body, posed: Posed, worn: Points, size: float) -> Piece:
-    trunk = _trunk(body, posed, worn, size)
+def _shoulder_bag(body: Body, posed: Posed, clothes: Points, size: float) -> Piece:
+    trunk = _trunk(body, posed, clothes, size)
     hip = float(body.head("thigh_l")[2])
     shoulder = np.array([-0.085 * size, 0.0, float(body.head("upperarm_l")[2]) + 0.05])
     side = trunk[np.abs(trunk[:, 2] - hip) < 0.06]

@@ -256,9 +256,9 @@ def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
     widest = ndimage.gaussian_filter(widest, (1.5, 2.0), mode=mode)
     lowest = ndimage.map_coordinates(widest, [row, column], order=1, mode="grid-wrap")
     fade = cut.hang * np.clip((high - points[:, 2]) / 0.10, 0.0, 1.0) * np.clip((0.3 - arms) / 0.2, 0.0, 1.0)
-    grown = np.maximum(reach, (1 - fade) * reach + fade * lowest)
+    radius = np.maximum(reach, (1 - fade) * reach + fade * lowest)
     hanging = points.copy()
-    hanging[:, :2] = centre + offset * (grown / np.maximum(reach, 1e-6))[:, None]
+    hanging[:, :2] = centre + offset * (radius / np.maximum(reach, 1e-6))[:, None]
     return hanging
 
 

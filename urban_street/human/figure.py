@@ -259,8 +259,8 @@ class Model:
         shapes = self._slimmed(full)
         origin = self._origin(posed)
         ground = origin[2]
-        worn = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
-        for part, thing in carried.build(key.carries, key.pose, self.body, posed, worn, float(ground)).items():
+        clothes = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
+        for part, thing in carried.build(key.carries, key.pose, self.body, posed, clothes, float(ground)).items():
             shapes[part] = Shape(*thing)
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
 
@@ -310,10 +310,10 @@ class Model:
 
     def dressed(self, posed: pose.Posed) -> tuple[clothing.Cloth, ...]:
         """Return the garments on the posed body, as they settle, without collars and hems."""
-        worn: list[clothing.Cloth] = []
+        cloths: list[clothing.Cloth] = []
         for garment, pattern in zip(self.look.garments, self._patterns, strict=True):
-            worn.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(worn)))
-        return tuple(worn)
+            cloths.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(cloths)))
+        return tuple(cloths)
 
     def _full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
         """Return all parts with all their triangles in the body's frame."""
@@ -363,12 +363,12 @@ class Model:
 
     def _on_head(self, posed: pose.Posed) -> Iterator[tuple[str, Shape]]:
         turn = posed.transforms[data.rig().bones.index("head")]
-        grown: dict[str, hair.Hair] = {}
+        pieces: dict[str, hair.Hair] = {}
         if self.look.hair is not None:
-            grown["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
+            pieces["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
         if self.look.hat is not None:
-            grown["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
-        for part, piece in grown.items():
+            pieces["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
+        for part, piece in pieces.items():
             points = piece.points @ turn[:3, :3].T + turn[:3, 3]
             normals = surface.vertex_normals(points, piece.faces)
             old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])

@@ -163,5 +163,5 @@ def _cap(ring: Indices) -> Indices:
         faces += [(right[k], right[k + 1], left[k + 1]), (right[k], left[k + 1], left[k])]
     table = np.array(faces, np.int64)
     keep = (table[:, 0] != table[:, 1]) & (table[:, 1] != table[:, 2]) & (table[:, 0] != table[:, 2])
-    kept: Indices = table[keep]
-    return kept
+    triangles: Indices = table[keep]
+    return triangles

@@ -65,7 +65,7 @@ def gait_step(phase: float) -> int:
     return round(phase * GAIT_STEPS) % GAIT_STEPS
 
 
-def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[str, Rotation]:
+def rotations(body: Body, gait: Gait, pose: str, step: int, carries: str) -> dict[str, Rotation]:
     """Return rotations of all bones.
 
     Args:
@@ -73,7 +73,7 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[s
         gait: its gait, whose phase is the first instant.
         pose: one of `POSES`.
         step: `GAIT_STEPS`-ths of a cycle after the first instant.
-        held: the carried thing; an umbrella takes the right hand, a shopping bag the left one.
+        carries: the carried thing; an umbrella takes the right hand, a shopping bag the left one.
 
     Raises:
         UnknownName: no such pose.
@@ -90,11 +90,11 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[s
     elif pose == "waving":
         turns |= _reach(body, _WAVE, "r")
         turns |= {"clavicle_r": turn(y=-12.0), "head": turn(z=-6.0)}
-    if held == "umbrella" and pose not in {"phone", "waving"}:
+    if carries == "umbrella" and pose not in {"phone", "waving"}:
         turns |= _reach(body, _CANOPY, "r")
-    elif held == "umbrella":
+    elif carries == "umbrella":
         turns |= _reach(body, _CANOPY, "l")
-    elif held == "shopping-bag":
+    elif carries == "shopping-bag":
         turns |= _reach(body, _LOAD, "l")
     return turns
 

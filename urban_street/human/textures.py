@@ -163,9 +163,9 @@ def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
     canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
     around = np.abs((u - 0.75 + 0.5) % 1.0 - 0.5)  # from the front
     behind = np.abs((u - 0.25 + 0.5) % 1.0 - 0.5)
-    worn = 0.9 * line(around, 0.13) * line(v - 0.38, 0.20) + 0.5 * line(around, 0.12) * line(v - 0.62, 0.08)
-    worn += 0.6 * line(behind, 0.13) * line(v - 0.22, 0.10)
-    canvas.shade(1.0 + 0.42 * worn * (1.0 + 0.15 * noise(random, (3.0, 3.0))))
+    fading = 0.9 * line(around, 0.13) * line(v - 0.38, 0.20) + 0.5 * line(around, 0.12) * line(v - 0.62, 0.08)
+    fading += 0.6 * line(behind, 0.13) * line(v - 0.22, 0.10)
+    canvas.shade(1.0 + 0.42 * fading * (1.0 + 0.15 * noise(random, (3.0, 3.0))))
     whiskers = np.sin((v - 0.35 * around) * 190.0) * line(around, 0.15) * line(v - 0.24, 0.06)
     canvas.shade(1.0 + 0.09 * whiskers)
     _trouser_seams(canvas, u, v, thread)

@@ -9,7 +9,7 @@ import numpy as np
 
 from urban_street.solids.surfaces import Bag, pose
 from urban_street.street import amenities, furniture, house_styles, road
-from urban_street.street.houses import build_house
+from urban_street.street.houses import add_floor, build_house
 from urban_street.street.layout import HOUSE_STYLES
 from urban_street.street.materials import make_materials, make_textures
 from urban_street.street.plan import Lines, Placement, StreetLayout
@@ -105,10 +105,10 @@ class _Workshop:
             UnknownName: no builder knows the placement's kind.
         """
         kind = placement.kind
-        if kind in house_styles.BUILDERS:
-            return house_styles.BUILDERS[kind](placement).meshes()
-        if kind in HOUSE_STYLES:
-            return build_house(placement).meshes()
+        if kind in HOUSE_STYLES or kind in house_styles.BUILDERS:
+            house = house_styles.BUILDERS.get(kind, build_house)(placement)
+            add_floor(house, placement)
+            return house.meshes()
         if kind in _GROUND:
             return _GROUND[kind](placement, self._lines).meshes()
         if kind in _UNIQUE:

@@ -203,6 +203,12 @@ def add_base(bag: Bag, house: House, openings: list[Opening]) -> None:
         bag.add("stone", boxes(low, np.stack([spans[:, 1], flat, flat + 0.62], -1), skip=("+y", "-z"), tile=STONE_TILE))
 
 
+def add_floor(bag: Bag, placement: Placement) -> None:
+    """Add the ground on which a house stands, from 1 cm below its walls down to any road: it shows behind recessed doors."""
+    width, depth = placement.size[:2]
+    bag.add("stone", boxes([[0.0, 0.0, -0.26]], [[width, depth, -0.01]], skip=("-z",), tile=STONE_TILE))
+
+
 CORNICE = ((0.0, 0.0), (0.05, 0.0), (0.07, 0.10), (0.16, 0.14), (0.18, 0.24), (0.34, 0.30), (0.36, 0.42), (0.0, 0.44))
 _BAND = ((0.0, 0.0), (0.05, 0.02), (0.09, 0.10), (0.09, 0.16), (0.0, 0.20))
 

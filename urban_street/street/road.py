@@ -7,11 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from urban_street.solids.surfaces import Bag, Floats, boxes, quads
+from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, quads
 from urban_street.street.plan import SIDE_ROAD_HALF, Lines, Placement
 from urban_street.street.textures.ground import PAVING_TILE, ROAD_TILE
 
 KERB_WIDTH = 0.2
+#: Width and depth of the joints between kerb stones.
+_JOINT = 0.008
+#: Depth below a surface of the block that it lies on, and height at which such blocks end, just above the outskirts.
+_BED, _GROUND = 0.02, -0.055
 _PLAIN_SURFACES = 2
 
 
@@ -42,6 +46,7 @@ def build_carriageway(placement: Placement, lines: Lines) -> Bag:
             [np.stack([u, v0], -1), np.stack([u + 1.0, v0], -1), np.stack([u + 1.0, v1], -1), np.stack([u, v1], -1)], 1
         )
         bag.add(material, quads(floor_quads(x0, x1, y0, y1, 0.0), uvs))
+    bag.add("joint", _bed(lines.left_kerb, lines.right_kerb, lines.road_start, lines.road_stop - 6.0, -_BED))
     return bag
 
 
@@ -63,21 +68,18 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     outward = -1.0 if left else 1.0
     cuts = np.arange(start, stop + 0.5, 1.0)
     cuts[-1] = stop
-    y0, y1 = cuts[:-1] + 0.004, cuts[1:] - 0.004
-    flat = np.full_like(y0, kerb)
-    top = np.full_like(y0, height)
+    y0, y1 = cuts[:-1] + 0.5 * _JOINT, cuts[1:] - 0.5 * _JOINT
     bevel = 0.025
-    # Upright face, bevel, top: stone by stone, with open joints.
-    profile = [(0.0, -0.05), (0.0, height - bevel), (bevel, height), (KERB_WIDTH - 0.004, height)]
-    pieces = []
-    for (o0, z0), (o1, z1) in pairwise(profile):
-        a = np.stack([flat + outward * o0, y0, 0 * top + z0], -1)
-        b = np.stack([flat + outward * o0, y1, 0 * top + z0], -1)
-        c = np.stack([flat + outward * o1, y1, 0 * top + z1], -1)
-        d = np.stack([flat + outward * o1, y0, 0 * top + z1], -1)
-        pieces.append(np.stack([a, b, c, d] if left else [b, a, d, c], 1))
-    bag.add("kerb", quads(np.concatenate(pieces), tile=2.0))
-    bag.add("joint", quads([_joint(kerb, outward, start, stop, height)]))
+    # Upright face, bevel, top: stone by stone.
+    stone = [(0.0, -0.05), (0.0, height - bevel), (bevel, height), (KERB_WIDTH - 0.004, height)]
+    bag.add("kerb", quads(_swept(stone, kerb, outward, y0, y1), tile=2.0))
+    deep = height - 2.0 * _JOINT
+    core = [(2.0 * _JOINT, -0.05), (2.0 * _JOINT, deep), (bevel, deep), (KERB_WIDTH - 0.004, deep)]
+    bag.add("kerb", quads(_stone_ends(stone, core, kerb, outward, y0, y1), tile=2.0))
+    # The bed that shows between them: from under the carriageway's edge up to that of the paving.
+    top = height - _JOINT
+    bed = [(-_JOINT, -0.002), (_JOINT, -0.002), (_JOINT, top), (KERB_WIDTH, top), (KERB_WIDTH, height)]
+    bag.add("joint", quads(_swept(bed, kerb, outward, np.array([start]), np.array([stop]))))
     inner, outer = kerb + outward * KERB_WIDTH, front
     cuts = np.append(np.arange(start, stop, PAVING_TILE[1]), stop)
     y0, y1 = cuts[:-1], cuts[1:]
@@ -90,14 +92,50 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     bag.add("paving", quads(floor_quads(x0, x1, y0, y1, height), uvs))
     # Behind the building line, where houses stand back.
     beyond = front + outward * (1.8 + lines.setback)
-    strip = floor_quads(
-        np.array([min(front, beyond)]),
-        np.array([max(front, beyond)]),
-        np.array([start]),
-        np.array([stop]),
-        height - 0.004,
-    )
-    bag.add("kerb", quads(strip, tile=2.0))
+    strip = _level(front - outward * 0.1, beyond, start, stop, height - 0.004)
+    bag.add("kerb", quads(strip, tile=2.0), _bed(inner, beyond, start, stop, height - _BED))
+
+
+def _level(x0: float, x1: float, y0: float, y1: float, z: float) -> Floats:
+    """Return (1, 4, 3), one level rectangle between two values of x and of y, in any order."""
+    (left, right), (low, high) = sorted((x0, x1)), sorted((y0, y1))
+    return floor_quads(np.array([left]), np.array([right]), np.array([low]), np.array([high]), z)
+
+
+def _bed(x0: float, x1: float, y0: float, y1: float, z: float) -> Surface:
+    """Build a block below a surface, up to z. Where edges meet, rays that slip between them find it and no other class."""
+    (left, right), (low, high) = sorted((x0, x1)), sorted((y0, y1))
+    return boxes([[left, low, _GROUND]], [[right, high, z]], skip=("-z",), tile=2.0)
+
+
+def _swept(profile: list[tuple[float, float]], kerb: float, outward: float, y0: Floats, y1: Floats) -> Floats:
+    """Return (N, 4, 3) strips with a profile of (metres from the kerb's line away from the road, z), between y0 and y1."""
+    strips = []
+    for (near, z0), (far, z1) in pairwise(profile):
+        places = ((near, y0, z0), (near, y1, z0), (far, y1, z1), (far, y0, z1))
+        a, b, c, d = (np.stack([np.full_like(y, kerb + outward * o), y, np.full_like(y, z)], -1) for o, y, z in places)
+        strips.append(np.stack([a, b, c, d] if outward < 0.0 else [b, a, d, c], 1))
+    return np.concatenate(strips)
+
+
+def _stone_ends(
+    profile: list[tuple[float, float]],
+    core: list[tuple[float, float]],
+    kerb: float,
+    outward: float,
+    y0: Floats,
+    y1: Floats,
+) -> Floats:
+    """Return (N, 4, 3) upright strips between a profile and a core below it, at y0 and at y1: as deep as a joint shows."""
+    strips = []
+    for outer, inner in zip(pairwise(profile), pairwise(core), strict=True):
+        for y, forwards in ((y0, False), (y1, True)):
+            ring = (*outer, *reversed(inner))
+            corners = np.stack(
+                [np.stack([np.full_like(y, kerb + outward * o), y, np.full_like(y, z)], -1) for o, z in ring], 1
+            )
+            strips.append(corners if forwards == (outward > 0.0) else corners[:, ::-1])
+    return np.concatenate(strips)
 
 
 def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -> None:
@@ -107,16 +145,9 @@ def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -
     top = lines.kerb_height
     bag.add(
         "kerb",
-        boxes([[x0, low - KERB_WIDTH, 0.0], [x0, high, 0.0]], [[x1, low, top + 0.001], [x1, high + KERB_WIDTH, top + 0.001]],
-              skip=("-z",), tile=2.0),
+        boxes([[x0, low - KERB_WIDTH, _GROUND], [x0, high, _GROUND]],
+              [[x1, low, top + 0.001], [x1, high + KERB_WIDTH, top + 0.001]], skip=("-z",), tile=2.0),
     )  # fmt: skip
-
-
-def _joint(kerb: float, outward: float, start: float, stop: float, height: float) -> list[tuple[float, float, float]]:
-    """Return the dark bed that shows between kerb stones."""
-    x0, x1 = sorted((kerb + outward * 0.008, kerb + outward * KERB_WIDTH))
-    z = height - 0.008
-    return [(x0, start, z), (x1, start, z), (x1, stop, z), (x0, stop, z)]
 
 
 def build_cross_road(placement: Placement) -> Bag:
@@ -133,6 +164,7 @@ def build_cross_road(placement: Placement) -> Bag:
     u0, u1 = np.full(n, 0.33), np.full(n, 0.67)
     uvs = np.stack([np.stack([u0, v0], -1), np.stack([u0, v1], -1), np.stack([u1, v1], -1), np.stack([u1, v0], -1)], 1)
     bag.add("asphalt-0", quads(corners, uvs))
+    bag.add("joint", _bed(-0.5 * length, 0.5 * length, low - 0.1, high + 0.1, -_BED))
     return bag
 
 
@@ -143,7 +175,7 @@ def build_cross_footway(placement: Placement, lines: Lines) -> Bag:
     bag.add(
         "kerb",
         boxes(
-            [[-0.5 * length, -0.5 * width, 0.0]],
+            [[-0.5 * length, -0.5 * width, _GROUND]],
             [[0.5 * length, 0.5 * width, lines.kerb_height]],
             skip=("-z",),
             tile=2.0,
@@ -164,6 +196,7 @@ def build_side_road(placement: Placement, lines: Lines) -> Bag:
     u0, u1 = np.full(n, max(0.5 - half, 0.08)), np.full(n, min(0.5 + half, 0.92))
     uvs = np.stack([np.stack([u0, v0], -1), np.stack([u0, v1], -1), np.stack([u1, v1], -1), np.stack([u1, v0], -1)], 1)
     bag.add("asphalt-side", quads(corners, uvs))
+    bag.add("joint", _bed(0.0, length, -0.5 * width - 0.1, 0.5 * width + 0.1, -_BED))
     y = np.arange(-0.5 * width + 0.3, 0.5 * width - 0.5, 1.0)
     # Thermoplastic lies 4 mm proud of the road.
     mouth = 1.3 if placement.x + 0.5 * length > 0.0 else length - 1.3 - 3.2
@@ -176,7 +209,7 @@ def build_side_footway(placement: Placement) -> Bag:
     """Build a pavement of a side street along +x: size is (length, width, height)."""
     bag = Bag()
     length, width, height = placement.size
-    low, high = [0.0, -0.5 * width, 0.0], [length, 0.5 * width, height]
+    low, high = [0.0, -0.5 * width, _GROUND], [length, 0.5 * width, height]
     bag.add("kerb", boxes([low], [high], skip=("-z",), tile=2.0))
     return bag
 

@@ -168,8 +168,8 @@ def _display(bag: Bag, hull: Hull) -> None:
     low, high = [], []
     for row in range(9):
         for column in range(44):
-            lit = rng.random() < 0.62 if column % 6 != 5 and not 10 <= column <= 13 else False
-            if lit:
+            bright = rng.random() < 0.62 if column % 6 != 5 and not 10 <= column <= 13 else False
+            if bright:
                 x, z = 0.72 - 0.033 * column, 2.535 + 0.022 * row
                 low.append((x - 0.011, 0.0, z))
                 high.append((x + 0.011, 0.004, z + 0.016))

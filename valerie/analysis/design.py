@@ -56,9 +56,17 @@ class Design:
 
     def drawn(self, variants: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (N,) bool: the variants that are not listed, each of which is a place of its own."""
+        return np.array([name not in LISTED for name, _ in self.blocks])[self.blocks_of(variants)]
+
+    def blocks_of(self, variants: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return (N,) the block that each variant comes from."""
         ends = list(accumulate(count for _, count in self.blocks))
-        block = np.searchsorted(ends, variants, side="right")
-        return np.array([name not in LISTED for name, _ in self.blocks])[block]
+        return np.searchsorted(ends, variants, side="right").astype(np.int64)
+
+    def block(self, number: int) -> tuple[str, int, int]:
+        """Return the design of a block, the index of its first variant, and its number of variants."""
+        name, count = self.blocks[number]
+        return name, sum(size for _, size in self.blocks[:number]), count
 
 
 #: Design of variants of which nothing is known: no sample of anything, and each a place of its own.

@@ -34,6 +34,8 @@ LEVEL: Final = 0.95
 HEAVY: Final = 0.5
 #: Sides that differ by more than this in a measured quantity are shown with it: share of the person, and metres.
 UNEQUAL: Final[Mapping[str, float]] = {"occlusion_rate": 0.1, "distance_m": 2.0}
+#: Candidates that need more places than this many runs have are not listed.
+AFFORDABLE: Final = 10
 #: Image pairs of a finding.
 _PAIRS: Final = 3
 #: Precisions in which the labels of a function differ from those in full precision.
@@ -77,8 +79,8 @@ def find_findings(
         comparisons += result.comparisons
         searched, confirming = max(searched, result.places_searched), max(confirming, result.places_confirming)
         for item in (*confirmed, *named(observations, only=only, level=level), *others):
-            if item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0:
-                continue  # other places show the opposite
+            if not (item.confirmed or _worth_a_run(item, observations.places)):
+                continue
             # Of several changes of the same factors the clearest stands for all; each two functions are another matter.
             steps = item.candidate.changes
             key = family.function, steps if family.only else tuple(change.factor for change in steps)
@@ -98,6 +100,12 @@ def find_findings(
         places_confirming=confirming,
         notes=tuple(notes),
     )
+
+
+def _worth_a_run(item: Judged, places: int) -> bool:
+    """Return whether a fresh run can settle a candidate, and other places do not already show the opposite."""
+    contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
+    return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
 
 
 def _clear(finding: Finding) -> bool:
@@ -147,10 +155,10 @@ def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpe
     contrast = item.candidate if item.contrast is None else item.contrast
     factors = [family.factors[change.factor] for change in contrast.changes]
     steps = tuple(
-        Step(factor.name, factor.levels[change.before].text, factor.levels[change.after].text)
+        Step(factor.name, factor.levels[change.before], factor.levels[change.after])
         for factor, change in zip(factors, contrast.changes, strict=True)
     )
-    known = np.isfinite(item.low)
+    known, widest = np.isfinite(item.low), float(len(steps))  # scores lie in 0…1
     flips = largest_flips(family.observations, item.candidate, _PAIRS)
     finding = Finding(
         sentence="",
@@ -159,8 +167,8 @@ def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpe
         matching=contrast.matching,
         confirmed=item.confirmed,
         effect=contrast.estimate,
-        low=item.low if known else None,
-        high=item.high if known else None,
+        low=max(item.low, -widest) if known else None,
+        high=min(item.high, widest) if known else None,
         places=contrast.places,
         pairs=contrast.pairs,
         places_needed=item.places_needed,

@@ -59,7 +59,8 @@ class Finding:
             the search saw it.
         low, high: interval of the effect, jointly valid for all confirmed findings; None where places cannot tell.
         places, pairs: places and pairs of rows that the effect rests on.
-        places_needed: fresh places that would confirm an effect half as large as the search saw; None: no run can.
+        places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
+            number would.
         examples: views before and after the (first) step, all else equal, that differ most in the direction of the effect.
         unequal: measured quantities in which the sides differ strongly, so that the effect may be theirs.
         spec: YAML of a run that examines the finding on fresh places; empty where the spec of the run is unknown.
@@ -87,7 +88,7 @@ class Findings:
 
     Attributes:
         items: confirmed ones, those within places first; of several changes of the same factors only the clearest.
-        candidates: those that were not confirmed, likewise.
+        candidates: those that were not confirmed, likewise, where an affordable number of places would.
         comparisons: number of contrasts that were looked at.
         level: joint confidence.
         places_searched, places_confirming: numbers of places; 0 confirming where there are too few to split.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -11,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.table import EvaluationTable, combine
+from valerie.analysis.table import EvaluationTable
 from valerie.analysis.verdicts import RequirementVerdict, to_json
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.measures import measure_of
@@ -19,7 +18,6 @@ from valerie.parameters.paths import short_name
 from valerie.runs.pins import Pins
 from valerie.runs.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions
-from valerie.statistics.units import LISTED
 from valerie.statistics.verdicts import Outcome
 
 #: Width of the distance bands that are slices, metres.
@@ -30,7 +28,6 @@ _MOST_LEVELS, _PARTS = 8, 4
 _FREE: Final = frozenset(
     {"name", "description", "functions", "requirements", "detection_threshold", "parent_run", "iteration"}
 )
-_POSITION: Final = re.compile(r"scene\.person-[0-9]+\.pos\.[xyz]")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,20 +147,32 @@ def gate(
     return GateResult(run.id, run.verdicts, versions, allow_undecided)
 
 
+def called(reference: str, run: GateRun) -> str | None:
+    """Return what a run's spec calls a function: by its whole name, or by its name without the version; else None."""
+    functions = run.spec.functions
+    if reference in functions:
+        return reference
+    versions = [function for function in functions if function.partition("@")[0] == reference]
+    return versions[0] if len(versions) == 1 else None
+
+
+def _function(reference: str, run: GateRun, field: str) -> str:
+    function = called(reference, run)
+    if function is None:
+        raise UnknownName("function of the run", reference, run.spec.functions, field=field)
+    return function
+
+
 def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[tuple[str, str]]:
     """Return (function of the run, function of the baseline)."""
-    functions = run.spec.functions
-    if function is not None and function not in functions:
-        raise UnknownName("function of the run", function, functions, field="--function")
-    chosen = functions if function is None else (function,)
+    chosen = run.spec.functions if function is None else (_function(function, run, "--function"),)
     if isinstance(baseline, str):
-        if baseline not in functions:
-            raise UnknownName("function of the run", baseline, functions, field="--baseline")
-        pairs = [(version, baseline) for version in chosen if version != baseline]
+        reference = _function(baseline, run, "--baseline")
+        pairs = [(version, reference) for version in chosen if version != reference]
     elif len(chosen) == len(baseline.spec.functions) == 1:
         pairs = [(chosen[0], baseline.spec.functions[0])]
     else:
-        by_name = {reference.partition("@")[0]: reference for reference in baseline.spec.functions}
+        by_name = {own.partition("@")[0]: own for own in baseline.spec.functions}
         pairs = [(version, by_name[name]) for version in chosen if (name := version.partition("@")[0]) in by_name]
     if not pairs:
         raise InvalidInput(
@@ -213,11 +222,11 @@ def _compare(
     place_of = {key: row for row, key in enumerate(keys_before)}
     rows = [(place_of[key], row) for row, key in enumerate(keys_after) if key in place_of]
     old, new = np.array(rows, np.int64).reshape(-1, 2).T
-    matched = EvaluationTable(after.arrow.take(new), after.parameters)
+    matched = EvaluationTable(after.arrow.take(new), after.parameters, after.designs)
     compared = compare_versions(
         before.numbers("pacc")[old],
         matched.numbers("pacc"),
-        _places(run.spec, matched),
+        matched.places,
         _slices(matched),
         threshold=run.spec.detection_threshold,
         effect=effect,
@@ -231,14 +240,6 @@ def _row_keys(table: EvaluationTable) -> list[tuple[str, str, int | None]]:
     """Return (frame without its run, sensor, instance) of every row."""
     columns = (table.arrow[name].to_pylist() for name in ("frame_id", "sensor", "instance_id"))
     return [(frame.partition(".")[2], sensor, instance) for frame, sensor, instance in zip(*columns, strict=True)]
-
-
-def _places(spec: RunSpec, table: EvaluationTable) -> NDArray[np.int64]:
-    """Return the place of each row: a drawn variant; of listed ones, all with the same positions of persons."""
-    if not {block.design for block in spec.blocks} & LISTED:
-        return table.numbers("variant_index").astype(np.int64)
-    positions = [table.numbers(path) for path in table.parameters if _POSITION.fullmatch(path)]
-    return combine(positions) if positions else np.zeros(len(table), np.int64)
 
 
 def _slices(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:

@@ -163,6 +163,23 @@ class EvaluationTable:
             raise CorruptArtifact(f"not a CSV evaluation table: {error}") from error
         return cls(arrow, parameters)
 
+    @classmethod
+    def joined(cls, tables: Sequence[Self]) -> Self:
+        """Return the rows of several runs, which vary the same parameters, as one table.
+
+        Raises:
+            InvalidInput: they do not, or there is no table.
+        """
+        if not tables or any(table.parameters != tables[0].parameters for table in tables):
+            raise InvalidInput(
+                "runs of unlike parameters have no common table",
+                field="parameters",
+                value=[list(table.parameters) for table in tables],
+                limit="the same parameters in all",
+            )
+        designs = {run: design for table in tables for run, design in table.designs.items()}
+        return cls(pa.concat_tables([table.arrow for table in tables]), tables[0].parameters, designs)
+
     def to_parquet(self, sink: Path | BinaryIO) -> None:
         """Write a Parquet file with zstd; its metadata holds the types of the parameters and the designs."""
         metadata = {_METADATA_KEY: orjson.dumps({"parameters": self.parameters, "designs": self.designs})}

@@ -19,10 +19,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from valerie.analysis.design import Design
 from valerie.analysis.frame_counts import frame_counts, present
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import measure_of
-from valerie.parameters.space import ParameterSpace
 from valerie.runs.requirements import Requirement
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
@@ -99,7 +99,7 @@ class RequirementVerdict:
 def judge_requirements(
     requirements: Iterable[Requirement],
     table: EvaluationTable,
-    space: ParameterSpace,
+    design: Design,
     *,
     regions: Mapping[str, NDArray[np.bool_]] | None = None,
     lost: Sequence[Mapping[str, Any]] = (),
@@ -110,7 +110,7 @@ def judge_requirements(
     Args:
         requirements: of the run.
         table: its evaluations.
-        space: its variants.
+        design: the choice of its variants.
         regions: id of a requirement to (N,) bool, the rows of the table in its region; all where it is missing.
         lost: the rows whose evaluation failed for good: column or parameter path to value, None for what is not known.
         threshold: detection threshold t, 0 < t ≤ 1.
@@ -122,7 +122,7 @@ def judge_requirements(
             function,
             _judged_rows(requirement, function, table, (regions or {}).get(requirement.document.id, everything)),
             _lost_variants(requirement, function, lost),
-            space,
+            design,
             threshold,
         )
         for requirement in requirements
@@ -235,7 +235,7 @@ def _judge(
     function: str,
     rows: _Rows,
     lost: NDArray[np.int64],
-    space: ParameterSpace,
+    design: Design,
     threshold: float,
 ) -> RequirementVerdict:
     document, statistic = requirement.document, requirement.statistic
@@ -276,7 +276,7 @@ def _judge(
     )
     if not units:
         return replace(unjudged, reason=f"no {unjudged.of} with a value lie in the region")
-    method = _method(requirement, space, variants)
+    method = _method(requirement, design, variants)
     if method.judge is None:
         return replace(unjudged, reason=method.text)
     worst, best, observed = (
@@ -333,37 +333,36 @@ class _Method:
     judge: Callable[[NDArray[np.float64]], Verdict] | None = None
 
 
-def _method(requirement: Requirement, space: ParameterSpace, variants: NDArray[np.int64]) -> _Method:
-    """Choose by the design of the variants in the region."""
+def _method(requirement: Requirement, design: Design, variants: NDArray[np.int64]) -> _Method:
+    """Choose by the blocks that the variants in the region come from."""
     at_least, confidence = requirement.statistic.at_least, requirement.document.confidence
-    blocks = np.unique(space.blocks_of(variants)).tolist()
-    designs = {space.blocks[block].design for block in blocks}
-    if designs <= LISTED:
+    blocks = [design.block(number) for number in np.unique(design.blocks_of(variants)).tolist()]
+    if all(name in LISTED for name, _, _ in blocks):
         return _Method("counted", partial(_count, at_least=at_least))
     if len(blocks) > 1:
         return _Method(
             "the region spans several blocks, of which not all list their variants; they are no sample of one space: "
             "choose the rows of one block by the region, or give each its own run"
         )
-    (design,), size = designs, space.block_sizes[blocks[0]]
-    if design in INDEPENDENT or (design in EVEN and size < MIN_POINTS):
+    ((name, first, size),) = blocks
+    if name in INDEPENDENT or (name in EVEN and size < MIN_POINTS):
         return _Method(
             f"sequential test by variant, {100 * confidence:g} % confidence at any number of variants",
             partial(judge_sample, units=variants, at_least=at_least, confidence=confidence),
         )
-    if design in EVEN:
+    if name in EVEN:
+        number = replicate_number(size)
         return _Method(
-            f"interval over {replicate_number(size)} replicates, {100 * confidence:g} % confidence at this number of "
-            "variants",
+            f"interval over {number} replicates, {100 * confidence:g} % confidence at this number of variants",
             partial(
                 judge_even,
                 units=variants,
-                replicate=space.replicates_of(variants),
+                replicate=(variants - first) % number,
                 at_least=at_least,
                 confidence=confidence,
             ),
         )
-    return _Method(f"it is not known how the design {design} draws its variants")
+    return _Method(f"it is not known how the design {name} draws its variants")
 
 
 def _count(scores: NDArray[np.float64], *, at_least: float) -> Verdict:

@@ -96,7 +96,7 @@ def finding_sentence(finding: Finding) -> str:
         # A function is named for being better, so the interval has to point its way.
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
-        low, high = (f"{end:.1f}".replace("-", "−") for end in ends)
+        low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
         counted.insert(0, f"joint 95 % interval {low} to {high}")
     return f"{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
 
@@ -130,8 +130,6 @@ def searched_sentence(findings: Findings) -> str:
 
 def candidate_text(finding: Finding) -> str:
     """Return how a candidate can be settled."""
-    if finding.places_needed is None:
-        return "No affordable number of places would confirm half of it."
     return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -15,7 +16,8 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.scene.assets.asset import SceneAsset
+    from valerie.parameters.definitions import ParameterDefinition, Value
+    from valerie.scene.assets.asset import AssetArguments, AssetReference, SceneAsset
     from valerie.scene.variation.traverse import PathEntry
 
 app = typer.Typer(no_args_is_help=True, help="Show, check, list, export, draft and convert scene assets.")
@@ -64,16 +66,19 @@ def show(
     if declared:
         from valerie.scene.variation.traverse import trajectory_parameters
 
-        rows = [
+        parameters = (*manifest.parameters, *trajectory_parameters(manifest))
+        entries = [_entry(parameter) for parameter in parameters]
+        paths = [
             {**parameter.model_dump(mode="json"), "declared": True, "value": parameter.default}
-            for parameter in (*manifest.parameters, *trajectory_parameters(manifest))
+            for parameter in parameters
         ]
     else:
         from valerie.scene.variation.traverse import traverse
 
-        rows = [_row(entry) for entry in traverse(_load(asset, arguments))]
+        entries = list(traverse(_load(asset, arguments)))
+        paths = [{**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)} for entry in entries]
     if as_json:
-        typer.echo(json.dumps({"name": manifest.name, "digest": digest, "paths": rows}, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps({"name": manifest.name, "digest": digest, "paths": paths}, ensure_ascii=False, indent=1))
         return
     from rich.padding import Padding
     from rich.text import Text
@@ -88,8 +93,8 @@ def show(
         ends = f"{keyframes[0]['time']:g}…{keyframes[-1]['time']:g} s"
         out.print(f"trajectory of {trajectory.name}: {len(keyframes)} keyframes, {ends}, {channels}")
     out.print()
-    out.print(_table(rows, declared=declared))
-    for name, choices in _choices(rows).items():
+    out.print(_table(entries, declared=declared))
+    for name, choices in _choices(entries).items():
         out.print(Padding(Text.assemble((name, "bold"), f": {' | '.join(choices)}"), (1, 0, 0, 0)))
 
 
@@ -110,9 +115,13 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
         loaded = _load(asset, arguments)
         findings = list(scene_findings(loaded))
     ok = all(finding.severity is not Severity.ERROR for finding in findings)
-    summary = _summary(loaded or _load(asset, arguments)) if ok else {}
+    summary = _Contents.of(loaded or _load(asset, arguments)) if ok else None
     if as_json:
-        document = {"ok": ok, **summary, "findings": [finding.document() for finding in findings]}
+        document = {
+            "ok": ok,
+            **(summary._asdict() if summary else {}),
+            "findings": [finding.document() for finding in findings],
+        }
         typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
     else:
         for finding in findings:
@@ -120,7 +129,7 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
         if summary:
             typer.echo(
                 "{name}: {nodes:,} nodes, {triangles:,} visible triangles, {materials:,} materials, {cameras} cameras, "
-                "{parameters} parameters; digest {digest}".format(**summary)
+                "{parameters} parameters; digest {digest}".format(**summary._asdict())
             )
     if not ok:
         raise typer.Exit(Exit.INVALID_INPUT)
@@ -190,7 +199,7 @@ def _as_folder(folder: Path) -> str:
     return str(folder) if "/" in str(folder) else f"./{folder}"
 
 
-def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str, Any], Path | None]:
+def _reference(asset: str, arguments: list[str] | None) -> tuple[AssetReference, Path | None]:
     """Return the arguments of `load_asset`; a folder given by its path is read in place."""
     folder: Path | None = settings_of().asset_dir
     if "/" in asset and Path(asset).is_dir():
@@ -199,7 +208,7 @@ def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str,
         return asset, folder
     from valerie.loading import load_document
 
-    reference: dict[str, Any] = {"name": asset}
+    reference: AssetArguments = {"name": asset}
     for argument in arguments:
         name, equals, value = argument.partition("=")
         if not equals or name == "name":
@@ -215,24 +224,49 @@ def _load(asset: str, arguments: list[str] | None) -> SceneAsset:
     return load_asset(reference, asset_dir=folder)
 
 
-def _summary(asset: SceneAsset) -> dict[str, Any]:
-    nodes = asset.base.nodes.values()
-    return {
-        "name": asset.name,
-        "digest": asset.digest,
-        "nodes": len(nodes),
-        "triangles": sum(len(mesh.faces) for node in nodes if node.visible for mesh in node.meshes),
-        "materials": len(asset.base.materials),
-        "cameras": len(asset.base.cameras),
-        "parameters": len(asset.manifest.parameters),
-    }
+class _Contents(NamedTuple):
+    """Names and numbers of an asset."""
+
+    name: str
+    digest: str
+    nodes: int
+    triangles: int
+    materials: int
+    cameras: int
+    parameters: int
+
+    @classmethod
+    def of(cls, asset: SceneAsset) -> _Contents:
+        nodes = asset.base.nodes.values()
+        return cls(
+            name=asset.name,
+            digest=asset.digest,
+            nodes=len(nodes),
+            triangles=sum(len(mesh.faces) for node in nodes if node.visible for mesh in node.meshes),
+            materials=len(asset.base.materials),
+            cameras=len(asset.base.cameras),
+            parameters=len(asset.manifest.parameters),
+        )
 
 
-def _row(entry: PathEntry) -> dict[str, Any]:
-    return {**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)}
+def _entry(parameter: ParameterDefinition) -> PathEntry:
+    """Return a declared parameter as a path with its default."""
+    from valerie.scene.variation.traverse import PathEntry
+
+    return PathEntry(
+        path=parameter.path,
+        type=parameter.type,
+        unit=parameter.unit,
+        minimum=parameter.minimum,
+        maximum=parameter.maximum,
+        choices=parameter.choices,
+        value=parameter.default,
+        declared=True,
+        affects=parameter.affects,
+    )
 
 
-def _table(rows: list[dict[str, Any]], *, declared: bool) -> Table:
+def _table(entries: Sequence[PathEntry], *, declared: bool) -> Table:
     """Return a table with one line per path; ``declared``: all may vary, so the column about it is left out."""
     from rich.table import Table
 
@@ -243,35 +277,35 @@ def _table(rows: list[dict[str, Any]], *, declared: bool) -> Table:
     table.add_column("value", justify="right", no_wrap=True)
     if not declared:
         table.add_column("varies", no_wrap=True)
-    for row in rows:
-        cells = [row["path"], row["type"], _range(row), row["unit"], _value(row["value"])]
+    for entry in entries:
+        cells = [entry.path, str(entry.type), _range(entry), entry.unit, _value(entry.value)]
         if not declared:
-            cells.append("yes" if row["declared"] else "")
-        table.add_row(*cells, style="" if row["declared"] else "dim")
+            cells.append("yes" if entry.declared else "")
+        table.add_row(*cells, style="" if entry.declared else "dim")
     return table
 
 
-def _choices(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
+def _choices(entries: Sequence[PathEntry]) -> dict[str, tuple[str, ...]]:
     """Return choices by attribute, or by path if two paths with the same attribute have different choices."""
-    by_attribute: dict[str, dict[str, list[str]]] = {}
-    for row in rows:
-        if row["choices"]:
-            by_attribute.setdefault(row["path"].rpartition(".")[2], {})[row["path"]] = row["choices"]
-    by_name: dict[str, list[str]] = {}
+    by_attribute: dict[str, dict[str, tuple[str, ...]]] = {}
+    for entry in entries:
+        if entry.choices:
+            by_attribute.setdefault(entry.path.rpartition(".")[2], {})[entry.path] = entry.choices
+    by_name: dict[str, tuple[str, ...]] = {}
     for attribute, by_path in by_attribute.items():
         first = next(iter(by_path.values()))
         by_name.update({attribute: first} if all(choices == first for choices in by_path.values()) else by_path)
     return by_name
 
 
-def _range(row: dict[str, Any]) -> str:
-    if row["choices"]:
-        return f"{len(row['choices'])} choices"
-    low, high = row["minimum"], row["maximum"]
+def _range(entry: PathEntry) -> str:
+    if entry.choices:
+        return f"{len(entry.choices)} choices"
+    low, high = entry.minimum, entry.maximum
     if low is None and high is None:
         return ""
     return f"{'−∞' if low is None else _value(low)} … {'∞' if high is None else _value(high)}"
 
 
-def _value(value: Any) -> str:
+def _value(value: Value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)

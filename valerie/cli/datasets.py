@@ -84,12 +84,20 @@ def export(
     with context_of(data_dir) as context:
         dataset = export_run(context, run, out, settings, progress=tell)
     if as_json:
-        document = {"folder": str(dataset.folder), "frames": dict(dataset.frames), "left_out": dataset.left_out}
+        document = {
+            "folder": str(dataset.folder),
+            "frames": dict(dataset.frames),
+            "left_out": dataset.left_out,
+            "polygons_lose_percent": dict(dataset.polygons_lose_percent),
+        }
         typer.echo(json.dumps(document))
         return
     split_text = ", ".join(f"{count:,} {split}" for split, count in dataset.frames.items())
     rest = f"; {dataset.left_out:,} finished frames do not meet the expression" if dataset.left_out else ""
     typer.echo(f"{dataset.folder}: {split_text}{rest}")
+    if dataset.polygons_lose_percent:
+        lost = ", ".join(f"{share:g} % of {name}" for name, share in dataset.polygons_lose_percent.items())
+        typer.echo(f"The polygons lose {lost}; the label pictures are exact.")
 
 
 def parse_splits(text: str) -> dict[str, float]:

@@ -91,7 +91,7 @@ class JsonDisplay:
 
     def __init__(self, run_id: str) -> None:
         self._run_id = run_id
-        self._shown: dict[str, Any] = {}
+        self._shown: Progress | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -103,10 +103,10 @@ class JsonDisplay:
 
     def update(self, progress: Progress) -> None:
         """Print the progress if it has changed."""
-        document = progress.model_dump(mode="json", exclude={"updated_at"})
-        if document != self._shown:
-            self._shown = document
-            print_event("progress", run=self._run_id, **document)
+        timeless = progress.model_copy(update={"updated_at": None})
+        if timeless != self._shown:
+            self._shown = timeless
+            print_event("progress", run=self._run_id, **timeless.model_dump(mode="json", exclude={"updated_at"}))
 
 
 def display_of(title: str, run_id: str, *, json_lines: bool) -> Display:

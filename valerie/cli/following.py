@@ -10,7 +10,7 @@ from typing import Final
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
 from valerie.cli.shell import Exit, console
-from valerie.client import Client, Failure, Progress, ServerUnavailableError
+from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
 from valerie.runs.states import RunState
 from valerie.settings import Settings
@@ -83,9 +83,8 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         report: file for the report; None writes none.
         json_lines: True prints one JSON line instead.
     """
-    has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
-    summary = client.summary(run_id) if has_results else None
-    path = save_report(client, run_id, report) if has_results and report is not None else None
+    summary = _summary(client, run_id, progress)
+    path = save_report(client, run_id, report) if summary is not None and report is not None else None
     if json_lines:
         print_event(
             "finished",
@@ -94,7 +93,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
             reason=progress.reason,
             exit_code=int(exit_code(progress.state)),
             report=str(path) if path else None,
-            summary=summary,
+            summary=summary and summary.model_dump(),
         )
         return
     out = console()
@@ -102,19 +101,37 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.findings import Findings
         from valerie.analysis.summary import Summary
         from valerie.analysis.summary_text import summary_renderable
-        from valerie.analysis.verdict_text import verdicts_renderable
-        from valerie.analysis.verdicts import from_json
 
         out.print()
-        if summary["verdicts"]:
-            out.print(verdicts_renderable(from_json(summary["verdicts"])))
-            out.print()
-        numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
+        _print_verdicts(summary)
+        numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
         _show_failures(client, run_id, progress)
     if path is not None:
         out.print(f"\nReport    {path}")
+
+
+def show_verdicts(client: Client, run_id: str, progress: Progress) -> None:
+    """Show the verdicts on the requirements of an ended run; nothing for one without results or requirements."""
+    summary = _summary(client, run_id, progress)
+    if summary is not None:
+        _print_verdicts(summary)
+
+
+def _summary(client: Client, run_id: str, progress: Progress) -> RunSummary | None:
+    has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
+    return client.summary(run_id) if has_results else None
+
+
+def _print_verdicts(summary: RunSummary) -> None:
+    from valerie.analysis.verdict_text import verdicts_renderable
+    from valerie.analysis.verdicts import from_json
+
+    if summary.verdicts:
+        out = console()
+        out.print(verdicts_renderable(from_json(summary.verdicts)))
+        out.print()
 
 
 def report_path(settings: Settings, name: str, run_id: str) -> Path:

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Url, command_name, say, settings_of
+from valerie.cli.shell import DataDir, RunId, Url, command_name, say, settings_of
 
 if TYPE_CHECKING:
     from valerie.client import Client
 
 frames_app = typer.Typer(no_args_is_help=True, help="Export the frames of a run as pictures.")
 
-RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")]
 Sensor = Annotated[
     str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; by default the run's only one.")
 ]
@@ -54,7 +53,7 @@ def export(
         run = client.run(run_id)
         kinds = annotation_names(annotations)
         if kinds is None:
-            kinds = tuple(client.spec(run_id).get("annotations", ()))
+            kinds = client.annotations(run_id)
         written, existing, missing = 0, 0, Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
         for frame in client.frames(run_id):

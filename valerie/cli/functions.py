@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from valerie.cli.registry import open_registry, register_file
 from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from valerie.client import Function, NoTrial, Trial
 
 #: Characters of a digest that identify a version, as in `valerie.pipeline.functions.registry`.
 _SHORT: Final = 12
@@ -63,11 +66,11 @@ def import_(
     opening = partial(open_registry, settings, url, create=True)
     registered, new = register_file(opening, file, document=document, **texts)
     if as_json:
-        typer.echo(json.dumps({**registered, "new": new}, ensure_ascii=False))
+        typer.echo(json.dumps({**registered.as_json(), "new": new}, ensure_ascii=False))
         return
     _card(registered)
-    say(("registered" if new else "registered already") + f" as {registered['reference']}; in a spec:")
-    typer.echo(f"functions: [{registered['name']}]")
+    say(("registered" if new else "registered already") + f" as {registered.reference}; in a spec:")
+    typer.echo(f"functions: [{registered.name}]")
     say(f"runs that start from now on pin this version; try it with: {command_name()} run SPEC")
 
 
@@ -77,21 +80,21 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
     with open_registry(settings_of(data_dir), url) as registry:
         functions = registry.functions()
     if as_json:
-        typer.echo(json.dumps(functions, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps([function.as_json() for function in functions], ensure_ascii=False, indent=1))
         return
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("name", "version", "digest", "kind", "architecture", "engine", "offered"):
         table.add_column(column, no_wrap=column in ("name", "version", "digest"))
-    for entry in functions:
-        offered = entry["problem"] or ("yes" if entry["numeric_classes"] else "no living worker")
-        if entry["kind"] == "predictions":
+    for function in functions:
+        offered = function.problem or ("yes" if function.numeric_classes else "no living worker")
+        if function.kind == "predictions":
             offered = "by their uploader"
-        version = "installed" if entry["version"] is None else str(entry["version"])
-        engine = "" if entry["engine"] in ("", "none") else f"{entry['engine']} {entry['precision']}"
-        digest = entry["digest"][:_SHORT]
-        table.add_row(entry["name"], version, digest, entry["kind"] or "", entry["architecture"], engine, offered)
+        version = "installed" if function.version is None else str(function.version)
+        engine = "" if function.engine in ("", "none") else f"{function.engine} {function.precision}"
+        digest = function.digest[:_SHORT]
+        table.add_row(function.name, version, digest, function.kind or "", function.architecture, engine, offered)
     console().print(table)
 
 
@@ -99,11 +102,11 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
 def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the card of a function."""
     with open_registry(settings_of(data_dir), url) as registry:
-        entry = registry.function(reference)
+        function = registry.function(reference)
     if as_json:
-        typer.echo(json.dumps(entry, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(function.as_json(), ensure_ascii=False, indent=1))
         return
-    _card(entry)
+    _card(function)
 
 
 @app.command()
@@ -117,20 +120,21 @@ def export(
     import yaml
 
     with open_registry(settings_of(data_dir), url) as registry:
-        entry = registry.function(reference)
-        document = entry.get("document")
-        if document is None:
+        function = registry.function(reference)
+        document = function.document
+        if document is None or function.reference is None:
             raise InvalidInput("an installed function has no document in the registry", field="NAME", value=reference)
-        payload = document["payload"]
-        data = None if payload is None else registry.function_payload(entry["reference"])
-    name = document["name"]
+        data = None if document.payload is None else registry.function_payload(function.reference)
+    name = document.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files = [folder / f"{name}.yaml"]
         with files[0].open("x", encoding="utf-8") as stream:
-            yaml.safe_dump(document, stream, sort_keys=False, allow_unicode=True)
-        if data is not None:
-            files.append(folder / f"{name}.{payload['format']}")
+            yaml.safe_dump(
+                document.model_dump(mode="json", exclude_unset=True), stream, sort_keys=False, allow_unicode=True
+            )
+        if data is not None and document.payload is not None:
+            files.append(folder / f"{name}.{document.payload.format}")
             with files[1].open("xb") as target:
                 target.write(data)
     except FileExistsError as error:
@@ -153,7 +157,7 @@ def remove(
     say(f"{reference} is removed; its results stay")
 
 
-def _card(entry: dict[str, Any]) -> None:
+def _card(function: Function) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -161,12 +165,12 @@ def _card(entry: dict[str, Any]) -> None:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     rows = [
-        ("name", entry["name"]),
-        ("version", "" if entry.get("version") is None else f"{entry['version']}  ({entry['reference']})"),
-        *entry["card"],
-        ("tried out", _check(entry.get("check"))),
-        ("offered as", ", ".join(entry["numeric_classes"])),
-        ("problem", entry.get("problem")),
+        ("name", function.name),
+        ("version", "" if function.version is None else f"{function.version}  ({function.reference})"),
+        *function.card,
+        ("tried out", _trial_text(function.check)),
+        ("offered as", ", ".join(function.numeric_classes)),
+        ("problem", function.problem),
     ]
     for title, text in rows:
         if text:
@@ -174,10 +178,12 @@ def _card(entry: dict[str, Any]) -> None:
     console().print(table)
 
 
-def _check(check: dict[str, Any] | None) -> str:
-    if not check:
+def _trial_text(check: Trial | NoTrial | None) -> str:
+    from valerie.client import NoTrial
+
+    if check is None:
         return ""
-    if "skipped" in check:
-        return f"not here: {check['skipped']}"
-    width, height = check["picture"]
-    return f"runs: {check['numeric_class']}, {check['cpu_seconds']:g} CPU seconds for {width} × {height}"
+    if isinstance(check, NoTrial):
+        return f"not here: {check.skipped}"
+    width, height = check.picture
+    return f"runs: {check.numeric_class}, {check.cpu_seconds:g} CPU seconds for {width} × {height}"

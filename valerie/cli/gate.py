@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Exit, Json, console, say, settings_of
+from valerie.cli.shell import DataDir, Exit, Json, RunId, console, say, settings_of
 from valerie.errors import InvalidInput, StorageUnavailable
 
 if TYPE_CHECKING:
@@ -59,14 +58,15 @@ def gate(
     baseline is compared on identical frames, slice by slice; at most 5 % of the
     slices that are named worse are expected to be so by chance.
     """
+    from valerie.analysis.gate import called
     from valerie.analysis.gate import gate as judge
     from valerie.analysis.junit import junit_xml
 
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
-    read = _reader(url, data_dir)
+    read = run_reader(url, data_dir)
     run = read(run_id)
-    other = baseline if baseline is None or baseline in run.spec.functions else read(baseline)
+    other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
     result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
     if junit is not None:
         _write(junit, junit_xml(result))
@@ -129,7 +129,7 @@ def _write(path: Path, content: bytes) -> None:
     say(f"wrote {path}")
 
 
-def _reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
+def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
     """Return the function that reads a run from a server, or from the data folder."""
     if url is None:
         from valerie.cli.deployment import context_of
@@ -153,10 +153,10 @@ def _reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
         from valerie.runs.spec import RunSpec
 
         with client_of(settings_of(data_dir), url) as client:
-            verdicts = from_json(client.summary(run_id)["verdicts"])
+            verdicts = from_json(client.summary(run_id).verdicts)
             detail = client.detail(run_id)
             table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))
-        spec, pins = RunSpec.model_validate(detail["spec"]), Pins.model_validate(detail["pins"])
-        return GateRun(run_id, spec, detail["asset_digest"], pins, table, verdicts)
+        spec, pins = RunSpec.model_validate(detail.spec), Pins.model_validate(detail.pins)
+        return GateRun(run_id, spec, detail.asset_digest, pins, table, verdicts)
 
     return from_server

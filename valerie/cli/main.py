@@ -9,6 +9,7 @@ import typer
 
 from valerie.cli import (
     assets,
+    claims,
     datasets,
     evaluation,
     evidence,
@@ -68,6 +69,7 @@ app.command(rich_help_panel=_WATCH)(runs.report)
 app.command(rich_help_panel=_WATCH)(results.findings)
 app.command(rich_help_panel=_WATCH)(results.rows)
 app.command(rich_help_panel=_WATCH)(gate.gate)
+app.command(rich_help_panel=_WATCH)(claims.claims)
 app.command(rich_help_panel=_WATCH)(runs.cancel)
 app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)

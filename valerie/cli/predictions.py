@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli.frames import RunId, Sensor
-from valerie.cli.shell import DataDir, Exit, Url, settings_of, show_error
+from valerie.cli.frames import Sensor
+from valerie.cli.shell import DataDir, Exit, RunId, Url, settings_of, show_error
 from valerie.errors import InvalidInput, NotFound
 
 predictions_app = typer.Typer(no_args_is_help=True, help="Upload label maps that were predicted elsewhere.")

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from valerie.cli.shell import command_name, say
 from valerie.errors import InvalidInput, NotFound
 
 if TYPE_CHECKING:
-    from valerie.client import Client
+    from valerie.client import Client, Function, RegisteredFunction
     from valerie.pipeline.base.context import Context
     from valerie.pipeline.functions.catalog import FunctionEntry
     from valerie.settings import Settings
@@ -28,13 +28,11 @@ Opening = Callable[[], AbstractContextManager["Registry"]]
 class Registry(Protocol):
     """A registry, here or in a server."""
 
-    def functions(self) -> list[dict[str, Any]]: ...
-    def function(self, reference: str) -> dict[str, Any]: ...
+    def functions(self) -> list[Function]: ...
+    def function(self, reference: str) -> Function: ...
     def function_payload(self, reference: str) -> bytes: ...
     def remove_function(self, reference: str) -> None: ...
-    def register_function(
-        self, texts: dict[str, str], payload: Path | None, folder: Path
-    ) -> tuple[dict[str, Any], bool]: ...
+    def register_function(self, texts: dict[str, str], payload: Path | None, folder: Path) -> RegisteredFunction: ...
 
 
 class Remote:
@@ -50,7 +48,7 @@ class Remote:
         texts: dict[str, str],
         payload: Path | None,
         folder: Path,  # noqa: ARG002  the server converts in a folder of its own
-    ) -> tuple[dict[str, Any], bool]:
+    ) -> RegisteredFunction:
         return self._client.register_function(texts, payload)
 
 
@@ -60,12 +58,12 @@ class _Local:
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def functions(self) -> list[dict[str, Any]]:
+    def functions(self) -> list[Function]:
         from valerie.pipeline.functions.catalog import functions
 
         return [_as_server_shows(entry) for entry in functions(self._context)]
 
-    def function(self, reference: str) -> dict[str, Any]:
+    def function(self, reference: str) -> Function:
         from valerie.pipeline.functions.catalog import function
 
         return _as_server_shows(function(self._context, reference))
@@ -83,9 +81,8 @@ class _Local:
 
         remove(self._context, reference)
 
-    def register_function(
-        self, texts: dict[str, str], payload: Path | None, folder: Path
-    ) -> tuple[dict[str, Any], bool]:
+    def register_function(self, texts: dict[str, str], payload: Path | None, folder: Path) -> RegisteredFunction:
+        from valerie.client import RegisteredFunction
         from valerie.pipeline.functions.catalog import registered_function
         from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
         from valerie.pipeline.functions.registry import register
@@ -97,17 +94,19 @@ class _Local:
             self._context.settings,
         )
         registered, new = register(self._context, imported.document, imported.payload)
-        return _as_server_shows(registered_function(self._context, registered, imported.trial)), new
+        function = _as_server_shows(registered_function(self._context, registered, imported.trial))
+        return RegisteredFunction(function, new)
 
 
-def _as_server_shows(entry: FunctionEntry) -> dict[str, Any]:
+def _as_server_shows(entry: FunctionEntry) -> Function:
     """Return an entry of the catalog as the server answers it."""
     from pydantic import TypeAdapter
 
+    from valerie.client import Function
     from valerie.pipeline.functions.catalog import FunctionEntry
 
-    shown: dict[str, Any] = TypeAdapter(FunctionEntry).dump_python(entry, mode="json", exclude={"trial"})
-    return {**shown, "check": entry.check}
+    members = TypeAdapter(FunctionEntry).dump_python(entry, mode="json", exclude={"trial"})
+    return Function.model_validate({**members, "check": entry.check})
 
 
 @contextmanager
@@ -146,7 +145,7 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
 
 def register_file(
     opening: Opening, file: Path | None, *, document: Path | None = None, **texts: str
-) -> tuple[dict[str, Any], bool]:
+) -> RegisteredFunction:
     """Read a function's files and let the registry convert, check and register it.
 
     Args:
@@ -201,8 +200,9 @@ def functions_named(value: str, opening: Opening) -> list[str]:
             continue
         registered, new = register_file(opening, path)
         what = "registered" if new else "registered already"
-        say(f"{item} is {what} as {registered['reference']}; `{command_name()} function show` prints its card")
-        references.append(registered["reference"])
+        say(f"{item} is {what} as {registered.reference}; `{command_name()} function show` prints its card")
+        assert registered.reference is not None, "a registered version has a reference"
+        references.append(registered.reference)
     return references
 
 

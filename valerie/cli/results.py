@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valerie.cli.datasets import Where
 from valerie.cli.deployment import context_of
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, say
+from valerie.cli.shell import DataDir, Json, RunId, console, say
 from valerie.errors import InvalidInput
 
+if TYPE_CHECKING:
+    from valerie.pipeline.base.context import Context
 
-def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Show the verdicts, the table and the findings of an ended run."""
+Runs = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, as `valerie status` lists them.")]
+
+
+def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> None:
+    """Show the verdicts, the table and the findings of an ended run, or what several runs show together.
+
+    A grid has no confidence interval. Run on several streets (``asset: {name: urban-street, seed: 7}``) and taken together,
+    its streets are a sample and have one.
+    """
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable
@@ -25,17 +33,33 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
     with context_of(data_dir) as context:
-        text = context.store.get(artifact_key(context, run_id, SUMMARY)).decode()
+        text = (
+            _together(context, run_ids)
+            if len(run_ids) > 1
+            else context.store.get(artifact_key(context, run_ids[0], SUMMARY)).decode()
+        )
     if as_json:
         typer.echo(text)
         return
     document = json.loads(text)
-    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out = console()
     if document["verdicts"]:
         out.print(verdicts_renderable(from_json(document["verdicts"])))
         out.print()
+    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out.print(summary_renderable(summary, findings, most=None))
+
+
+def _together(context: Context, run_ids: list[str]) -> str:
+    """Return the summary and the findings of several runs, as JSON text."""
+    from valerie.analysis.analyze import analyze
+    from valerie.pipeline.base.resolved_runs import read_run
+    from valerie.pipeline.reading.tables import read_together
+    from valerie.pipeline.work.finish import summary_json
+
+    spec = read_run(context, run_ids[0]).resolved.spec
+    table = read_together(context, run_ids)
+    return summary_json(analyze(table, threshold=spec.detection_threshold, seed=spec.seed), ()).decode()
 
 
 def rows(

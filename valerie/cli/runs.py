@@ -17,6 +17,7 @@ from valerie.cli.shell import (
     EndWithParent,
     Exit,
     Json,
+    RunId,
     Stopped,
     Url,
     command_name,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from valerie.client import Client, Run
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
-RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
 
 
 def run(
@@ -40,6 +40,9 @@ def run(
     report: Annotated[
         Path | None,
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
+    ] = None,
+    claims: Annotated[
+        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on the result.")
     ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
@@ -51,11 +54,13 @@ def run(
     one worker per queue) that ends with this command. Finished products are
     reused when you run the same spec again, also after Ctrl-C.
     """
+    from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import system_of
     from valerie.cli.display import display_of, print_event
     from valerie.cli.following import exit_code, follow, report_path, show_result
 
     _bind_to_parent(end_with_parent)
+    statements = None if claims is None else read_claims(claims)
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
     require_resolvable(text, settings)
@@ -71,6 +76,8 @@ def run(
         path = report or report_path(settings, run.name, run.id)
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
+        if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
+            show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
@@ -140,7 +147,7 @@ def status(
     """
     from valerie.cli.connecting import System, client_of
     from valerie.cli.display import display_of, progress_table
-    from valerie.cli.following import exit_code, failure_lines, follow, show_result
+    from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
     with client_of(settings_of(data_dir), url) as client:
         if run_id is None:
@@ -159,6 +166,7 @@ def status(
             typer.echo(json.dumps(document, ensure_ascii=False))
             return
         out = console()
+        show_verdicts(client, run_id, progress)
         out.print(progress_table(title, progress))
         if any(stage.failed for stage in progress.stages.values()):
             for line in failure_lines(client.failures(run_id)):

@@ -88,7 +88,14 @@ def train(
     if out is not None and out.exists():
         raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
-    from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
+    from valerie.pipeline.retraining.loop import (
+        Resources,
+        RetrainSettings,
+        Watcher,
+        register_retrained,
+        retrain,
+        training_folder,
+    )
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
 
     settings = RetrainSettings(
@@ -116,10 +123,8 @@ def train(
             folder / f"{called}.safetensors" if out is None else out,
             settings,
             folder=folder,
-            processes=processes,
-            threads=threads,
-            on_street=_say_street,
-            on_step=_Steps(),
+            resources=Resources(processes, threads),
+            watcher=Watcher(_say_street, _Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
     _say_retrained(retrained, folder)
@@ -189,7 +194,7 @@ def _compare(
 ) -> Comparison:
     from valerie.cli.datasets import Lines
     from valerie.pipeline.functions.references import open_reference
-    from valerie.pipeline.retraining.comparison import compare_versions
+    from valerie.pipeline.retraining.comparison import Grouping, compare_versions
     from valerie.pipeline.retraining.weakness import selected_region
 
     lines = Lines("frames")
@@ -199,10 +204,9 @@ def _compare(
             run,
             versions,
             open_function=lambda name: open_reference(name, context=deployment, threads=threads),
-            where=where,
-            region=selected_region(deployment, run, where, versions[0]) if where else None,
+            grouping=Grouping(where, selected_region(deployment, run, where, versions[0]) if where else None),
             mixed=mixed,
-            progress=lines.tell,
+            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from valerie.datasets.frame import FrameName, LabelledFrame, require_label_ids
-from valerie.datasets.polygons import polygons_document
+from valerie.datasets.polygons import PolygonsDocument
 from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 from valerie.labels import colorize, to_label_ids
 
@@ -59,13 +59,13 @@ def write_picture(root: Path, split: str, frame: LabelledFrame) -> Path:
     return path
 
 
-def write_labels(root: Path, split: str, frame: LabelledFrame, *, polygons: bool = False) -> None:
-    """Write label ids, instance ids, colours, the camera and, with ``polygons``, polygons."""
+def write_labels(root: Path, split: str, frame: LabelledFrame, polygons: PolygonsDocument | None = None) -> None:
+    """Write label ids, instance ids, colours, the camera and, if given, polygons."""
     save_png(root / labels_path(split, frame.name, "labelIds.png"), frame.class_map)
     save_png(root / labels_path(split, frame.name, "instanceIds.png"), frame.segment_ids)
     save_png(root / labels_path(split, frame.name, "color.png"), colorize(frame.class_map))
-    if polygons:
-        _write_json(root / labels_path(split, frame.name, "polygons.json"), polygons_document(frame.segment_ids))
+    if polygons is not None:
+        _write_json(root / labels_path(split, frame.name, "polygons.json"), polygons)
     if frame.camera is not None:
         _write_json(root / camera_path(split, frame.name), frame.camera)
 

@@ -1,7 +1,8 @@
 """Label maps as Cityscapes' polygons, for tools that read nothing else.
 
 Polygons know no holes: they are painted one after the other. Every connected region gives its outer outline, the larger
-ones first, so that what lies in a hole is painted over it.
+ones first, so that what lies in a hole is painted over it. Where regions interlock, the painting still covers pixels of others:
+classes without instances get these back, line by line. Instances do not: tools count every polygon as an object.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
 from valerie.errors import MissingDependency
-from valerie.labels import BY_ID
+from valerie.labels import BY_ID, BY_NAME
 
 
 class Polygon(TypedDict):
@@ -59,7 +61,43 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
                 area = float(cv2.contourArea(outline)) + cv2.arcLength(outline, closed=True) / 2
                 polygons.append((area, Polygon(label=label.name, polygon=_at_least_three(points.tolist()))))
     polygons.sort(key=lambda item: -item[0])
-    return PolygonsDocument(imgHeight=height, imgWidth=width, objects=[polygon for _, polygon in polygons])
+    document = PolygonsDocument(imgHeight=height, imgWidth=width, objects=[polygon for _, polygon in polygons])
+    covered = (segment_ids > 0) & (segment_ids < 1000) & (painted(document) != segment_ids)
+    for number in np.unique(segment_ids[covered]).tolist():
+        document["objects"] += _lines(covered & (segment_ids == number), BY_ID[number].name)
+    return document
+
+
+def painted(document: PolygonsDocument) -> NDArray[np.uint8]:
+    """Return the label ids that tools paint from polygons, (H, W); 0 where they paint nothing."""
+    canvas = Image.new("L", (document["imgWidth"], document["imgHeight"]))
+    drawing = ImageDraw.Draw(canvas)
+    for polygon in document["objects"]:
+        drawing.polygon([(x, y) for x, y in polygon["polygon"]], fill=BY_NAME[polygon["label"]].id)
+    return np.asarray(canvas)
+
+
+def lost_pixels(document: PolygonsDocument, class_map: NDArray[np.uint8]) -> dict[str, tuple[int, int]]:
+    """Return, by class, the number of pixels and of those that polygons paint as another class; only where there are some.
+
+    Args:
+        document: the polygons.
+        class_map: (H, W) label ids that they were made from.
+    """
+    wrong = painted(document) != class_map
+    counts, lost = (np.bincount(ids, minlength=256).tolist() for ids in (class_map.ravel(), class_map[wrong]))
+    return {label.name: (counts[label.id], lost[label.id]) for label in BY_ID.values() if label.id and counts[label.id]}
+
+
+def _lines(mask: NDArray[np.bool_], label: str) -> list[Polygon]:
+    """Return a flat polygon for each horizontal line of pixels of a mask."""
+    steps = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    rows, starts = np.nonzero(steps == 1)
+    stops = np.nonzero(steps == -1)[1] - 1
+    return [
+        Polygon(label=label, polygon=[[x0, y], [x1, y], [x1, y]])
+        for y, x0, x1 in zip(rows.tolist(), starts.tolist(), stops.tolist(), strict=True)
+    ]
 
 
 def _at_least_three(points: list[list[int]]) -> list[list[int]]:

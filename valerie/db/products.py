@@ -39,6 +39,8 @@ _INPUTS_DONE: Final = text(
     "NOT EXISTS (SELECT 1 FROM products AS i"
     " WHERE i.digest IN (products.input_a, products.input_b, products.input_c) AND i.state <> 'done')"
 )
+#: States of products that are tried again when a run wants them.
+_TRIED_AGAIN: Final = (ProductState.FAILED, ProductState.PARKED)
 
 
 class Wanted(NamedTuple):
@@ -59,10 +61,8 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
     A product is ready where all its inputs are done. Existing products stay as they are, but those that failed for good or
     were parked are tried again.
     """
-    asked: set[str] = set()
-    for product in wanted:
-        asked.add(product.digest)
-        asked.update(filter(None, (product.input_a, product.input_b, product.input_c)))
+    links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
+    asked = {digest for digest in links if digest is not None}
     # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
     known = select(Product.digest, Product.state).where(among(connection, Product.digest, asked)).with_for_update()
     states = {digest: state for digest, state in connection.execute(known)}  # noqa: C416  # mypy reads the types of rows
@@ -71,14 +71,15 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
     ready: list[Ready] = []
     for product in wanted:
         digest, kind, route, group, a, b, c = product
-        if states.get(digest, ProductState.PARKED) not in (ProductState.FAILED, ProductState.PARKED):
+        state = states.get(digest)
+        if state is not None and state not in _TRIED_AGAIN:
             continue
         if a in done and b in done and c in done:
-            rows.append((digest, kind.value, route, group, a, b, c, "ready", 0, now))
+            rows.append((digest, str(kind), route, group, a, b, c, "ready", 0, now))
             if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group))
         else:
-            rows.append((digest, kind.value, route, group, a, b, c, "waiting", 0, None))
+            rows.append((digest, str(kind), route, group, a, b, c, "waiting", 0, None))
     rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,

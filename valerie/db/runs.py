@@ -23,8 +23,8 @@ ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState
 
 
 @dataclass(frozen=True)
-class NewRun:
-    """A run as it is submitted; see `valerie.db.models.Run`."""
+class SubmittedRun:
+    """The columns of a run that are known when it is submitted; see `valerie.db.models.Run`."""
 
     id: str
     name: str
@@ -37,29 +37,16 @@ class NewRun:
     parent_run: str | None
     iteration: int
     variant_count: int
-    idempotency_key: str | None
     created_at: datetime
 
 
-@dataclass(frozen=True, slots=True)
-class RunRow:
-    """A stored run; see `valerie.db.models.Run`."""
+@dataclass(frozen=True)
+class RunRow(SubmittedRun):
+    """A stored run."""
 
-    id: str
-    name: str
-    state: RunState
-    reason: str | None
-    spec: RunSpec
-    spec_digest: str
-    asset_digest: str
-    pins: Pins | None
-    parent_run: str | None
-    iteration: int
-    variant_count: int
     next_index: int
     rejected_count: int
     progress: Progress | None
-    created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
 
@@ -108,39 +95,37 @@ def now_utc() -> datetime:
     return datetime.now(UTC)
 
 
-def create(connection: Connection, run: NewRun) -> str:
+def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | None = None) -> str:
     """Insert a run and return its id; for a known idempotency key, return the id of the run that has it.
 
     Raises:
         Conflict: the idempotency key belongs to a run with another spec.
     """
-    known = _of_key(connection, run)
+    known = _of_key(connection, idempotency_key, run.spec_digest)
     if known is not None:
         return known
     try:
         with connection.begin_nested():
-            connection.execute(insert(Run).values(**vars(run)))
+            connection.execute(insert(Run).values(**vars(run), idempotency_key=idempotency_key))
     except IntegrityError as error:
         # On Postgres another request may have stored the same key between the question and the insert.
-        known = _of_key(connection, run)
+        known = _of_key(connection, idempotency_key, run.spec_digest)
         if known is not None:
             return known
         raise Conflict(f"the run could not be stored: {error.orig}") from error
     return run.id
 
 
-def _of_key(connection: Connection, run: NewRun) -> str | None:
-    """Return the id of the run that has the idempotency key already."""
-    if run.idempotency_key is None:
+def _of_key(connection: Connection, key: str | None, spec_digest: str) -> str | None:
+    """Return the id of the run that has an idempotency key already."""
+    if key is None:
         return None
-    known = connection.execute(
-        select(Run.id, Run.spec_digest).where(Run.idempotency_key == run.idempotency_key)
-    ).first()
+    known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
     if known is None:
         return None
-    run_id, spec_digest = known
-    if spec_digest != run.spec_digest:
-        raise Conflict(f"the idempotency key {run.idempotency_key!r} was used for another spec (run {run_id})")
+    run_id, known_digest = known
+    if known_digest != spec_digest:
+        raise Conflict(f"the idempotency key {key!r} was used for another spec (run {run_id})")
     return run_id
 
 

@@ -14,9 +14,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate
 
-import numpy as np
-from numpy.typing import NDArray
-
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import Assignment
 from valerie.parameters.blocks import Block, Rows, Variation, at, rows_of
@@ -24,8 +21,6 @@ from valerie.parameters.constraints import Constraint, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Constant
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
-from valerie.statistics.replicates import replicate_number
-from valerie.statistics.units import EVEN
 
 
 class ParameterSpace:
@@ -137,27 +132,6 @@ class ParameterSpace:
         if not 0 <= index < self.size:
             raise IndexError(index)
         return bisect_right(self._ends, index)
-
-    def blocks_of(self, indexes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the block of each of some variants: (N,) int64 for (N,) indexes within the space."""
-        return np.searchsorted(self._ends, indexes, side="right").astype(np.int64)
-
-    def replicates_of(self, indexes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the replicate of each of some variants within its block; 0 where the design has none.
-
-        Args:
-            indexes: (N,) indexes within the space.
-
-        Returns:
-            (N,) int64; see `valerie.statistics.replicates`.
-        """
-        numbers = [
-            replicate_number(rows.size) if block.design in EVEN else 1
-            for block, rows in zip(self.blocks, self._rows, strict=True)
-        ]
-        blocks = self.blocks_of(indexes)
-        first = np.array([0, *self._ends[:-1]])
-        return np.asarray((indexes - first[blocks]) % np.array(numbers)[blocks], np.int64)
 
     def __getitem__(self, index: int) -> Assignment:
         if index < 0:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from valerie.errors import UnknownName
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.perception.documents.function import FunctionDocument, InputDocument, Payload
+from valerie.perception.documents.function import Engine, FunctionDocument, InputDocument, Payload, Precision
 from valerie.perception.importing.function_file import read_header
+from valerie.perception.running.engines.processor import multiplies_bf16
 from valerie.perception.running.opening import open_function
 
 #: Folder of the shipped function files.
@@ -17,6 +20,12 @@ WEIGHTS: Final = Path(__file__).parent / "weights"
 
 #: Names of the functions that ship with VALERIE; each is the file ``weights/<name>.safetensors``.
 FUNCTIONS: Final = ("deeplabv3plus-small", "semantic-fpn-small")
+
+#: Precision that depends on the processor.
+AUTO: Final = "auto"
+
+#: Entry of the provenance with the reason for the engine.
+ENGINE_CHOICE: Final = "engine chosen"
 
 #: The coarsest stride of the networks: their sides are padded to multiples of it.
 ALIGNMENT: Final = 32
@@ -34,9 +43,9 @@ def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function")
 
 
 def file_document(name: str, path: Path) -> FunctionDocument:
-    """Return the document of a function file, from its header: fp32 in torch.
+    """Return the document of a function file, from its header, for the reference: fp32 in torch.
 
-    See `valerie.perception.importing.function_file` for the format.
+    See `valerie.perception.importing.function_file` for the format, and `local_document` for the fastest engine.
 
     Raises:
         NotFound, InvalidInput: the file is missing or damaged.
@@ -45,18 +54,41 @@ def file_document(name: str, path: Path) -> FunctionDocument:
     return _document(name, path, stamp)
 
 
+def local_document(name: str, path: Path, *, device: str = "auto", precision: str = AUTO) -> FunctionDocument:
+    """Return the document of a function file for the engine that runs it fastest on this machine.
+
+    Args:
+        name: of the function.
+        path: its file.
+        device: see `valerie.perception.running.opening.open_function`.
+        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 where the processor multiplies it, else fp32.
+
+    Raises:
+        NotFound, InvalidInput: the file is missing or damaged.
+    """
+    document = file_document(name, path)
+    choice = _choice(device, precision)
+    return document.model_copy(
+        update={
+            "engine": choice.engine,
+            "precision": choice.precision,
+            "provenance": {**document.provenance, ENGINE_CHOICE: choice.reason},
+        }
+    )
+
+
 def function_document(name: str, *, folder: Path = WEIGHTS) -> FunctionDocument:
-    """Return the document of a shipped function, from its file's header; neither torch nor the weights are loaded.
+    """Return the document of a shipped function, from its file's header; no engine and no weights are loaded.
 
     Raises:
         UnknownName: no such function.
         NotFound, InvalidInput: its file is missing or damaged.
     """
-    return file_document(name, function_path(name, folder=folder))
+    return local_document(name, function_path(name, folder=folder))
 
 
 def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
-    """Return the card of a shipped function; neither torch nor the weights are loaded.
+    """Return the card of a shipped function; no engine and no weights are loaded.
 
     Raises:
         UnknownName, NotFound, InvalidInput: see `function_document`.
@@ -65,23 +97,50 @@ def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
     return document.card(digest=_identity(document))
 
 
-def load_function(name: str, *, threads: int = 1, device: str = "auto", folder: Path = WEIGHTS) -> PerceptionFunction:
-    """Load a shipped function to predict with.
+def load_function(
+    name: str, *, threads: int = 1, device: str = "auto", precision: str = AUTO, folder: Path = WEIGHTS
+) -> PerceptionFunction:
+    """Load a shipped function to predict with, in the engine that is fastest here.
 
     Args:
         name: one of `FUNCTIONS`.
         threads: CPU threads of this process for the inference engine.
         device: see `valerie.perception.running.opening.open_function`.
+        precision: see `local_document`.
         folder: of the function files.
 
     Raises:
         UnknownName: no such function.
         NotFound, InvalidInput: its file is missing or damaged.
-        MissingDependency: torch is not installed.
+        MissingDependency: torch is not installed, or this machine does not compute in that precision.
     """
     path = function_path(name, folder=folder)
-    document = file_document(name, path)
+    document = local_document(name, path, device=device, precision=precision)
     return open_function(document, path, threads=threads, device=device, digest=_identity(document))
+
+
+class _Choice(NamedTuple):
+    engine: Engine
+    precision: Precision
+    reason: str
+
+
+def _choice(device: str, precision: str) -> _Choice:
+    """Choose an engine by what is installed; importing one only to ask would cost seconds."""
+    if device != "cpu" and (device.startswith("cuda") or _has_gpu()):
+        return _Choice("torch", "bf16" if precision == "bf16" else "fp32", "torch uses the graphics card")
+    if find_spec("openvino") is None:
+        return _Choice("torch", "bf16" if precision == "bf16" else "fp32", "torch, since openvino is not installed")
+    if precision == "bf16" or (precision == AUTO and multiplies_bf16()):
+        return _Choice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
+    return _Choice("openvino", "fp32", "openvino, the fastest in fp32")
+
+
+def _has_gpu() -> bool:
+    try:
+        return Path("/dev/nvidiactl").exists() and not version("torch").endswith("+cpu")
+    except PackageNotFoundError:
+        return False
 
 
 def _identity(document: FunctionDocument) -> str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel, ConfigDict
+
+from valerie.parameters.definitions import Value
 
 
 class Ability(StrEnum):
@@ -31,8 +33,8 @@ class EngineSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    def inputs(self) -> dict[str, Any]:
-        """Return every setting that the pixels depend on, with its default. It is part of the digest of the engine's products."""
+    def inputs(self) -> dict[str, Value]:
+        """Return every setting that the pixels depend on, defaults included; part of the digest of the engine's products."""
         return self.model_dump()
 
     def cost(self) -> float:

@@ -6,12 +6,13 @@ The shipped table (``costs.json``) was measured and names the machine. Costs gro
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from pydantic import BaseModel
 
 from valerie.runs.states import ProductKind
 
@@ -68,36 +69,56 @@ class CostTable:
         if key in self._recorded:
             return self._recorded[key], Basis.RECORDED
         megapixels = key.width * key.height / 1e6
-        makers = _shipped()["costs"][key.kind.value]
+        makers = _shipped().costs[key.kind]
         if key.maker in makers:
-            return _at(makers[key.maker], megapixels), Basis.SHIPPED
+            return makers[key.maker].at(megapixels), Basis.SHIPPED
         if key in self._few:
             return self._few[key], Basis.RECORDED
-        return max(_at(entry, megapixels) for entry in makers.values()), Basis.GUESSED
+        return max(line.at(megapixels) for line in makers.values()), Basis.GUESSED
 
     def statics(self, width: int, height: int) -> Cost:
         """Return the cost of the truth of the statics, which the truths of one camera share."""
-        return _at(_shipped()["statics"], width * height / 1e6)
+        return _shipped().statics.at(width * height / 1e6)
 
     @property
     def start_seconds(self) -> float:
         """CPU seconds of a run on one machine besides its products: to start, to load the asset, to write results."""
-        return float(_shipped()["start"]["cpu_seconds"])
+        return _shipped().start.cpu_seconds
 
     @property
     def machine(self) -> str:
         """The machine that the shipped table was measured on."""
-        return str(_shipped()["machine"])
+        return _shipped().machine
 
 
-def _at(entry: Mapping[str, float], megapixels: float) -> Cost:
-    return Cost(
-        entry["cpu_seconds"] + entry["cpu_seconds_per_megapixel"] * megapixels,
-        entry["bytes"] + entry["bytes_per_megapixel"] * megapixels,
-    )
+class _Line(BaseModel):
+    """A cost as a line over the size of the image."""
+
+    cpu_seconds: float
+    cpu_seconds_per_megapixel: float
+    bytes: float
+    bytes_per_megapixel: float
+
+    def at(self, megapixels: float) -> Cost:
+        return Cost(
+            self.cpu_seconds + self.cpu_seconds_per_megapixel * megapixels,
+            self.bytes + self.bytes_per_megapixel * megapixels,
+        )
+
+
+class _Start(BaseModel):
+    cpu_seconds: float
+
+
+class _Shipped(BaseModel):
+    """The shipped table: costs by kind and maker."""
+
+    machine: str
+    start: _Start
+    statics: _Line
+    costs: dict[ProductKind, dict[str, _Line]]
 
 
 @cache
-def _shipped() -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(files("valerie.runs").joinpath("costs.json").read_text("utf-8"))
-    return document
+def _shipped() -> _Shipped:
+    return _Shipped.model_validate_json(files("valerie.runs").joinpath("costs.json").read_bytes())

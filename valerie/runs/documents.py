@@ -17,6 +17,7 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.statistic import parse_statistic
 from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
 from valerie.runs.varied import Varied
@@ -143,6 +144,7 @@ class RunSpec(Document):
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
         annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity.
+        labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
         sensors: sensor settings; each frame has one picture for each of them.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
@@ -168,6 +170,7 @@ class RunSpec(Document):
     resolution: Resolution = Resolution()
     renderer: Name | dict[str, Scalar] = "raster"
     annotations: tuple[AnnotationKind, ...] = ()
+    labels: LabelPolicy = LabelPolicy.EXACT
     sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5

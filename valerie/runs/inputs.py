@@ -7,7 +7,7 @@ The inputs by product: ::
     truth        asset, poses and characters, camera, resolution, truth pass
     annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment
     prediction   background, layer, sensor response, function; truth and velocity if the sensor needs them
-    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19
+    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not exact
 
 A sensor's distortion is in the digest of the prediction, and through it in that of the evaluation, which distorts the
 truth in the same way. "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and
@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import orjson
 
 from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
@@ -117,9 +118,8 @@ class ProductInputs:
         self._sensors = spec.sensors
         self._seed = spec.seed
         self._moves = resolved.times.motion is not None
-        engine = {"name": spec.engine, **_pinned(pins.engine)}
-        if resolved.engine_inputs:
-            engine["settings"] = dict(resolved.engine_inputs)
+        settings = {"settings": dict(resolved.engine_inputs)} if resolved.engine_inputs else {}
+        engine = {"name": spec.engine, **_pinned(pins.engine), **settings}
         resolution = spec.resolution.model_dump()
         self._background: list[DigestPrefix] = []
         self._truth: list[DigestPrefix] = []
@@ -136,8 +136,9 @@ class ProductInputs:
             )
             for name in spec.functions
         ]
+        labels = () if spec.labels is LabelPolicy.EXACT else (spec.labels.value,)
         self._evaluations = [
-            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]))
+            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]), *labels)
             for name in spec.functions
         ]
         self._annotations = [
@@ -220,11 +221,11 @@ def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
     return DigestPrefix(_SCHEME, kind.value, *parts)
 
 
-def _pinned(offer: Offer) -> dict[str, Any]:
+def _pinned(offer: Offer) -> dict[str, str | int]:
     return {"revision": offer.revision, "numeric_class": offer.numeric_class}
 
 
-def _function(pin: FunctionPin) -> dict[str, Any]:
+def _function(pin: FunctionPin) -> dict[str, str | int]:
     return {"digest": pin.digest, **_pinned(pin)}
 
 

@@ -11,11 +11,13 @@ from valerie.parameters.space import ParameterSpace
 from valerie.rendering.engine import Ability
 from valerie.runs.documents import RunSpec
 from valerie.runs.motion import Times
+from valerie.runs.requirements import Requirement
 from valerie.runs.sensors import SensorNeeds
 from valerie.runs.vocabulary import Vocabulary
 from valerie.scene.motion.trajectory import TIME_PATH
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
-from valerie.statistics.units import EVEN
+from valerie.statistics.units import EVEN, INDEPENDENT
+from valerie.statistics.verdicts import units_to_decide
 
 #: Largest number of values of a range that a warning lists.
 _LISTED: Final = 5
@@ -60,15 +62,19 @@ def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool)
             yield f"sensor {sensor.name}: {text}"
 
 
-def oversights(vocabulary: Vocabulary, space: ParameterSpace, times: Times) -> Iterator[str]:
+def oversights(
+    vocabulary: Vocabulary, space: ParameterSpace, times: Times, requirements: Sequence[Requirement]
+) -> Iterator[str]:
     """Yield the warnings about a resolved spec.
 
     Args:
         vocabulary: the names of the spec.
         space: its variants.
         times: its moments, and what moves.
+        requirements: that it will be judged by.
     """
     yield from _about_blocks(vocabulary, space)
+    yield from _about_requirements(space, requirements)
     yield from _about_declarations(vocabulary, space)
     yield from _about_times(space, times)
     spec, manifest = vocabulary.spec, vocabulary.manifest
@@ -90,6 +96,21 @@ def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str
                 yield f"{spec.field(f'blocks.{i}.vary')}: {name} is varied and constant; it is varied"
         if block.count is not None and block.design in EVEN:
             yield from _about_replicates(block.design, block.count, spec.field(f"blocks.{i}.count"))
+
+
+def _about_requirements(space: ParameterSpace, requirements: Sequence[Requirement]) -> Iterator[str]:
+    """Say where a random design is too small for a verdict if the truth lies half way between the bound and the best."""
+    if len(space.blocks) > 1 or space.blocks[0].design not in INDEPENDENT:
+        return
+    for requirement in requirements:
+        statistic = requirement.statistic
+        truth = (1 + statistic.at_least) / 2
+        units = units_to_decide(truth, at_least=statistic.at_least, confidence=requirement.document.confidence)
+        if units is not None and units > space.size:
+            yield (
+                f"requirement {requirement.document.id}: {space.size:,} variants will hardly decide it; if "
+                f"{statistic.quantity} is {100 * statistic.shown(truth):g} %, about {units:,} in its region do"
+            )
 
 
 def _about_replicates(design: str, count: int, place: str) -> Iterator[str]:

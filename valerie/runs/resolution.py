@@ -53,7 +53,7 @@ class ResolvedRun:
     definitions: tuple[ParameterDefinition, ...]
     space: ParameterSpace
     cameras: tuple[str, ...]
-    engine_inputs: Mapping[str, Any] = field(default_factory=dict)
+    engine_inputs: Mapping[str, Value] = field(default_factory=dict)
     annotations: tuple[AnnotationKind, ...] = ()
     times: Times = field(default_factory=Times)
     requirements: tuple[Requirement, ...] = ()
@@ -154,13 +154,13 @@ def resolve(
         warnings=(
             *resolver.warnings,
             *sensor_warnings(spec, needs, moves=moves),
-            *oversights(vocabulary, space, times),
+            *oversights(vocabulary, space, times, requirements),
         ),
         notes=tuple(vocabulary.notes()),
     )
 
 
-def _engine_inputs(spec: RunSpec, engines: Collection[str] | None, problems: list[InvalidInput]) -> Mapping[str, Any]:
+def _engine_inputs(spec: RunSpec, engines: Collection[str] | None, problems: list[InvalidInput]) -> Mapping[str, Value]:
     if engines is not None and spec.engine not in engines:
         problems.append(plugins.unknown_name("renderer", spec.engine, engines, field="renderer"))
         return {}

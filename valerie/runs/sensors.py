@@ -34,12 +34,12 @@ class Response(NamedTuple):
     needs_velocity: bool
 
 
-def sensor_values(assignment: Mapping[str, Any]) -> dict[str, Any]:
+def sensor_values(assignment: Mapping[str, Value]) -> dict[str, Value]:
     """Return the part of an assignment that belongs to the sensor: path to value."""
     return {path: value for path, value in assignment.items() if path.startswith(_PREFIX)}
 
 
-def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: bool) -> SensorSetting:
+def setting_of(setting: SensorSetting, assignment: Mapping[str, Value], *, moves: bool) -> SensorSetting:
     """Return a setting with a variant's values for the sensor; the asset's defaults do not override the setting.
 
     Args:
@@ -51,7 +51,7 @@ def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: 
     return of_variant if moves else of_variant.without_shutter()
 
 
-def response_of(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
+def response_of(setting: SensorSetting, sensor: Mapping[str, Value], run_seed: int, *, moves: bool = False) -> Response:
     """Return what a prediction on the picture of a sensor depends on.
 
     Args:

@@ -104,7 +104,7 @@ class Movement:
         return self._fastest[size]
 
 
-def taken(light: Floats, movement: Movement, row_seconds: Places, exposure_s: float) -> Floats:
+def collect_light(light: Floats, movement: Movement, row_seconds: Places, exposure_s: float) -> Floats:
     """Return the light that an open shutter collects, row by row.
 
     Args:

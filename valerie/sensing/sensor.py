@@ -33,7 +33,7 @@ from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
 from valerie.sensing.metering import metered_ev
-from valerie.sensing.motion import Movement, read_times, taken
+from valerie.sensing.motion import Movement, collect_light, read_times
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
@@ -146,7 +146,7 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
             raise InvalidInput("motion blur needs the velocity of every pixel", field="shot.velocity", limit=limit)
         movement = Movement(shot.velocity, shot.depth)
         times = _row_times(setting, width, height, focal_px)
-        light = taken(light, movement, times, setting.shutter.exposure_ms * 1e-3)
+        light = collect_light(light, movement, times, setting.shutter.exposure_ms * 1e-3)
     if soiling.dirt:
         light = dirty(light, soiling.dirt, _specimen_seed(setting, shot, "dirt"))
     if soiling.drops:

@@ -150,6 +150,44 @@ def fit_curve(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """Where a curve leaves the level that it has at the end of its first bin, on the axis; None where that is not seen.
+
+    Attributes:
+        estimate: where the curve itself does.
+        not_before: the level surely holds up to here; None where the band is too wide to tell anywhere.
+        at_latest: the level is surely left by here.
+    """
+
+    estimate: float | None
+    not_before: float | None
+    at_latest: float | None
+
+
+def departure(curve: Curve, by: float) -> Departure:
+    """Return where a curve differs by more than ``by`` from the end of its first bin, as far as its band tells.
+
+    The band holds the whole true curve at once, and so holds what follows from it: no further error is added.
+
+    Args:
+        curve: from `fit_curve`.
+        by: difference of scores, above 0.
+    """
+    # A band has no upper (or lower) bound before its first bin ends.
+    start = min(int(np.searchsorted(curve.x, curve.bins.high[0])), len(curve.x) - 1)
+    x, y, low, high = (np.asarray(column)[start:] for column in (curve.x, curve.y, curve.low, curve.high))
+    away = np.abs(y - y[0]) > by
+    possible = (low < high[0] - by) | (high > low[0] + by)
+    sure = (high < low[0] - by) | (low > high[0] + by)
+
+    def first(marks: NDArray[np.bool_]) -> float | None:
+        return float(x[int(np.argmax(marks))]) if marks.any() else None
+
+    not_before = first(possible) if possible.any() else float(x[-1])
+    return Departure(first(away), None if possible[0] else not_before, first(sure))
+
+
 def contradicted_bins(
     fitted: ArrayLike, x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int = 0, confidence: float = 0.95
 ) -> tuple[int, ...]:

@@ -170,10 +170,10 @@ function outline(person) {
 
 // A window around all persons with a margin, in the proportions of the picture.
 function zoomOf(frame) {
-  const found = frame.persons.map((one) => one.amodal_box).filter(Boolean);
-  if (!found.length) return null;
-  const x0 = Math.min(...found.map((b) => b[0])), y0 = Math.min(...found.map((b) => b[1]));
-  const x1 = Math.max(...found.map((b) => b[2])), y1 = Math.max(...found.map((b) => b[3]));
+  const boxes = frame.persons.map((person) => person.amodal_box).filter(Boolean);
+  if (!boxes.length) return null;
+  const x0 = Math.min(...boxes.map((b) => b[0])), y0 = Math.min(...boxes.map((b) => b[1]));
+  const x1 = Math.max(...boxes.map((b) => b[2])), y1 = Math.max(...boxes.map((b) => b[3]));
   const share = Math.min(1, Math.max((2 * (x1 - x0)) / frame.width, (1.7 * (y1 - y0)) / frame.height, 0.06));
   const place = (middle, size) => Math.max(0, Math.min(1 - share, middle / size - share / 2));
   return { scale: 1 / share, x: place((x0 + x1) / 2, frame.width), y: place((y0 + y1) / 2, frame.height) };

@@ -18,9 +18,9 @@ const BRIEF = new Set(["architecture", "engine", "precision", "input size", "red
 export async function functionsView({ main, signal }) {
   const cards = h("div", { class: "functions" });
   const draw = async () => {
-    const found = await get("/v1/functions", { signal });
+    const functions = await get("/v1/functions", { signal });
     const open = new Set([...cards.querySelectorAll("details[open]")].map((one) => one.dataset.key));
-    put(cards, found, [...byName(found)].map(([name, versions]) => card(name, versions, open)));
+    put(cards, functions, [...byName(functions)].map(([name, versions]) => card(name, versions, open)));
     return 10_000;
   };
   await draw();
@@ -29,9 +29,9 @@ export async function functionsView({ main, signal }) {
   return "Functions";
 }
 
-function byName(found) {
+function byName(functions) {
   const names = new Map();
-  for (const one of found) names.set(one.name, [...(names.get(one.name) ?? []), one]);
+  for (const entry of functions) names.set(entry.name, [...(names.get(entry.name) ?? []), entry]);
   return names;
 }
 

@@ -93,9 +93,9 @@ function ticks([low, high], wanted = 6) {
   const rough = (high - low) / wanted;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough);
-  const found = [];
-  for (let one = Math.ceil(low / step); one * step <= high + 1e-9; one += 1) found.push(Number((one * step).toPrecision(10)));
-  return found;
+  const values = [];
+  for (let i = Math.ceil(low / step); i * step <= high + 1e-9; i += 1) values.push(Number((i * step).toPrecision(10)));
+  return values;
 }
 
 function swatch(i) {

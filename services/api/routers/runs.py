@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
@@ -153,7 +152,8 @@ def list_runs(
 @router.get("/runs/{run_id}", responses=_OF_RUN, summary="One run with its spec")
 def read(run_id: RunId, context: ContextDependency) -> RunDetail:
     with reading(context.engine) as connection:
-        return RunDetail.model_validate(_members(runs.get(connection, run_id)))
+        row = runs.get(connection, run_id)
+    return RunDetail(**_run(row).model_dump(), spec=row.spec.model_dump(mode="json"))
 
 
 @router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="Progress of a run; cheap to poll")
@@ -231,12 +231,4 @@ def _read(context: Context, run_id: str) -> RunRead:
 
 
 def _run(row: runs.RunRow) -> RunRead:
-    return RunRead.model_validate(_members(row))
-
-
-def _members(row: runs.RunRow) -> dict[str, Any]:
-    return {
-        **{field.name: getattr(row, field.name) for field in fields(row)},
-        "spec": row.spec.model_dump(mode="json"),
-        "stages": {} if row.progress is None else row.progress.stages,
-    }
+    return RunRead.model_validate(vars(row) | {"stages": {} if row.progress is None else row.progress.stages})

@@ -100,6 +100,16 @@ def synthetic() -> Callable[..., list[dict[str, object]]]:
     return synthetic_rows
 
 
+@pytest.fixture(scope="session")
+def synthetic_table() -> Callable[..., EvaluationTable]:
+    """A function that returns the table of `synthetic_rows`."""
+
+    def build(law: Law, **more: object) -> EvaluationTable:
+        return EvaluationTable.from_rows(synthetic_rows(law, **more), PARAMETERS, GRID)  # type: ignore[arg-type]
+
+    return build
+
+
 @pytest.fixture
 def parameters() -> dict[str, str]:
     """The varied parameters of the synthetic rows."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from tests.planted_tables import X, drawn_space, planted_table, requirement
+from tests.planted_tables import X, drawn, planted_table, requirement
 from valerie.analysis.gate import GateRun, gate
 from valerie.analysis.junit import junit_xml
 from valerie.analysis.verdicts import RequirementVerdict, judge_requirements
@@ -49,6 +49,7 @@ def run(
         np.concatenate(list(scores.values())),
         np.tile(np.arange(count), len(scores)),
         function=np.repeat(list(scores), count).tolist(),
+        design=drawn(more.get("design", "random"), count),
         frame_id=[f"{name}.{variant}.0.0" for variant in range(count)] * len(scores),
         **{key: np.tile(column, len(scores)) for key, column in dict(columns).items()},
     )
@@ -101,6 +102,10 @@ def test_versions_of_a_name_are_compared_across_runs_and_a_single_function_with_
     assert (single.version, single.baseline) == ("x", "y of run r2")
     (chosen,) = gate(run({"b": before, "a@2": after}), baseline, function="b").versions
     assert chosen.version == "b"
+    (named,) = gate(run({"b": before, "a@2": after}), "a").versions  # the only version of its name
+    assert (named.version, named.baseline) == ("b", "a@2")
+    with pytest.raises(UnknownName, match="unknown function of the run 'a'"):
+        gate(run({"a@1": before, "a@2": after}), "a")
 
 
 def test_rows_that_one_run_lacks_are_counted() -> None:
@@ -158,7 +163,7 @@ def test_what_cannot_be_compared_is_refused_by_name() -> None:
 
 
 def verdicts() -> tuple[RequirementVerdict, ...]:
-    table, space = planted_table([0.9] * 12, range(12)), drawn_space("random", 12)
+    table, space = planted_table([0.9] * 12, range(12)), drawn("random", 12)
     required = [
         requirement("mean(pacc) >= 0.2", id="MET", text="good \x07 & <fine>"),
         requirement("mean(pacc) <= 0.2", id="NOT"),

@@ -250,6 +250,20 @@ def test_of_an_unknown_design_each_variant_is_a_place_and_nothing_is_a_sample(ro
     assert table.units.estimand is Estimand.LISTED_GRID
 
 
+def test_tables_of_runs_on_several_streets_join_to_a_sample_of_streets(rows, parameters):
+    def of_street(street):
+        renamed = [{**row, "run_id": f"r{street}"} for row in rows]
+        return EvaluationTable.from_rows(renamed, parameters, {f"r{street}": Design((("grid", 8),), street=street)})
+
+    joined = EvaluationTable.joined([of_street(street) for street in range(6)])
+
+    assert len(joined) == 6 * len(rows)
+    assert (joined.units.estimand, joined.units.count) == (Estimand.STREETS, 6)
+    assert joined.codes("run_id").names == tuple(f"r{street}" for street in range(6))
+    with pytest.raises(InvalidInput, match="unlike parameters"):
+        EvaluationTable.joined([of_street(0), EvaluationTable.from_rows([], {})])
+
+
 def test_the_designs_survive_parquet(rows, parameters):
     table = of_designs(rows, parameters, a=Design((("random", 4), ("grid", 4)), street=1), b=Design((("sobol", 8),)))
     sink = io.BytesIO()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,16 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
         assert result.exit_code == code, result.output
         return result.stdout
 
+    run_id = deployed[1]
+    shutil.copytree(deployed[0] / "data", tmp_path / "data")
+    summary = tmp_path / "data/artifacts/runs" / run_id / "summary.json"
+    document = json.loads(summary.read_text())
+    document["findings"]["items"] = [{"example": {"frame_id": f"{run_id}.5.1.0", "function": "blank"}}]
+    summary.write_text(json.dumps(document))
     key, folder = tmp_path / "key", tmp_path / "evidence"
     key_id = told("key", "new", str(key)).split()[2].rstrip(";")
-    data = ("--data-dir", str(deployed[0] / "data"))
-    exported = json.loads(told("export", deployed[1], "--out", str(folder), "--key", str(key), "--json", *data))
+    data = ("--data-dir", str(tmp_path / "data"))
+    exported = json.loads(told("export", run_id, "--out", str(folder), "--key", str(key), "--json", *data))
     assert exported["signer"] == key_id
     assert exported["folder"] == str(folder)
     monkeypatch.setenv("VALERIE_DATA_DIR", str(tmp_path / "nothing"))

@@ -7,7 +7,6 @@ import re
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -15,6 +14,7 @@ from typer.testing import CliRunner
 
 from valerie.cli.main import app
 from valerie.cli.registry import functions_named
+from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
 from valerie.testing.onnx_function import small_onnx
 
@@ -157,9 +157,9 @@ class Registered:
     def __init__(self) -> None:
         self.given: list[tuple[dict[str, str], Path | None]] = []
 
-    def register_function(
-        self, texts: dict[str, str], payload: Path | None, folder: Path
-    ) -> tuple[dict[str, Any], bool]:
+    def register_function(self, texts: dict[str, str], payload: Path | None, folder: Path) -> RegisteredFunction:
         assert folder.is_dir()
         self.given.append((texts, payload))
-        return {"reference": f"small@{len(self.given)}"}, True
+        card = {"name": "small", "digest": "", "architecture": "", "precision": "", "engine": "", "provenance": {}}
+        members = {**card, "card": (), "numeric_classes": (), "reference": f"small@{len(self.given)}"}
+        return RegisteredFunction(Function.model_validate(members), True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import html
+import io
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -52,6 +54,11 @@ def gated(deployed: tuple[Path, str, str, str], *arguments: str, code: int) -> s
     result = CliRunner().invoke(app, given, catch_exceptions=False)
     assert result.exit_code == code, result.output
     return result.stdout
+
+
+def findings(deployed: tuple[Path, str, str, str]) -> str:
+    given = ["findings", deployed[1], "--data-dir", str(deployed[0])]
+    return CliRunner().invoke(app, given, catch_exceptions=False).stdout
 
 
 def test_requirements_decide_and_are_written_for_people_ci_and_tables(
@@ -123,8 +130,18 @@ def test_a_server_gives_the_same_result(deployed: tuple[Path, str, str, str]) ->
         url = ["--url", str(client.base_url)]
         remote = json.loads(gated(deployed, run_id, "--baseline", BETTER, "--json", *url, code=Exit.GATE_FAILED))
         table = client.get(f"/v1/runs/{run_id}/verdicts").text
+        parquet = client.get(f"/v1/runs/{run_id}/verdicts", params={"format": "parquet"}).content
+        summary = client.get(f"/v1/runs/{run_id}/summary").json()
+        report = client.get(f"/v1/runs/{run_id}/report").text
+        status = CliRunner().invoke(app, ["status", run_id, *url], catch_exceptions=False).stdout
     assert remote == local
     assert [row["outcome"] for row in csv.DictReader(table.splitlines())] == ["met", "met", "not met"]
+    assert pq.read_table(io.BytesIO(parquet))["outcome"].to_pylist() == ["met", "met", "not met"]
+    assert summary["verdicts"] == local["verdicts"]
+    # Verdicts come before everything else that a result shows.
+    shown = ((status, "render"), (html.unescape(report), "<h2>Summary</h2>"), (findings(deployed), "mean pACC"))
+    for text, later in shown:
+        assert text.index("share(pacc >= 0.5)") < text.index(later)
 
 
 def test_an_unknown_format_is_refused_before_anything_is_read(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from tests.world.blank import completed_run
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, NotFound, UnknownName
 
@@ -32,6 +33,20 @@ def test_findings_shows_the_table_of_a_run_that_ended_without_a_server(
     assert document["summary"]["frames"] == 24
     with pytest.raises(NotFound):
         told(invoke, deployed, "findings", "r0000000000")
+
+
+def test_findings_of_several_runs_are_those_of_all_their_rows(
+    tmp_path: Path, invoke: CliRunner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline, first = completed_run(tmp_path)
+    second = pipeline.submit()
+    assert pipeline.run(second) == "completed"
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path / "assets"))
+    document = json.loads(told(invoke, (tmp_path, first), "findings", first, second, "--json"))
+    assert document["summary"]["frames"] == 48
+    assert "mean pACC" in told(invoke, (tmp_path, first), "findings", first, second)
+    with pytest.raises(InvalidInput, match="each run once"):
+        told(invoke, (tmp_path, first), "findings", first, first)
 
 
 def test_rows_is_the_long_table_and_where_picks_among_its_rows(

@@ -42,7 +42,9 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     deployment = settings_of(folder)
     world = DrawnWorld(deployment, infer_class=class_here("semantic-fpn-small", deployment))
     along_the_street = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
-    run_id = world.work(spec("validation", vary=along_the_street, functions=["semantic-fpn-small"]))
+    run_id = world.work(
+        spec("validation", asset="urban-street", vary=along_the_street, functions=["semantic-fpn-small"])
+    )
     world.context.engine.dispose()
     monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")

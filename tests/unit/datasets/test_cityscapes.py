@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from PIL import Image
 from tests.unit.datasets.frames import labelled
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
-from valerie.datasets.polygons import polygons_document
+from valerie.datasets.polygons import lost_pixels, polygons_document
 from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 from valerie.labels import VOID
 
@@ -20,7 +21,8 @@ from valerie.labels import VOID
 def folder(tmp_path: Path) -> Path:
     for number in range(3):
         cityscapes.write_picture(tmp_path, "val", labelled(number))
-        cityscapes.write_labels(tmp_path, "val", labelled(number), polygons=True)
+        frame = labelled(number)
+        cityscapes.write_labels(tmp_path, "val", frame, polygons_document(frame.segment_ids))
     return tmp_path
 
 
@@ -66,8 +68,32 @@ def test_what_lies_in_a_hole_is_painted_after_what_surrounds_it() -> None:
     class_map[2, 2] = 17  # a single pixel
     document = polygons_document(class_map.astype(np.uint16))
     annotation = Annotation()
-    annotation.fromJsonText(__import__("json").dumps(document))
+    annotation.fromJsonText(json.dumps(document))
     np.testing.assert_array_equal(np.asarray(createLabelImage(annotation, "ids")), class_map)
+
+
+def interlocked() -> np.ndarray:
+    """Return two classes without instances and a bicycle, grown into each other at random, (60, 80) label ids."""
+    rng = np.random.default_rng(1)
+    class_map = np.where(rng.random((60, 80)) < 0.5, 21, 11).astype(np.uint8)
+    class_map[20:40, 20:60][rng.random((20, 40)) < 0.4] = 33
+    return class_map
+
+
+def test_polygons_of_interlocked_classes_without_instances_lose_nothing_and_tell_what_others_lose() -> None:
+    class_map = interlocked()
+    segment_ids = class_map.astype(np.uint16)
+    segment_ids[class_map == 33] = 33_001
+    document = polygons_document(segment_ids)
+    annotation = Annotation()
+    annotation.fromJsonText(json.dumps(document))
+    shown = np.asarray(createLabelImage(annotation, "ids"))
+    np.testing.assert_array_equal(shown[class_map != 33], class_map[class_map != 33])
+    lost = int((shown != class_map).sum())
+    assert lost > 0
+    counts = {name: int((class_map == label).sum()) for name, label in (("building", 11), ("vegetation", 21))}
+    expected = {name: (count, 0) for name, count in counts.items()} | {"bicycle": (int((class_map == 33).sum()), lost)}
+    assert lost_pixels(document, class_map) == expected
 
 
 def test_predictions_are_written_as_label_ids(tmp_path: Path) -> None:

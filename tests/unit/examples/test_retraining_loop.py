@@ -29,7 +29,7 @@ def test_a_run_is_shown_beside_two_new_versions(
     monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     deployment = settings_of(tmp_path / "data")
     world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
-    run_id = world.work(spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))
+    run_id = world.work(spec("validation", asset="urban-street", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
         frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )

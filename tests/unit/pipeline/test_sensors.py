@@ -31,14 +31,14 @@ BENT = {"name": "bent", "distortion": {"k1": -0.9}}
 
 @pytest.fixture(scope="session")
 def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The boxes with every parameter of the sensor declared."""
+    """Return the folder of an asset of boxes that declares every parameter of the sensor."""
     folder = tmp_path_factory.mktemp("assets")
     write_box_street(folder / "box-street")
     file = folder / "box-street" / "manifest.yaml"
     document = yaml.safe_load(file.read_text())
-    known = {parameter["path"] for parameter in document["parameters"]}
-    new = [row.definition().model_dump(mode="json") for row in SENSOR_PARAMETERS.values()]
-    document["parameters"] += [one for one in new if one["path"] not in known]
+    paths = {parameter["path"] for parameter in document["parameters"]}
+    definitions = [row.definition().model_dump(mode="json") for row in SENSOR_PARAMETERS.values()]
+    document["parameters"] += [definition for definition in definitions if definition["path"] not in paths]
     file.write_text(yaml.safe_dump(document))
     return folder
 
@@ -76,7 +76,7 @@ def test_a_run_with_other_sensors_renders_nothing(pipeline: Pipeline) -> None:
     assert pipeline.made() == {"background": 1, "layer": 4, "truth": 4, "prediction": 4, "evaluation": 4}
     assert pipeline.run(pipeline.submit(small(sensors=sensors))) == "completed"
     assert pipeline.made() == {"prediction": 4 * FRAMES, "evaluation": 4 * FRAMES}
-    # Only what depends on chance is made again for another seed.
+    # Another seed repeats only the products with random effects.
     assert pipeline.run(pipeline.submit(small(sensors=sensors, seed=1))) == "completed"
     assert pipeline.made() == {"prediction": 2 * FRAMES, "evaluation": 2 * FRAMES}
 
@@ -89,14 +89,14 @@ def test_a_run_that_varies_the_sensor_renders_one_frame_for_all_values(pipeline:
     assert len(table(pipeline, run)) == 10
 
 
-def test_visibility_behind_a_distorting_sensor_is_measured_as_it_is_seen(pipeline: Pipeline) -> None:
+def test_visibility_behind_a_distorting_sensor_is_measured_in_the_distorted_image(pipeline: Pipeline) -> None:
     run = pipeline.submit(small(sensors=[{"name": "plain"}, BENT]))
     assert pipeline.run(run) == "completed"
     rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
     plain = [row["pixel_area"] for row in rows if row["sensor"] == "plain"]
     bent = [row["pixel_area"] for row in rows if row["sensor"] == "bent"]
     assert plain == [32 * 18] * FRAMES
-    assert all(area > 32 * 18 for area in bent)  # what a barrel leaves in the picture is enlarged
+    assert all(area > 32 * 18 for area in bent)  # barrel distortion enlarges the visible part
     # tp and fn count the same pixels that visibility counts.
     for row in rows:
         assert row["tp"] + row["fn"] == row["pixel_area"]
@@ -107,8 +107,8 @@ def test_distances_and_absent_persons_stay_as_they_are(pipeline: Pipeline) -> No
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
         frame = frames.get(connection, FrameKey(run, 0, 0))
-        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
-    before, after = all_views(pipeline, frame.products.truth), all_views(pipeline, one.scores)
+        (evaluation,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+    before, after = all_views(pipeline, frame.products.truth), all_views(pipeline, evaluation.scores)
     assert [person.instance_id for person in after] == [person.instance_id for person in before]
     for name in ("distance_m", "depth_m", "undefined_reason"):
         assert [person.measures[name] for person in after] == [person.measures[name] for person in before]
@@ -118,8 +118,8 @@ def test_a_sensor_without_distortion_keeps_no_views_of_its_own(pipeline: Pipelin
     run = pipeline.submit(small(sensors=[{"name": "noisy", "noise": {"shot": True}}]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
-    assert all_views(pipeline, one.scores) == []
+        (evaluation,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+    assert all_views(pipeline, evaluation.scores) == []
 
 
 def test_noise_is_the_same_in_a_replay_and_in_another_deployment(
@@ -128,29 +128,29 @@ def test_noise_is_the_same_in_a_replay_and_in_another_deployment(
     noisy = [{"name": "noisy", "noise": {"shot": True, "full_well_electrons": 200}, "soiling": {"dirt": 0.1}}]
     run = pipeline.submit(small(sensors=noisy))
     pipeline.run(run)
-    assert [one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 2, 0))] == ["equal"] * 5
+    assert [product.verdict for product in replay_frame(pipeline.context, FrameKey(run, 2, 0))] == ["equal"] * 5
     other = Pipeline(tmp_path / "other", assets)
     again = other.submit(small(sensors=noisy))
     other.run(again)
     strip = ("run_id", "frame_id")
-    first, second = ([{k: v for k, v in row.items() if k not in strip} for row in table(*one)]
-                     for one in ((pipeline, run), (other, again)))  # fmt: skip
+    first, second = ([{k: v for k, v in row.items() if k not in strip} for row in table(*source)]
+                     for source in ((pipeline, run), (other, again)))  # fmt: skip
     assert first == second
 
 
-def test_pictures_for_people_show_truth_in_step_with_the_sensor(pipeline: Pipeline) -> None:
+def test_pictures_for_people_show_truth_aligned_with_the_sensors_image(pipeline: Pipeline) -> None:
     run = pipeline.submit(small(sensors=[{"name": "plain"}, BENT]))
     pipeline.run(run)
 
-    def shown(kind: str, sensor: str) -> np.ndarray:
+    def painted(kind: str, sensor: str) -> np.ndarray:
         return paint_picture(
             pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind=kind, sensor=sensor)
         )
 
     for kind in ("picture", "truth", "instances", "depth", "truth-overlay", "errors"):
-        assert shown(kind, "plain").shape == shown(kind, "bent").shape
+        assert painted(kind, "plain").shape == painted(kind, "bent").shape
     for kind in ("picture", "truth", "instances"):
-        assert (shown(kind, "plain") != shown(kind, "bent")).any()
+        assert (painted(kind, "plain") != painted(kind, "bent")).any()
 
 
 def test_a_picture_with_defocus_waits_for_the_truth(pipeline: Pipeline) -> None:
@@ -180,10 +180,10 @@ def test_deleting_a_run_frees_the_views_of_its_sensors(pipeline: Pipeline) -> No
     run = pipeline.submit(small(sensors=[BENT]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+        (evaluation,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     lifecycle.delete(pipeline.context, run)
     gc.collect(pipeline.context)
-    assert all_views(pipeline, one.scores) == []
+    assert all_views(pipeline, evaluation.scores) == []
 
 
 MOVING = {
@@ -195,28 +195,28 @@ MOVING = {
 }
 
 
-def test_a_shutter_asks_for_velocities_once_and_for_no_other_renders(pipeline: Pipeline) -> None:
+def test_a_shutter_requests_velocities_once_and_no_other_renders(pipeline: Pipeline) -> None:
     open_for = [{"name": name, "shutter": {"exposure_ms": ms}} for name, ms in (("short", 2), ("long", 30))]
     assert pipeline.run(pipeline.submit(small(**{**MOVING, "sensors": open_for[:1]}))) == "completed"
     assert pipeline.made() == {"background": 1, "layer": 2, "truth": 2, "velocity": 2, "prediction": 2, "evaluation": 2}
     run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "plain"}, *open_for]}))
     assert pipeline.run(run) == "completed"
     assert pipeline.made() == {"prediction": 4, "evaluation": 4}
-    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
+    assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
     plain, short, long = (
         paint_picture(
             pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0, 0), kind="picture", sensor=name)
         )
         for name in ("plain", "short", "long")
     )
-    # Edges of the square, columns 16 and 48, move by 0.4 and by 6 pixels while the shutter is open.
-    changed = [np.flatnonzero((plain != one).any(axis=(0, 2))) for one in (short, long)]
+    # The edges of the square, columns 16 and 48, move by 0.4 and by 6 pixels while the shutter is open.
+    changed = [np.flatnonzero((plain != blurred).any(axis=(0, 2))) for blurred in (short, long)]
     assert set(changed[0].tolist()) <= set(range(15, 18)) | set(range(46, 50))
     assert changed[1].size > 6
     assert set(changed[1].tolist()) <= set(range(12, 20)) | set(range(44, 52))
 
 
-def test_behind_a_rolling_shutter_labels_lean_with_the_picture(pipeline: Pipeline) -> None:
+def test_labels_lean_with_the_image_of_a_rolling_shutter(pipeline: Pipeline) -> None:
     run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "rolling", "shutter": {"line_time_us": 1000}}]}))
     assert pipeline.run(run) == "completed"
     source = find_picture(pipeline.context, FrameKey(run, 0, 0, 0), kind="truth", sensor="rolling")
@@ -226,7 +226,7 @@ def test_behind_a_rolling_shutter_labels_lean_with_the_picture(pipeline: Pipelin
     assert np.polyfit(np.arange(9, 27), middles, 1)[0] == pytest.approx(0.2, abs=0.03)
     rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
     assert all(row["tp"] + row["fn"] == row["pixel_area"] for row in rows)
-    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
+    assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
 
 
 def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: Pipeline) -> None:

@@ -195,6 +195,12 @@ def test_settings_of_an_engine_are_inputs_of_its_pictures_however_they_were_said
     assert changed(plain, frame(street, pins, {}, renderer=given)) == expected
 
 
+def test_labels_change_the_evaluations_alone(street: Manifest, pins: Pins) -> None:
+    exact = frame(street, pins, {})
+    assert changed(exact, frame(street, pins, {}, labels="cityscapes")) == {"evaluation"}
+    assert changed(exact, frame(street, pins, {}, labels="exact")) == set()
+
+
 def test_classes_that_a_function_is_judged_by_change_its_evaluations_alone(street: Manifest, pins: Pins) -> None:
     def judged(*judged_by: str) -> FrameDigests:
         first = FUNCTIONS[0]

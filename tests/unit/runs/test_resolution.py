@@ -200,6 +200,15 @@ def test_a_maximum_that_is_not_reached_is_warned_of(street: Manifest) -> None:
     [
         ({"design": "sobol", "count": 100, "vary": [["person-1.pos.x", "UNIFORM", 0, 1]]}, "nearest are 64 and 128"),
         ({"design": "halton", "count": 19, "vary": [["person-1.pos.x", "UNIFORM", 0, 1]]}, "drawn independently"),
+        (
+            {
+                "design": "random",
+                "count": 50,
+                "vary": [["person-1.pos.x", "UNIFORM", 0, 1]],
+                "requirements": [{"id": "R", "statistic": "share(pacc >= 0.5) >= 0.95"}],
+            },
+            "R: 50 variants will hardly decide it; if share(pacc >= 0.5) is 97.5 %, about",
+        ),
         ({"vary": [["person-1.pos.x", "CHOICE", 1, 2]], "constants": {X: "3 m"}}, "is varied and constant"),
         ({"parameters": [["p1", X, "FLOAT", 0, 1]]}, "p1 is declared and not varied; it stays at 3 m"),
         ({"functions": []}, "no function under test"),

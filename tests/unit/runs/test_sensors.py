@@ -18,8 +18,8 @@ def street() -> Manifest:
     return asset_manifest("urban-street")[0]
 
 
-def resolved(manifest: Manifest, **given: Any) -> ResolvedRun:
-    return resolve(parse({"name": "one", "asset": manifest.name, "functions": ["f"], **given}), manifest)
+def resolved(manifest: Manifest, **entries: Any) -> ResolvedRun:
+    return resolve(parse({"name": "one", "asset": manifest.name, "functions": ["f"], **entries}), manifest)
 
 
 def test_the_generated_street_declares_every_parameter_of_the_sensor(street: Manifest) -> None:
@@ -53,18 +53,18 @@ def test_focal_length_is_the_variants_or_the_assets(street: Manifest) -> None:
 
 
 @pytest.mark.parametrize(
-    "given",
+    "entries",
     [
         {"sensors": [{"distortion": {"k1": 0.1}}]},
         {"sensors": [{"lens": {"vignetting": 1}}]},
         {"sensors": [{"lens": {"f_number": 2}}]},
     ],
 )
-def test_an_effect_that_needs_an_undeclared_focal_length_is_refused(given: dict[str, Any]) -> None:
+def test_an_effect_that_needs_an_undeclared_focal_length_is_refused(entries: dict[str, Any]) -> None:
     manifest = simple_manifest()  # only its second camera declares one
     with pytest.raises(InvalidInputs, match=r"scene\.camera-1\.focal_length_mm"):
-        resolved(manifest, **given)
-    resolved(manifest, **given, cameras=["camera-2"])
+        resolved(manifest, **entries)
+    resolved(manifest, **entries, cameras=["camera-2"])
 
 
 def test_a_plan_says_that_defocus_waits_for_the_truth(street: Manifest) -> None:

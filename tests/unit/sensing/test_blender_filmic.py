@@ -21,13 +21,14 @@ def test_the_curve_is_within_one_grey_level_of_blenders_own_image(name: str, val
         linear, expected = pairs["linear"][None], pairs[name][None].astype(int)
     picture = develop(linear, setting(curve="blender-filmic", **values)).astype(int)
     assert np.abs(picture - expected).max() <= 1
-    assert (picture == expected).mean() > 0.97
+    # A curve that is off by e grey levels rounds otherwise in a share e of the pixels: this one is off by less than 0.03.
+    assert (picture != expected).mean() < 0.03
 
 
 def test_middle_grey_is_in_the_middle_and_white_is_reached_after_six_and_a_half_stops() -> None:
     grey, bright = respond(np.array([0.18, 16.3]), setting(curve="blender-filmic"))
     assert grey == pytest.approx(0.5, abs=0.003)
-    assert bright > 0.998
+    assert round(255 * bright) == 255
 
 
 def test_it_is_monotone_in_grey() -> None:

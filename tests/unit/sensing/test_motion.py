@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from valerie.sensing.motion import Movement, read_times, taken
+from valerie.sensing.motion import Movement, collect_light, read_times
 from valerie.sensing.resampling import bilinear
 
 HEIGHT, WIDTH = 60, 120
@@ -23,12 +23,12 @@ def square(speed_x: float = 0.0, speed_y: float = 0.0) -> tuple[NDArray[np.float
 
 def test_without_motion_nothing_changes() -> None:
     light, movement = square()
-    assert taken(light, movement, read_times(HEIGHT, 1e-4), 0.1) is light
+    assert collect_light(light, movement, read_times(HEIGHT, 1e-4), 0.1) is light
 
 
 def test_a_moving_square_blurs_beyond_its_edges_and_shows_the_wall_at_both_ends() -> None:
     light, movement = square(speed_x=100.0)
-    blurred = taken(light, movement, NO_ROWS, 0.1)[30, :, 0]
+    blurred = collect_light(light, movement, NO_ROWS, 0.1)[30, :, 0]
     # Ten pixels: the box of the square, 50 … 70, is blurred by a box ten wide.
     edges = np.clip(np.minimum(np.arange(WIDTH) + 0.5 - 45.0, 75.0 - (np.arange(WIDTH) + 0.5)) / 10.0, 0.0, 1.0)
     assert blurred == pytest.approx(edges, abs=0.08)
@@ -39,7 +39,7 @@ def test_a_moving_square_blurs_beyond_its_edges_and_shows_the_wall_at_both_ends(
 @pytest.mark.parametrize("speed", [(0.0, 150.0), (-90.0, 0.0), (60.0, -60.0)])
 def test_blur_preserves_light_and_its_centre(speed: tuple[float, float]) -> None:
     light, movement = square(*speed)
-    blurred = taken(light, movement, NO_ROWS, 0.1)
+    blurred = collect_light(light, movement, NO_ROWS, 0.1)
     assert blurred.sum() == pytest.approx(light.sum(), rel=0.03)
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
     assert (blurred[..., 0] * rows).sum() / blurred[..., 0].sum() == pytest.approx(29.5, abs=0.4)
@@ -48,7 +48,7 @@ def test_blur_preserves_light_and_its_centre(speed: tuple[float, float]) -> None
 
 def test_a_longer_exposure_blurs_more() -> None:
     light, movement = square(speed_x=100.0)
-    spread = [taken(light, movement, NO_ROWS, seconds).std() for seconds in (0.0, 0.02, 0.05, 0.1)]
+    spread = [collect_light(light, movement, NO_ROWS, seconds).std() for seconds in (0.0, 0.02, 0.05, 0.1)]
     assert spread == sorted(spread, reverse=True)
     assert len(set(spread)) == 4
 
@@ -56,7 +56,7 @@ def test_a_longer_exposure_blurs_more() -> None:
 def test_a_rolling_shutter_leans_only_objects_that_move_sideways() -> None:
     light, movement = square(speed_x=200.0)
     times = read_times(HEIGHT, 2e-3)
-    image = taken(light, movement, times, 0.0)[..., 0]
+    image = collect_light(light, movement, times, 0.0)[..., 0]
     for row in range(20, 40):
         bright = np.flatnonzero(image[row] > 0.5)
         assert bright.size == pytest.approx(20, abs=1)
@@ -69,7 +69,7 @@ def test_a_falling_object_is_stretched_and_a_rising_one_squeezed() -> None:
     heights = []
     for speed in (-100.0, 0.0, 100.0):
         light, movement = square(speed_y=speed)
-        heights.append(float(taken(light, movement, read_times(HEIGHT, 2e-3), 0.0)[:, 60, 0].sum()))
+        heights.append(float(collect_light(light, movement, read_times(HEIGHT, 2e-3), 0.0)[:, 60, 0].sum()))
     # q = p + v · 2 ms · q: 20 / (1 − v · 2 ms).
     assert heights == pytest.approx([20 / 1.2, 20, 20 / 0.8], abs=1.5)
 
@@ -79,7 +79,7 @@ def test_a_static_object_in_front_is_not_smeared_over_a_moving_background() -> N
     depth = np.full((HEIGHT, WIDTH), 20.0, np.float32)
     velocity[...] = (100.0, 0.0)  # the camera turns, and follows the square
     light[20:40, 50:70], velocity[20:40, 50:70], depth[20:40, 50:70] = 1.0, 0.0, 5.0
-    blurred = taken(light, Movement(velocity, depth), NO_ROWS, 0.1)
+    blurred = collect_light(light, Movement(velocity, depth), NO_ROWS, 0.1)
     assert blurred[30, 50:70, 0] == pytest.approx(np.ones(20))
     assert blurred.sum() == pytest.approx(light.sum(), rel=0.02)
 
@@ -89,7 +89,7 @@ def test_an_image_with_uniform_motion_is_shifted_row_by_row() -> None:
     velocity = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     velocity[..., 0] = 50.0
     times = read_times(HEIGHT, 1e-3)
-    image = taken(light, Movement(velocity, np.full((HEIGHT, WIDTH), 9.0, np.float32)), times, 0.0)
+    image = collect_light(light, Movement(velocity, np.full((HEIGHT, WIDTH), 9.0, np.float32)), times, 0.0)
     x = np.arange(WIDTH)[None, :] - 50.0 * times
     expected = bilinear(light, x, np.broadcast_to(np.arange(HEIGHT, dtype=np.float64)[:, None], x.shape))
     np.testing.assert_allclose(image, expected, atol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from valerie.errors import InvalidInput
-from valerie.statistics.confirmation import confirm, find, fresh_places, halves, holm, search
+from valerie.statistics.confirmation import confirm, find, fresh_places, halves, holm, named, search
 from valerie.statistics.contrasts import Change, contrasts
 from valerie.statistics.observations import Observations, observe
 from valerie.statistics.power import places_needed, power
@@ -142,3 +142,31 @@ def test_fresh_places_follow_from_how_much_places_differ() -> None:
     # The mean of two differences of rows, each with a spread of 0.1 √2.
     assert sun.deviation == pytest.approx(0.1, rel=0.1)
     assert fresh_places(sun, 0.05) == places_needed(0.05, sun.deviation)
+
+
+def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
+    observations = _run(np.random.default_rng(6), places=8, effect=0.2)
+    (finding, *_) = named(observations)
+    looked_at = contrasts(observations, interactions=False)
+    (contrast,) = [one for one in looked_at if one.changes == (Change("sun", 0, 1),)]
+    assert finding.contrast == contrast
+    assert (finding.low, finding.high) == contrast.interval(1 - 0.05 / len(looked_at))
+    assert finding.adjusted_p == holm([one.p_value for one in looked_at])[looked_at.index(contrast)] <= 0.05
+    assert not finding.confirmed
+
+
+def test_few_runs_without_effect_are_named() -> None:
+    rng = np.random.default_rng(7)
+    false = sum(bool(named(_run(rng, places=12))) for _ in range(250))
+    assert stats.binomtest(false, 250, 0.05, alternative="greater").pvalue > 1e-3
+
+
+def test_a_search_may_be_limited_to_some_changes() -> None:
+    observations = _run(np.random.default_rng(8), effect=0.2)
+    only = ((Change("camera", 0, 1),),)
+    findings = find(observations, seed=0, only=only)
+    assert [item.candidate.changes for item in findings.items] == list(only)
+    assert findings.comparisons == 1
+    assert [item.contrast.changes for item in named(observations, only=((Change("sun", 0, 1),),)) if item.contrast] == [
+        (Change("sun", 0, 1),)
+    ]

@@ -7,7 +7,7 @@ from scipy.special import expit
 from sklearn.isotonic import IsotonicRegression
 
 from valerie.errors import InvalidInput
-from valerie.statistics.curves import GRID, Shape, contradicted_bins, fit_curve
+from valerie.statistics.curves import GRID, Shape, contradicted_bins, departure, fit_curve
 
 
 def scores(curve, places, seed, rows=6):
@@ -139,3 +139,27 @@ def test_bad_input_is_refused_by_name():
         fit_curve([1.0, 2.0], [0.5, -0.2], [0, 1], seed=0)
     with pytest.raises(InvalidInput, match="length"):
         fit_curve([1.0, 2.0], [0.5], [0], seed=0)
+
+
+def test_a_departure_holds_the_true_one_in_nearly_every_run():
+    """Scores are level up to 0.4 and then fall by 1 per unit: they are 0.1 lower from 0.5 on."""
+    generator, held, known = np.random.default_rng(5), 0, 0
+    for seed in range(40):
+        places = np.repeat(np.arange(150), 6)
+        x = generator.random(900)
+        noise = 0.05 * generator.standard_normal(150)[places] + 0.05 * generator.standard_normal(900)
+        curve = fit_curve(x, np.clip(0.8 - np.maximum(x - 0.4, 0) + noise, 0, 1), places, seed=seed)
+        assert curve is not None
+        left = departure(curve, 0.1)
+        known += left.at_latest is not None
+        held += (left.not_before or 0.0) <= 0.5 <= (left.at_latest or 1.0)
+    assert held >= 38
+    assert known >= 38
+
+
+def test_a_level_is_never_left():
+    places = np.repeat(np.arange(100), 4)
+    curve = fit_curve(np.random.default_rng(1).random(400), np.full(400, 0.5), places, seed=0)
+    assert curve is not None
+    assert departure(curve, 0.1).estimate is None
+    assert departure(curve, 0.1).at_latest is None

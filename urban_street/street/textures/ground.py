@@ -114,8 +114,8 @@ def asphalt(
 
 def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field) -> _Layer:
     """Return white markings, worn by traffic."""
-    worn = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
-    wear = smoothstep(-1.65, -0.25, worn)
+    pattern = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
+    wear = smoothstep(-1.65, -0.25, pattern)
     cover = paint * (0.25 + 0.63 * wear)
     white = np.array([0.60, 0.59, 0.56], np.float32) * (1.0 + 0.05 * grain[..., None])
     painted: Field = road.color * (1.0 - cover[..., None]) + white * cover[..., None]
@@ -321,8 +321,8 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
     spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=30, shortest=8))
     tone *= 1.0 - 0.4 * spots
     # Feet polish the slabs, most in their middle.
-    worn = toward(np.full(shape, 0.87, np.float32), 0.79, np.exp(-(((across - 1.3) / 0.5) ** 2)))
-    stones = np.where(slab, worn + 0.04 * (hashed(number, 5) - 0.5), 0.83) + 0.02 * fine + 0.03 * cloud
+    polish = toward(np.full(shape, 0.87, np.float32), 0.79, np.exp(-(((across - 1.3) / 0.5) ** 2)))
+    stones = np.where(slab, polish + 0.04 * (hashed(number, 5) - 0.5), 0.83) + 0.02 * fine + 0.03 * cloud
     roughness = toward(np.full(shape, _JOINT, np.float32), stones, np.where(slab, slab_head, sett_head))
     roughness = toward(roughness, 0.6, spots)
     height = np.where(slab, 0.004 * smoothstep(0.0, 0.008, slab_joint), 0.007 * smoothstep(0.0, 0.02, sett_joint))

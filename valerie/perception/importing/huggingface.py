@@ -136,8 +136,8 @@ def _require_complete(report: Mapping[str, Any], field: str) -> None:
     problems += [str(message) for message in report.get("error_msgs", [])]
     if problems:
         more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
-        shown = "; ".join(problems[:3])
-        raise InvalidInput(f"the weights are not those of the configuration: {shown}{more}", field=field)
+        first = "; ".join(problems[:3])
+        raise InvalidInput(f"the weights are not those of the configuration: {first}{more}", field=field)
 
 
 def _classes(config: Mapping[str, Any], field: str) -> list[str]:

@@ -108,8 +108,8 @@ def _require_plain_operator(node: onnx.NodeProto, field: str) -> None:
 def _require_own_data(tensor: onnx.TensorProto, field: str) -> None:
     if tensor.external_data or tensor.data_location == onnx.TensorProto.EXTERNAL:
         raise InvalidInput("data in another file; save the network as one file", field=field, value=tensor.name)
-    held = tensor.ByteSize()
-    if min(tensor.dims, default=0) < 0 or math.prod(tensor.dims) > _ELEMENTS_PER_BYTE * held:
+    size = tensor.ByteSize()
+    if min(tensor.dims, default=0) < 0 or math.prod(tensor.dims) > _ELEMENTS_PER_BYTE * size:
         shape = " × ".join(map(str, tensor.dims))
         message = "a tensor that states more than it holds"
-        raise InvalidInput(message, field=field, value=f"{tensor.name}: {shape}", limit=f"{held} bytes")
+        raise InvalidInput(message, field=field, value=f"{tensor.name}: {shape}", limit=f"{size} bytes")

@@ -84,10 +84,10 @@ class BasicBlock(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, C, H, W) to (N, channels, H / stride, W / stride)."""
-        kept: Tensor = x if self.downsample is None else self.downsample(x)
+        shortcut: Tensor = x if self.downsample is None else self.downsample(x)
         x = self.relu(self.bn1(self.conv1(x)))
         x = self.bn2(self.conv2(x))
-        result: Tensor = self.relu(x + kept)
+        result: Tensor = self.relu(x + shortcut)
         return result
 
 
@@ -119,11 +119,11 @@ class Bottleneck(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, C, H, W) to (N, 4 × channels, H / stride, W / stride)."""
-        kept: Tensor = x if self.downsample is None else self.downsample(x)
+        shortcut: Tensor = x if self.downsample is None else self.downsample(x)
         x = self.relu(self.bn1(self.conv1(x)))
         x = self.relu(self.bn2(self.conv2(x)))
         x = self.bn3(self.conv3(x))
-        result: Tensor = self.relu(x + kept)
+        result: Tensor = self.relu(x + shortcut)
         return result
 
 

@@ -7,7 +7,7 @@ import time
 
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
-from valerie.db.runs import NewRun
+from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
@@ -34,7 +34,7 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         names = registry.names(connection, registered)
     resolved = resolve_new(spec, context.settings, registered=names)
     pins, reason = choose_pins(spec, offers, registered)
-    run = NewRun(
+    run = SubmittedRun(
         id=new_run_id(now),
         name=spec.name,
         state=RunState.SUBMITTED,
@@ -46,7 +46,6 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         parent_run=spec.parent_run,
         iteration=spec.iteration,
         variant_count=resolved.space.size,
-        idempotency_key=idempotency_key,
         created_at=runs.now_utc(),
     )
     with writing(context.engine) as connection:
@@ -55,7 +54,7 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
                 runs.require(connection, spec.parent_run)
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
-        return runs.create(connection, run)
+        return runs.create(connection, run, idempotency_key=idempotency_key)
 
 
 def new_run_id(now: float) -> str:

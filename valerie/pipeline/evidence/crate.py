@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from valerie.pipeline.evidence.contents import RunFacts
+from valerie.pipeline.evidence.manifest import MANIFEST
 
 METADATA: Final = "ro-crate-metadata.json"
 _FORMATS: Final = {
@@ -18,38 +19,24 @@ _FORMATS: Final = {
 }
 
 
-def write_crate(folder: Path, run: RunFacts, software: str, files: Mapping[str, str]) -> None:
+def write_crate(folder: Path, run: RunFacts, files: Mapping[str, str]) -> None:
     """Write the description; equal input gives equal bytes, since its dates are those of the run.
 
     Args:
         folder: with the files.
         run: that the evidence is about.
-        software: name and version of the program.
         files: path to description, in the order in which they are listed.
     """
-    from rocrate.model import ContextEntity
     from rocrate.rocrate import ROCrate
 
     crate = ROCrate(version="1.2")
     crate.name = f"Evidence of the VALERIE run {run.name} ({run.id})"
-    crate.description = "Spec, results, environment and frames of one run; manifest.json lists the files with digests."
+    crate.description = f"Spec, results, environment and frames of one run; {MANIFEST} lists the files with digests."
     crate.datePublished = (run.finished_at or run.created_at).isoformat()
     crate.license = "No licence is stated. Whoever hands out this folder decides how it may be used."
-    entities = {
-        path: crate.add_file(
-            folder / path, path, properties={"name": text, "encodingFormat": _FORMATS[Path(path).suffix]}
-        )
-        for path, text in files.items()
-    }
-    program = crate.add(ContextEntity(crate, "#software", {"@type": "SoftwareApplication", "name": software}))
-    action = {
-        "@type": "CreateAction",
-        "name": f"Run {run.id}",
-        "startTime": run.created_at.isoformat(),
-        "endTime": crate.datePublished.isoformat(),
-    }
-    made = crate.add(ContextEntity(crate, "#run", action))
-    made["instrument"], made["object"] = program, entities["spec.json"]
-    made["result"] = [entity for path, entity in entities.items() if path != "spec.json"]
-    crate.root_dataset["mentions"] = made
+    for path, description in files.items():
+        properties = {"name": path, "description": description, "encodingFormat": _FORMATS[Path(path).suffix]}
+        if path != MANIFEST:  # written last, over this description
+            properties["contentSize"] = str((folder / path).stat().st_size)
+        crate.add_file(folder / path, path, properties=properties)
     crate.metadata.write(folder)

@@ -50,6 +50,7 @@ from valerie.pipeline.export.folder import require_free_name, require_room
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.selection import function_index, sensor_index
+from valerie.runs.moments import in_utc
 
 #: Bytes per pixel of a picture, and of a painted map of classes, as PNG; rounded up.
 _PICTURE_BYTES, _MAP_BYTES = 2.5, 0.3
@@ -138,7 +139,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         ):
             (partial / name).write_bytes(document_bytes(document))
         (partial / MANIFEST).touch()  # so that the description may name it
-        write_crate(partial, facts, orjson.loads(results[ENVIRONMENT])["software"], descriptions)
+        write_crate(partial, facts, descriptions)
         manifest = manifest_of(partial)
         payload = manifest.to_bytes()
         (partial / MANIFEST).write_bytes(payload)
@@ -203,9 +204,9 @@ def _facts(run: RunRow, folder: Path, *, table: bytes, verdicts: object) -> RunF
         asset_digest=run.asset_digest,
         parent_run=run.parent_run,
         iteration=run.iteration,
-        created_at=run.created_at,
-        started_at=run.started_at,
-        finished_at=run.finished_at,
+        created_at=in_utc(run.created_at),
+        started_at=None if run.started_at is None else in_utc(run.started_at),
+        finished_at=None if run.finished_at is None else in_utc(run.finished_at),
         results=results,
     )
 

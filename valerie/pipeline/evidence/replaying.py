@@ -22,7 +22,7 @@ from valerie.db.engine import writing
 from valerie.db.links import StoredFrame
 from valerie.db.migrate import migrate
 from valerie.db.products import Job, Look
-from valerie.db.runs import NewRun
+from valerie.db.runs import SubmittedRun
 from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run, resolve_new
@@ -97,13 +97,15 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
     spec = parse(read_document(folder, SPEC))
     if spec.digest != facts.spec_digest:
         raise Refused([f"{RUN}: its digest of the spec is not that of {SPEC}"])
-    resolve_new(spec, settings, registered=[name for name, pin in pins.functions.items() if pin.kind is not None])
+    resolved = resolve_new(
+        spec, settings, registered=[name for name, pin in pins.functions.items() if pin.kind is not None]
+    )
     with TemporaryDirectory(prefix="valerie-evidence-") as place:
         update = {"data_dir": Path(place), "database_url": f"sqlite:///{place}/run.sqlite3", "artifacts_url": place}
         context = open_context(settings.model_copy(update=update))
         try:
             migrate(context.engine)
-            row = NewRun(
+            row = SubmittedRun(
                 id=facts.id,
                 name=facts.name,
                 state=RunState.COMPLETED,
@@ -114,8 +116,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 pins=pins,
                 parent_run=None,
                 iteration=facts.iteration,
-                variant_count=0,
-                idempotency_key=None,
+                variant_count=resolved.space.size,
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:

@@ -46,11 +46,13 @@ class Exported:
         folder: the data set.
         frames: per split.
         left_out: finished frames of the run that were not selected.
+        polygons_lose_percent: by class, what polygons paint as another class; empty if they lose nothing.
     """
 
     folder: Path
     frames: Mapping[str, int]
     left_out: int
+    polygons_lose_percent: Mapping[str, float]
 
 
 def export_run(
@@ -86,7 +88,7 @@ def export_run(
     try:
         open_partial(partial, plan.request())
         _write_frames(FrameWriter(context, runs, plan), plan, partial, progress)
-        counts = write_documents(context.engine, plan, partial)
+        document = write_documents(context.engine, plan, partial)
         close_partial(partial)
         if out.exists():
             out.rmdir()
@@ -95,7 +97,7 @@ def export_run(
         if error.errno == errno.ENOSPC:
             raise StorageFull(f"no space left for {out}; the same export goes on when there is") from error
         raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
-    return Exported(out, counts, plan.left_out)
+    return Exported(out, document["splits"], plan.left_out, document["polygons_lose_percent"])
 
 
 def _write_frames(

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie.errors import Conflict, StorageFull
+from valerie.pipeline.export.plan import ExportRequest
 
 #: Subfolder of an unfinished export, with one document per written frame.
 FRAGMENTS: Final = "fragments"
 _REQUEST: Final = "request.json"
 
 
-def open_partial(partial: Path, request: Mapping[str, Any]) -> None:
+def open_partial(partial: Path, request: ExportRequest) -> None:
     """Prepare the folder: keep what an earlier attempt at the same request wrote, else empty it."""
     path = partial / _REQUEST
     if path.is_file() and (partial / FRAGMENTS).is_dir() and json.loads(path.read_bytes()) == request:

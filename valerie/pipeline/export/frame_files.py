@@ -14,6 +14,7 @@ from valerie.datasets.cityscapes import labels_path
 from valerie.datasets.frame import LabelledFrame
 from valerie.datasets.index import IndexRow
 from valerie.datasets.openlabel import SequenceFrame
+from valerie.datasets.polygons import lost_pixels, polygons_document
 from valerie.errors import Conflict
 from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.base.context import Context
@@ -76,6 +77,7 @@ class Fragment(BaseModel):
         split: that it belongs to.
         coco, openlabel: None where that format is not asked for.
         rows: of the index, one per person; empty where that format is not asked for.
+        lost: `lost_pixels` of the frame's polygons; empty where none are asked for.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Fragment(BaseModel):
     coco: CocoFragment | None = None
     openlabel: OpenLabelFragment | None = None
     rows: list[IndexRow] = []
+    lost: dict[str, tuple[int, int]] = {}
 
 
 class FrameWriter:
@@ -118,12 +121,15 @@ class FrameWriter:
             path.write_bytes(npz(arrays))
         labelled = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
         picture = cityscapes.write_picture(root, split, labelled)
+        fragment = Fragment(name=str(name), split=split)
         if "cityscapes" in formats:
-            cityscapes.write_labels(root, split, labelled, polygons=plan.settings.polygons)
+            polygons = polygons_document(labelled.segment_ids) if plan.settings.polygons else None
+            cityscapes.write_labels(root, split, labelled, polygons)
+            if polygons is not None:
+                fragment.lost = lost_pixels(polygons, labelled.class_map)
         for function, predictions in plan.predictions.items():
             prediction = self._reader.prediction(predictions[frame.key].digest)
             cityscapes.write_prediction(root, split, name, function, prediction)
-        fragment = Fragment(name=str(name), split=split)
         instances = coco.instance_annotations(labelled) if {"coco", "openlabel"} & set(formats) else []
         if "coco" in formats:
             fragment.coco = self._coco(root, labelled, split, picture, instances)

@@ -28,7 +28,7 @@ from valerie.scene.graph.model import JOINTS
 DOCUMENT: Final = "dataset.json"
 
 
-def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[str]:
+def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> dict[str, Any]:
     """Write the documents that list all frames.
 
     Args:
@@ -37,7 +37,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[s
         folder: with the fragments of all frames.
 
     Returns:
-        The number of frames in each split.
+        The description of the data set, as written.
     """
     settings, resolved = plan.settings, plan.run.resolved
     counts = Counter(fragment.split for fragment in _fragments(plan, folder))
@@ -65,11 +65,23 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[s
         "asset_digest": resolved.asset_digest,
         "pins": plan.run.pins.model_dump(mode="json", exclude_none=True),
         "sensor": resolved.spec.sensors[plan.sensor].model_dump(mode="json"),
+        "labels": resolved.spec.labels.value,
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
+        "polygons_lose_percent": _lost_percent(_fragments(plan, folder)),
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
     (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-    return counts
+    return document
+
+
+def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:
+    """Return, by class, the share of pixels that polygons paint as another class; only where they lose some."""
+    pixels, lost = Counter[str](), Counter[str]()
+    for fragment in fragments:
+        for name, (count, wrong) in fragment.lost.items():
+            pixels[name] += count
+            lost[name] += wrong
+    return {name: round(100.0 * wrong / pixels[name], 4) for name, wrong in sorted(lost.items()) if wrong}
 
 
 def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:

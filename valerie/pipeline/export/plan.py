@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal, TypedDict
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_validator
 
 from valerie.datasets.frame import FrameName
 from valerie.db import results
@@ -80,6 +80,26 @@ class ExportSettings(BaseModel):
         return names[-1]
 
 
+class ExportRequest(TypedDict):
+    """The document that must be equal for an interrupted export to go on.
+
+    Attributes:
+        format: of the data set.
+        run: its id.
+        settings: `ExportSettings`.
+        annotations: kinds.
+        frames: number of frames.
+        frames_digest: of their names and products.
+    """
+
+    format: str
+    run: str
+    settings: dict[str, JsonValue]
+    annotations: list[str]
+    frames: int
+    frames_digest: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportPlan:
     """The frames, predictions and annotations to export.
@@ -120,7 +140,7 @@ class ExportPlan:
         """Return the split that a frame belongs to."""
         return self.settings.split_of(self.run.id, frame.key.variant)
 
-    def request(self) -> dict[str, Any]:
+    def request(self) -> ExportRequest:
         """Return the document that must be equal for an interrupted export to go on."""
         links = [[str(frame.key), *frame.stored.products.required] for frame in self.frames]
         return {

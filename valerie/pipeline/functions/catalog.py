@@ -154,7 +154,8 @@ def _installed(name: str, offers: list[Offer]) -> FunctionEntry:
     card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
     if name in FUNCTIONS:
         try:
-            card, document = function_card(name), function_document(name)
+            own, document = function_card(name), function_document(name)
+            card = offered or own  # workers may run on other machines, and their engine is the one that counts
         except ValerieError as error:
             problem = str(error)
     return _entry(card, document, numeric_classes=_numeric_classes(offers, name), problem=problem)

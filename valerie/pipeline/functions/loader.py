@@ -48,7 +48,7 @@ class FunctionLoader:
         if pin.kind is not None:  # registered
             function = self._registered(pin.digest, name, threads)
         else:
-            function = plugins.create_function(name, threads=threads, device=settings.infer_device)
+            function = open_installed(name, settings, threads=threads)
         if function.card.digest != pin.digest:
             has, wants = function.card.digest[:12], pin.digest[:12]
             function.close()
@@ -93,6 +93,13 @@ class FunctionLoader:
         except CorruptArtifact:  # of this machine's copy, or of the store's
             self._cache.forget(document)
             return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
+
+
+def open_installed(name: str, settings: Settings, *, threads: int) -> PerceptionFunction:
+    """Call `valerie.plugins.create_function` with this deployment's settings."""
+    return plugins.create_function(
+        name, threads=threads, device=settings.infer_device, precision=settings.infer_precision
+    )
 
 
 def open_document(

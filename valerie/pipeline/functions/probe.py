@@ -17,7 +17,7 @@ from valerie.perception.documents.addresses import parse_allowed
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH
-from valerie.pipeline.functions.loader import open_document
+from valerie.pipeline.functions.loader import open_document, open_installed
 from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer, Offer
 from valerie.runs.states import Stage, route_of
 from valerie.settings import load_settings
@@ -54,7 +54,7 @@ def probe_function(name: str) -> list[AnyOffer]:
     if name in inference_names():
         return probe_inference(name)
     settings = load_settings()
-    function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
+    function = open_installed(name, settings, threads=settings.inference_threads)
     try:
         card = function.card
         return [

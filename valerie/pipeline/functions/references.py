@@ -11,12 +11,12 @@ from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.opening import open_function
-from valerie.perception.shipped import FUNCTIONS, file_document, function_path
+from valerie.perception.shipped import FUNCTIONS, file_document, function_path, local_document
 from valerie.perception.training.start_weights import require_trainable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
-from valerie.pipeline.functions.loader import FunctionLoader
+from valerie.pipeline.functions.loader import FunctionLoader, open_installed
 from valerie.pipeline.functions.registry import SHORT
 from valerie.runs.pins import FunctionPin
 from valerie.spelling import plain_name
@@ -50,7 +50,8 @@ def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[Fu
     if name not in FUNCTIONS:
         raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
     path = function_path(name)
-    document = file_document(name, path)
+    runs_as = {"engine": pin.card.engine, "precision": pin.card.precision}
+    document = file_document(name, path).model_copy(update=runs_as)
     assert document.payload is not None, "a document of a file has a payload"
     if document.payload.sha256 != pin.digest:
         raise Conflict(
@@ -119,13 +120,15 @@ def _not_comparable(reason: str) -> Conflict:
 
 
 def _open(reference: str, context: Context, threads: int | None) -> PerceptionFunction:
-    threads, device = threads or context.settings.inference_threads, context.settings.infer_device
+    settings = context.settings
+    threads, device = threads or settings.inference_threads, settings.infer_device
     if is_file(reference):
         path = Path(reference)
-        return open_function(file_document(display_name(reference), path), path, threads=threads, device=device)
-    installed = plugins.function_names(testing=context.settings.testing_engines)
+        document = local_document(display_name(reference), path, device=device, precision=settings.infer_precision)
+        return open_function(document, path, threads=threads, device=device)
+    installed = plugins.function_names(testing=settings.testing_engines)
     if reference in installed:
-        return plugins.create_function(reference, threads=threads, device=device)
+        return open_installed(reference, settings, threads=threads)
     with reading(context.engine) as connection:
         known = registry.names(connection, registry.known(connection, [reference]))
         if reference.partition("@")[0] not in known:

@@ -12,6 +12,7 @@ from valerie.db.links import StoredFrame
 from valerie.parameters.assignment import digest
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth, PersonTruth
+from valerie.rendering.label_policy import LabelPolicy, labelled
 from valerie.runs.frames import FrameProducts
 from valerie.runs.sensors import focal_length_mm, setting_of, short_document
 from valerie.runs.spec import ResolvedRun
@@ -29,12 +30,14 @@ class Capture:
         setting: the sensor setting with the variant's own values; without a shutter where there are no velocities.
         focal_length_mm: of the camera in this variant; None where the asset does not tell and the setting does not ask.
         run_seed: of the run.
+        labels: kind of labels of the run.
     """
 
     products: FrameProducts
     setting: SensorSetting
     focal_length_mm: float | None
     run_seed: int
+    labels: LabelPolicy = LabelPolicy.EXACT
 
     @property
     def distorted(self) -> bool:
@@ -48,11 +51,11 @@ class Capture:
 
     @property
     def tag(self) -> str:
-        """32 hexadecimal characters that follow from everything the picture depends on."""
+        """32 hexadecimal characters that follow from everything the picture and its labels depend on."""
         products = list(self.products.required)
         if self.velocity is not None:
             products.append(self.velocity)
-        return digest("capture", REVISION, products, short_document(self.setting, self.run_seed))
+        return digest("capture", REVISION, products, short_document(self.setting, self.run_seed), self.labels.value)
 
     def zoom(self, width: int, height: int) -> float:
         """Return how much the picture is enlarged so that a distorting lens shows no more than was rendered.
@@ -102,12 +105,13 @@ class Capture:
         return moved
 
     def seen_truth(self, reader: ProductReader) -> GroundTruth:
-        """Read the ground truth in step with the picture.
+        """Read the ground truth in step with the picture, with the labels of the run.
 
         Raises:
             MissingInput: an object is gone.
+            MissingDependency: labels that are not exact need OpenCV.
         """
-        truth = reader.truth(self.products.truth)
+        truth = labelled(reader.truth(self.products.truth), self.labels)
         if not self.distorted:
             return truth
         return moved_truth(truth, self.setting, self.seen_from(reader, truth), self.focal_length_mm)
@@ -131,6 +135,7 @@ def capture_of(resolved: ResolvedRun, frame: StoredFrame, sensor: int) -> Captur
         setting=setting_of(resolved.spec.sensors[sensor], assignment, moves=moves),
         focal_length_mm=focal_length_mm(resolved.manifest, resolved.cameras[frame.key.camera], assignment),
         run_seed=resolved.spec.seed,
+        labels=resolved.spec.labels,
     )
 
 

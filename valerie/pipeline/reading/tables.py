@@ -16,12 +16,14 @@ from valerie.db import long_table, results
 from valerie.db.engine import reading
 from valerie.db.long_table import LongRow
 from valerie.db.models import Assignment
+from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON
 from valerie.measures import Measures, TableRow
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
-from valerie.pipeline.base.resolved_runs import StoredRun
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.assets.asset import is_generated
@@ -38,6 +40,25 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     with reading(engine) as connection:
         rows = (table_row(row, run, varied) for row in long_table.rows(connection, run.id))
         return EvaluationTable.from_rows(rows, varied, designs_of(run))
+
+
+def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
+    """Read the long table of several runs of the same functions, for example of one grid on several streets.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: a run has not started, or two runs mean different versions by the name of a function.
+        InvalidInput: a run is named twice, or they vary different parameters.
+    """
+    if len(set(run_ids)) < len(run_ids):
+        raise InvalidInput("name each run once", field="RUN", value=list(run_ids))
+    stored = [read_run(context, run_id) for run_id in run_ids]
+    versions: dict[str, str] = {}
+    for run in stored:
+        for name, pin in run.pins.functions.items():
+            if versions.setdefault(name, pin.digest) != pin.digest:
+                raise Conflict(f"run {run.id} evaluated another version of {name} than the runs before it")
+    return EvaluationTable.joined([read_table(context.engine, run) for run in stored])
 
 
 def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:

@@ -16,7 +16,7 @@ from valerie.measures import TableRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.selection import evaluated_persons, values_at
-from valerie.pipeline.reading.tables import character_of, frame_columns, person_columns
+from valerie.pipeline.reading.tables import character_of, designs_of, frame_columns, person_columns
 from valerie.scene.assets.attributes import ABSENT
 
 
@@ -42,7 +42,7 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
     return judge_requirements(
         resolved.requirements,
         table,
-        resolved.space,
+        designs_of(run)[run.id],
         regions={requirement.document.id: inside[:, i] for i, requirement in enumerate(regional)},
         lost=lost,
         threshold=resolved.spec.detection_threshold,

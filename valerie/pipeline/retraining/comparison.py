@@ -36,6 +36,7 @@ from valerie.pipeline.reading.selection import (
     run_where,
 )
 from valerie.pipeline.reading.tables import designs_of, varied_types
+from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.targets import run_values
 from valerie.runs.frames import FrameKey
 from valerie.storage import codecs
@@ -71,16 +72,29 @@ class _Version:
     judged: frozenset[int]
 
 
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """Groups of persons that versions are compared on, besides all of them.
+
+    Attributes:
+        where: persons that this expression selects *by the first function's scores* form a group, the others another.
+        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
+            version by chance alone.
+    """
+
+    where: str = ""
+    region: Region | None = None
+
+
 def compare_versions(
     context: Context,
     run_id: str,
     references: Sequence[str],
     *,
     open_function: Callable[[str], PerceptionFunction],
-    where: str = "",
-    region: Region | None = None,
+    grouping: Grouping = Grouping(),
     mixed: bool = False,
-    progress: Callable[[int, int, float, str], None] = lambda *_: None,
+    progress: Callable[[EvaluationProgress], None] = lambda _: None,
 ) -> Comparison:
     """Compare functions on a run's frames; the first is "before".
 
@@ -91,11 +105,9 @@ def compare_versions(
         run_id: of the validation.
         references: names or function files; those that the run evaluated are read, the others predict all frames now.
         open_function: opens a reference.
-        where: persons that this expression selects *by the first function's scores* form a group, the others another.
-        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
-            version by chance alone.
+        grouping: of persons.
         mixed: also compare versions of unequal numeric classes, to see what precision or engine change by themselves.
-        progress: called after every frame with done, total, frames per second and the function.
+        progress: called after every predicted frame.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
@@ -125,7 +137,7 @@ def compare_versions(
         name: (table, collection_scores([version.matrices[key] for key in keys], common))
         for (name, version), table in zip(evaluated.items(), tables, strict=True)
     }
-    groups = _groups(context, run, tables[0], next(iter(evaluated)), where, region)
+    groups = _groups(context, run, tables[0], next(iter(evaluated)), grouping)
     return compare(
         compared,
         numeric_classes=[version.numeric_class for version in versions.values()],
@@ -163,11 +175,11 @@ def _groups(
     run: StoredRun,
     table: EvaluationTable,
     before: str,
-    where: str,
-    region: Region | None,
+    grouping: Grouping,
 ) -> dict[str, NDArray[np.bool_]]:
     """Return the rows that are selected and the rows in the region, each with its opposite."""
     groups: dict[str, NDArray[np.bool_]] = {}
+    where, region = grouping.where, grouping.region
     if not where and region is None:
         return groups
     stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
@@ -211,7 +223,7 @@ def _evaluate(
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
-    progress: Callable[[int, int, float, str], None],
+    progress: Callable[[EvaluationProgress], None],
 ) -> _Evaluated:
     """Predict every frame in this process, and score it as the evaluation stage does."""
     varied, name = varied_types(run.resolved), display_name(reference)
@@ -238,7 +250,8 @@ def _evaluate(
                     **scores.measures,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
-            progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
+            rate = done / max(time.monotonic() - started, 1e-9)
+            progress(EvaluationProgress(name, done, len(frames), rate))
     finally:
         function.close()
     return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)

@@ -137,7 +137,13 @@ class DatasetResult:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationProgress:
-    """Progress of an evaluation, in frames of all functions together."""
+    """Progress of an evaluation.
+
+    Attributes:
+        function: the one that is evaluated.
+        done, total: frames; on a data set those of all functions together.
+        frames_per_s: since the start.
+    """
 
     function: str
     done: int

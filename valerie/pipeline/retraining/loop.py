@@ -11,11 +11,10 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from valerie.analysis.region import Region
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.perception.documents.function import FunctionDocument, parse_function
@@ -68,19 +67,45 @@ class RetrainSettings(BaseModel):
     first_seed: int | None = None
     targeted: bool = True
 
-    def frame_settings(self, asset: str, arguments: dict[str, Any], region: Region, first_seed: int) -> FrameSettings:
+    def frame_settings(self, weakness: Weakness) -> FrameSettings:
         """Return the settings of `render_frames`."""
         return FrameSettings(
             streets=self.streets,
             per_street=-(-self.frames // self.streets),
             width=self.width,
             height=self.height,
-            asset=asset,
-            arguments=arguments,
-            first_seed=first_seed,
-            region=region if self.targeted else None,
+            asset=weakness.asset,
+            arguments=weakness.arguments,
+            first_seed=weakness.first_seed() if self.first_seed is None else self.first_seed,
+            region=weakness.region if self.targeted else None,
             broad_share=self.broad_share if self.targeted else 0.0,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Resources:
+    """The part of this machine that a training may use.
+
+    Attributes:
+        processes: number of processes that render.
+        threads: of torch.
+    """
+
+    processes: int = 1
+    threads: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Watcher:
+    """Functions that follow a training.
+
+    Attributes:
+        on_street: called after every rendered street.
+        on_step: called after every training step.
+    """
+
+    on_street: Callable[[Shard], None] = lambda _: None
+    on_step: Callable[[TrainingProgress], None] = lambda _: None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,10 +139,8 @@ def retrain(
     settings: RetrainSettings,
     *,
     folder: Path,
-    processes: int = 1,
-    threads: int = 1,
-    on_street: Callable[[Shard], None] = lambda _: None,
-    on_step: Callable[[TrainingProgress], None] = lambda _: None,
+    resources: Resources = Resources(),
+    watcher: Watcher = Watcher(),
 ) -> Retrained:
     """Render a training set for a weakness and train a new version of the function.
 
@@ -127,9 +150,8 @@ def retrain(
         settings: of frames and training.
         folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
             is used.
-        processes: number of processes that render.
-        threads: of torch.
-        on_street, on_step: called after every street and every step.
+        resources: of this machine.
+        watcher: is told of streets and steps.
 
     Raises:
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
@@ -138,17 +160,17 @@ def retrain(
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
 
-    frame_settings = _frame_settings(weakness, settings)
+    frame_settings = settings.frame_settings(weakness)
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
     start.write_bytes(start_file(weakness.document, weakness.file))
-    frames = _frames(folder / "frames", frame_settings, processes, on_street)
-    held_out = _held_out(folder / "held-out", settings, frame_settings, processes)
+    frames = _frames(folder / "frames", frame_settings, resources.processes, watcher.on_street)
+    held_out = _held_out(folder / "held-out", settings, frame_settings, resources.processes)
     curve = TrainingCurve(folder / "curve.json")
 
     def note(progress: TrainingProgress) -> None:
         curve(progress)
-        on_step(progress)
+        watcher.on_step(progress)
 
     model = train(
         _training_settings(weakness.document, settings),
@@ -157,7 +179,7 @@ def retrain(
         progress=note,
         checkpoint=folder / "checkpoint.safetensors",
         start_from=start,
-        threads=threads,
+        threads=resources.threads,
     )
     drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
     provenance = training_provenance(TrainingSet([frames]), held_out, start)
@@ -221,25 +243,16 @@ def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) ->
     return f"{name}-{digest('training', _request(weakness, settings))[:8]}"
 
 
-def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
+def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, JsonValue]:
     """Return the document that is equal for equal trainings."""
     return {
         "start": _digest(weakness.document),
-        "frames": _frame_settings(weakness, settings).model_dump(mode="json"),
+        "frames": settings.frame_settings(weakness).model_dump(mode="json"),
         "wanted": settings.model_dump(mode="json"),
         "training": _training_settings(weakness.document, settings).model_dump(
             mode="json", exclude={"loader_threads", "device"}
         ),
     }
-
-
-def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
-    return settings.frame_settings(
-        weakness.asset,
-        weakness.arguments,
-        weakness.region,
-        weakness.first_seed() if settings.first_seed is None else settings.first_seed,
-    )
 
 
 def _digest(document: FunctionDocument) -> str:
@@ -298,7 +311,7 @@ def _training_settings(document: FunctionDocument, settings: RetrainSettings) ->
     )
 
 
-def _require_same(folder: Path, request: dict[str, Any]) -> None:
+def _require_same(folder: Path, request: dict[str, JsonValue]) -> None:
     path = folder / "request.json"
     if path.is_file():
         if json.loads(path.read_bytes()) != json.loads(json.dumps(request)):

@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -36,7 +36,7 @@ from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
 from valerie.rendering.base import View
-from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
+from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
 
@@ -69,7 +69,7 @@ class FrameSettings(BaseModel):
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
     asset: str = "urban-street"
-    arguments: dict[str, Any] = {}
+    arguments: AssetArguments = {}
     first_seed: Annotated[int, Field(ge=0)] | None = None
     region: Region | None = None
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
@@ -80,7 +80,7 @@ class FrameSettings(BaseModel):
             return False
         return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
 
-    def street(self, seed: int) -> dict[str, Any]:
+    def street(self, seed: int) -> AssetArguments:
         """Return the asset of one street, as `load_asset` takes it."""
         return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 

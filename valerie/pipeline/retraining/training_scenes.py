@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ import shapely
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Value
 from valerie.pipeline.retraining.crowds import recoloured, resized
-from valerie.scene.assets.asset import SceneAsset, load_pack
+from valerie.scene.assets.asset import AssetArguments, SceneAsset, load_pack
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Camera, Scene
@@ -27,7 +27,7 @@ from valerie.scene.graph.naming import ENVIRONMENT_PATH
 from valerie.scene.graph.transforms import camera_angles, camera_transform
 from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.settings import Noise, SensorSetting, WhiteBalance
 
 #: Raised by hand whenever the same seed gives another scene.
 REVISION: Final = 5
@@ -69,7 +69,7 @@ class TrainingScene:
     sensor: SensorSetting
 
 
-def draw_arguments(asset: str, seed: int) -> dict[str, Any]:
+def draw_arguments(asset: str, seed: int) -> AssetArguments:
     """Draw what an asset pack is told besides its seed; follows from the seed.
 
     Args:
@@ -140,22 +140,24 @@ def draw_scene(
 
 def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
     """Draw a sensor: always an exposure and a curve; noise, a colour cast and JPEG each in about every third frame."""
-    setting: dict[str, Any] = {
-        "name": "training",
-        "auto_exposure": night,
-        "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
-        "curve": _pick(rng, _CURVES),
-        "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
-    }
+    setting = SensorSetting(
+        name="training",
+        auto_exposure=night,
+        exposure_ev=round(float(rng.uniform(-0.6, 1.2)), 3),
+        curve=_pick(rng, _CURVES),
+        gamma=round(float(rng.uniform(0.9, 1.6)), 3),
+    )
     noise, cast, jpeg = rng.random(3) < 0.35
     if noise:
         well = math.exp(rng.uniform(math.log(1500.0), math.log(20_000.0)))
-        setting["noise"] = {"shot": True, "full_well_electrons": round(well), "read_electrons": 3.0}
+        electrons = Noise(shot=True, full_well_electrons=round(well), read_electrons=3.0)
+        setting = setting.model_copy(update={"noise": electrons})
     if cast:
-        setting["white_balance"] = {"temperature_k": round(float(rng.uniform(4800.0, 8500.0)))}
+        white = WhiteBalance(temperature_k=round(float(rng.uniform(4800.0, 8500.0))))
+        setting = setting.model_copy(update={"white_balance": white})
     if jpeg:
-        setting["jpeg_quality"] = int(rng.integers(40, 96))
-    return SensorSetting.model_validate(setting)
+        setting = setting.model_copy(update={"jpeg_quality": int(rng.integers(40, 96))})
+    return setting
 
 
 def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:

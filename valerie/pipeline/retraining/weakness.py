@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie.analysis.frame_counts import ABSENT
 from valerie.analysis.region import Region, region_of
@@ -21,6 +21,7 @@ from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_persons, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.spec import ResolvedRun
+from valerie.scene.assets.asset import PACKS, AssetArguments, is_generated, pack_settings, parse_reference
 
 #: First street seed for functions whose training streets are unknown.
 _UNSEEN_SEED: Final = 50_000
@@ -46,7 +47,7 @@ class Weakness:
     evaluated: int
     region: Region
     asset: str
-    arguments: dict[str, Any]
+    arguments: AssetArguments
     asset_seed: int
     document: FunctionDocument
     file: Path
@@ -150,22 +151,19 @@ def _function(resolved: ResolvedRun, function: str | None) -> str:
     return function
 
 
-def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
+def _generated(resolved: ResolvedRun) -> tuple[str, AssetArguments, int]:
     """Return name, other arguments and seed of the run's asset.
 
     Raises:
         InvalidInput: it is not generated from a seed, so there are no fresh streets.
     """
-    from valerie.scene.assets.asset import PACKS, is_generated
-
-    asset = resolved.spec.asset
-    reference = {"name": asset} if isinstance(asset, str) else dict(asset)
-    name = str(reference.pop("name"))
-    if not is_generated(name):
+    name, arguments = parse_reference(resolved.spec.asset)
+    seed = getattr(pack_settings(name, arguments), "seed", None) if is_generated(name) else None
+    if seed is None:
         raise InvalidInput(
             "new frames need fresh streets: an asset that is generated from a seed",
             field="asset",
             value=name,
             limit=", ".join(PACKS.names()),
         )
-    return name, reference, int(reference.pop("seed", 0))
+    return name, {argument: value for argument, value in arguments.items() if argument != "seed"}, seed

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import Field
 
+from valerie.parameters.definitions import Value
 from valerie.rendering.engine import EngineSettings
 
 Sky = Literal["nishita", "scene"]
@@ -53,7 +54,7 @@ class CyclesSettings(EngineSettings):
     sky: Sky = "nishita"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
-    def inputs(self) -> dict[str, Any]:
+    def inputs(self) -> dict[str, Value]:
         """Return every value that the pixels depend on, with the preset resolved."""
         preset = PRESETS[self.quality]
         return {

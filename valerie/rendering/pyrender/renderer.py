@@ -1,9 +1,10 @@
 """The compatibility engine: pyrender 0.1.45 (https://github.com/mmatl/pyrender, MIT), the paper's first kind of renderer.
 
-It has no normal maps and no alpha cut-outs (both are unfinished in its shader), no visible sky, a constant ambient term as its
-only sky light, no ambient occlusion, no reflections of surroundings, no soft shadows, no specular tint and no camera effects. Its
-output has 8 bits per channel with a gamma of 2.2. This adapter scales the light down before rendering and up afterwards, and
-inverts the gamma exactly. The linear image thus has 255 steps per channel up to `HEADROOM`, where it is clipped.
+It has no normal maps (unfinished in its shader), no visible sky, a constant ambient term as its only sky light, no ambient
+occlusion, no reflections of surroundings, no soft shadows, no specular tint and no camera effects. Shadows ignore alpha. Its
+shader writes alpha but cuts nothing; GL then covers as many of a pixel's samples as alpha says. Its output has 8 bits per
+channel with a gamma of 2.2. This adapter scales the light down before rendering and up afterwards, and inverts the gamma
+exactly. The linear image thus has 255 steps per channel up to `HEADROOM`, where it is clipped.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ _GAMMA: Final = 2.2
 #: Texels per side of the shadow map. It covers the whole scene.
 _SHADOW_MAP: Final = 4096
 _BACKGROUNDS: Final = 4
+#: GL_LINEAR.
+_LINEAR: Final = 9729
 
 
 class PyrenderRenderer:
@@ -46,7 +49,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 3
+    revision: ClassVar[int] = 4
 
     def __init__(self) -> None:
         self._library = _import_pyrender()
@@ -161,7 +164,7 @@ class PyrenderRenderer:
         entry = self._meshes.get(key)
         if entry is None:
             # The library's shader reads roughness and metallic from the first two channels.
-            color = self._texture(scene, material.base_color_texture, (0, 1, 2))
+            color = self._texture(scene, material.base_color_texture, (0, 1, 2), material.alpha_cutoff)
             rough = self._texture(scene, material.roughness_texture, (1, 2, 0))
             primitive = self._library.Primitive(
                 positions=mesh.positions,
@@ -183,15 +186,28 @@ class PyrenderRenderer:
             self._meshes[key] = entry
         return entry[1]
 
-    def _texture(self, scene: Scene, name: str | None, channels: tuple[int, int, int]) -> Any:
+    def _texture(
+        self, scene: Scene, name: str | None, channels: tuple[int, int, int], cutoff: float | None = None
+    ) -> Any:
         if name is None:
             return None
         texture = scene.textures[name]
-        key = (id(texture), channels)
+        if texture.image.shape[2] < 4:
+            cutoff = None
+        key = (id(texture), channels, cutoff)
         entry = self._textures.get(key)
         if entry is None:
             image = np.ascontiguousarray(texture.image[..., channels])
-            entry = (texture, self._library.Texture(source=image, source_channels="RGB"))
+            if cutoff is None:
+                copy = self._library.Texture(source=image, source_channels="RGB")
+            else:
+                solid = np.where(texture.image[..., 3:] >= 255 * cutoff, 255, 0).astype(np.uint8)
+                # Without mipmaps: the mean of bars and gaps would be neither.
+                sampler = self._library.Sampler(magFilter=_LINEAR, minFilter=_LINEAR)
+                copy = self._library.Texture(
+                    source=np.concatenate([image, solid], axis=2), source_channels="RGBA", sampler=sampler
+                )
+            entry = (texture, copy)
             self._textures[key] = entry
         return entry[1]
 
@@ -234,6 +250,8 @@ def _process_renderer() -> tuple[Any, str]:
         raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
     from OpenGL import GL
 
+    # Of this context, which stays current from its creation on.
+    GL.glEnable(GL.GL_SAMPLE_ALPHA_TO_COVERAGE)
     return renderer, numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
 
 

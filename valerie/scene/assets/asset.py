@@ -18,13 +18,16 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from valerie.entry_points import PluginKind
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
+from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import require_declared
 from valerie.scene.graph.model import Scene
 from valerie.validation import problem_of
 
+#: Arguments of an asset pack by name; the pack's ``Settings`` says which there are.
+AssetArguments = dict[str, Value]
 #: An asset in a spec: its name, or a mapping of name and arguments of its pack, e.g. {name: urban-street, seed: 7}.
-AssetReference = str | Mapping[str, Any]
+AssetReference = str | Mapping[str, Value]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +75,7 @@ class AssetPack(Protocol):
         """Build the base scene; labels, instances and movability are as the manifest says."""
         ...
 
-    def draw_arguments(self, rng: np.random.Generator) -> dict[str, Any]:
+    def draw_arguments(self, rng: np.random.Generator) -> AssetArguments:
         """Draw what a scene to train on is told besides its seed; empty where a pack leaves that to the seed.
 
         Args:
@@ -120,9 +123,9 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
         UnknownName: no such asset, or an argument that its pack does not take.
         InvalidInput: the manifest, an argument or a file is not usable, or the operator does not allow the pack.
     """
-    name, arguments = _parse_reference(reference)
+    name, arguments = parse_reference(reference)
     if is_generated(name):
-        return _generated_manifest(name, canonical_json(_settings(name, arguments).model_dump(mode="json")))
+        return _generated_manifest(name, canonical_json(pack_settings(name, arguments).model_dump(mode="json")))
     from valerie.scene.assets.asset_folder import read_manifest
 
     manifest, files_digest, _ = read_manifest(_asset_folder(name, arguments, asset_dir))
@@ -134,10 +137,10 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
 
     Arguments and errors are those of `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
     """
-    name, arguments = _parse_reference(reference)
+    name, arguments = parse_reference(reference)
     if is_generated(name):
         manifest, asset_digest = asset_manifest(reference)
-        scene = load_pack(name).make_scene(_settings(name, arguments), manifest)
+        scene = load_pack(name).make_scene(pack_settings(name, arguments), manifest)
     else:
         from valerie.scene.assets.asset_folder import read_manifest, read_scene
 
@@ -148,7 +151,12 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
     return SceneAsset(manifest, asset_digest, replace(scene, paints=manifest.paints))
 
 
-def _parse_reference(reference: AssetReference) -> tuple[str, dict[str, Any]]:
+def parse_reference(reference: AssetReference) -> tuple[str, AssetArguments]:
+    """Return the name of an asset, and the arguments of its pack.
+
+    Raises:
+        InvalidInput: a mapping without a name.
+    """
     if isinstance(reference, str):
         return reference, {}
     arguments = dict(reference)
@@ -158,7 +166,12 @@ def _parse_reference(reference: AssetReference) -> tuple[str, dict[str, Any]]:
     return name, arguments
 
 
-def _settings(name: str, arguments: Mapping[str, Any]) -> PackSettings:
+def pack_settings(name: str, arguments: Mapping[str, Value]) -> PackSettings:
+    """Return the settings of a pack, with its defaults.
+
+    Raises:
+        UnknownName, InvalidInputs: an argument that the pack does not take; or as `load_pack`.
+    """
     settings = load_pack(name).Settings
     for argument in arguments:
         if argument not in settings.model_fields:
@@ -181,7 +194,7 @@ def _generated_manifest(name: str, settings_json: bytes) -> tuple[Manifest, str]
     return pack.make_manifest(settings), digest("generated-asset", name, settings_json, pack.REVISION)
 
 
-def _asset_folder(name: str, arguments: Mapping[str, Any], asset_dir: Path | None) -> Path:
+def _asset_folder(name: str, arguments: AssetArguments, asset_dir: Path | None) -> Path:
     if asset_dir is None:
         folder = Path(name)
         if not folder.is_dir():

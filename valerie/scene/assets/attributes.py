@@ -103,8 +103,8 @@ def resolve(path: str, cameras: Iterable[str], *, field: str = "") -> tuple[str,
         if thing and (attribute := ATTRIBUTES.get((target_of(thing, cameras), name))):
             return thing, attribute
     target = target_of(".".join(parts[:-1]), cameras)
-    known = [name for kind, name in ATTRIBUTES if kind is target]
-    raise UnknownName(f"{target} attribute", parts[-1], known, field=field or path)
+    names = [name for kind, name in ATTRIBUTES if kind is target]
+    raise UnknownName(f"{target} attribute", parts[-1], names, field=field or path)
 
 
 def _number(value: Value, name: str) -> float:

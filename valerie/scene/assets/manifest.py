@@ -274,8 +274,8 @@ class Manifest(_Document):
         """
         cameras = {f"{ROOT}.{camera}" for camera in self.cameras}
         if not self.is_movable(trajectory.path) and trajectory.path not in cameras:
-            known = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
-            raise UnknownName("thing that can move", trajectory.name, known, field=f"{field}.path")
+            names = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
+            raise UnknownName("thing that can move", trajectory.name, names, field=f"{field}.path")
         check_keyframes(trajectory, self.by_path, field=field)
 
     def is_movable(self, path: str) -> bool:
@@ -340,10 +340,10 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
             value=definition.range_text,
             limit=f"{low}…{high}",
         )
-    known = _known_choices(definition, attribute, manifest)
-    for choice in definition.choices if known is not None else ():
-        if known is not None and choice not in known:
-            raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
+    choices = _known_choices(definition, attribute, manifest)
+    for choice in definition.choices if choices is not None else ():
+        if choices is not None and choice not in choices:
+            raise UnknownName(f"choice of {definition.path}", choice, choices, field=f"{field}.choices")
 
 
 def _check_poses(manifest: Manifest) -> None:

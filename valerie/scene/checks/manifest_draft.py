@@ -104,10 +104,10 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
 
 def _free_name(file: str, placed: list[dict[str, Any]]) -> str:
     likely = likely_name(Path(file).stem)
-    taken = {entry["node"] for entry in placed}
+    names = {entry["node"] for entry in placed}
     stem, number = likely.rsplit("-", 1) if likely else ("static", "1")
     candidate = int(number)
-    while f"{stem}-{candidate}" in taken:
+    while f"{stem}-{candidate}" in names:
         candidate += 1
     return f"{stem}-{candidate}"
 

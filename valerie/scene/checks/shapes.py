@@ -80,10 +80,8 @@ def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np
                 continue
             points = world_points(mesh, world)
             low, high = points.min(axis=0), points.max(axis=0)
-            known = boxes.get(owner)
-            boxes[owner] = np.stack(
-                [low, high] if known is None else [np.minimum(low, known[0]), np.maximum(high, known[1])]
-            )
+            box = boxes.get(owner)
+            boxes[owner] = np.stack([low, high] if box is None else [np.minimum(low, box[0]), np.maximum(high, box[1])])
     return boxes
 
 
@@ -105,12 +103,12 @@ def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _triangles(scene: Scene) -> Iterator[Finding]:
     """Yield findings on objects with very many triangles, and on the scene if it has too many without them."""
-    shown: dict[str, int] = {}
+    triangles: dict[str, int] = {}
     for node in scene.nodes.values():
         if node.visible and node.meshes:
             owner = object_of(scene, node)
-            shown[owner] = shown.get(owner, 0) + sum(len(mesh.faces) for mesh in node.meshes)
-    huge = {owner: count for owner, count in shown.items() if count > MAX_TRIANGLES}
+            triangles[owner] = triangles.get(owner, 0) + sum(len(mesh.faces) for mesh in node.meshes)
+    huge = {owner: count for owner, count in triangles.items() if count > MAX_TRIANGLES}
     for owner, count in huge.items():
         yield Finding(
             Severity.WARNING,
@@ -120,7 +118,7 @@ def _triangles(scene: Scene) -> Iterator[Finding]:
             f"{count:,} triangles",
             f"{MAX_TRIANGLES:,}",
         )
-    rest = {owner: count for owner, count in shown.items() if owner not in huge}
+    rest = {owner: count for owner, count in triangles.items() if owner not in huge}
     if sum(rest.values()) > MAX_TRIANGLES:
         heaviest = sorted(rest, key=lambda owner: -rest[owner])[:_HEAVIEST]
         yield Finding(
@@ -128,7 +126,7 @@ def _triangles(scene: Scene) -> Iterator[Finding]:
             "huge-scene",
             "",
             f"the whole scene has very many triangles: every engine becomes slow; most are in {', '.join(heaviest)}",
-            f"{sum(shown.values()):,} triangles",
+            f"{sum(triangles.values()):,} triangles",
             f"{MAX_TRIANGLES:,}",
         )
 

@@ -145,9 +145,9 @@ def _share_in_view(
         if definition.minimum is None or definition.maximum is None:
             return None
         axes.append(np.linspace(float(definition.minimum), float(definition.maximum), _STEPS))
-    seen = [
+    visible = [
         any(in_view(camera, box + np.array([x - origin[0], y - origin[1], 0.0])) for camera in cameras)
         for x in axes[0]
         for y in axes[1]
     ]
-    return sum(seen) / len(seen)
+    return sum(visible) / len(visible)

@@ -179,12 +179,12 @@ def with_face_normals(mesh: Mesh) -> Mesh:
     corners = mesh.faces[faces].reshape(-1)
     flat = flat_normals(mesh.positions[corners])
     own = np.where(lacking[corners, None], flat, mesh.normals[corners])
-    kept = 0 if faces.all() else len(mesh.positions)
+    offset = 0 if faces.all() else len(mesh.positions)
     indices = mesh.faces.copy()
-    indices[faces] = kept + np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    indices[faces] = offset + np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
 
     def joined(before: NDArray[np.float32], after: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.concatenate([before[:kept], after])
+        return np.concatenate([before[:offset], after])
 
     return Mesh(
         joined(mesh.positions, mesh.positions[corners]),

@@ -246,8 +246,8 @@ class _Thing:
             if direction is not None:
                 numbers[self._faces] = direction
         if self._walks:
-            begun = float(assignment.get(f"{trajectory.path}.{_GAIT}", self._declared[_GAIT].default))
-            numbers[_GAIT] = (begun + track.walked(time) / trajectory.stride_m) % 1.0
+            phase = float(assignment.get(f"{trajectory.path}.{_GAIT}", self._declared[_GAIT].default))
+            numbers[_GAIT] = (phase + track.walked(time) / trajectory.stride_m) % 1.0
         return {f"{trajectory.path}.{name}": self._rounded(name, value) for name, value in numbers.items()}
 
     def _rounded(self, name: str, value: float) -> float:

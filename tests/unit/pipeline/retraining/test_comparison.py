@@ -11,7 +11,8 @@ from valerie.analysis.wording import change_sentence
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON, VOID
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.pipeline.retraining.comparison import compare_versions
+from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.testing.blank import NUMERIC_CLASS, BlankFunction
 
 
@@ -89,8 +90,10 @@ def test_selection_and_region_split_the_persons_in_two(run: tuple[Pipeline, str]
         run_id,
         ["blank", "everything.safetensors"],
         open_function=opener,
-        where="person-1.pos.x < -2.85 and pacc >= 0",
-        region=Region(bounds={"distance_m": Range(low=0, high=1000)}),
+        grouping=Grouping(
+            where="person-1.pos.x < -2.85 and pacc >= 0",
+            region=Region(bounds={"distance_m": Range(low=0, high=1000)}),
+        ),
     )
     groups = {group.name: group for group in comparison.groups}
     assert groups["selected by the scores of blank"].persons == groups["not selected"].persons == 12
@@ -107,14 +110,10 @@ def test_versions_have_names_of_their_own(run: tuple[Pipeline, str]) -> None:
 
 def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    looked: list[str] = []
-
-    def watch(done: int, total: int, rate: float, name: str) -> None:
-        looked.append(name)
-
+    looked: list[EvaluationProgress] = []
     versions = ["blank", "same.safetensors", "halved.safetensors"]
     with pytest.raises(Conflict, match="blank ran as blank; same runs here as blank; halved runs here as blank-bf16"):
-        compare_versions(pipeline.context, run_id, versions, open_function=opener, progress=watch)
+        compare_versions(pipeline.context, run_id, versions, open_function=opener, progress=looked.append)
     assert looked == [], "it is told before hours of work"
 
 

@@ -23,13 +23,18 @@ from valerie.runs.pins import FunctionPin
 from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"
+PLACES = [
+    ["person-1.pos.x", "HOMOGENEOUS", -1.0, 6.0, 3.5],
+    ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0],
+    ["person-1.character", "CHOICE", ["yellow-shirt", "black-outfit"]],
+]
 
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Context, str]:
-    """A drawn run of the real street's manifest: both functions, distances of 17 to 47 m."""
+    """A drawn run over an asset that takes a seed: both functions, distances of 17 to 47 m."""
     world = DrawnWorld(settings_of(tmp_path_factory.mktemp("retraining")))
-    return world.context, world.work(spec("weak"))
+    return world.context, world.work(spec("weak", asset="urban-street", vary=PLACES))
 
 
 def pin(drawn: tuple[Context, str], digest: str, kind: str | None = None) -> FunctionPin:

@@ -74,10 +74,16 @@ def test_the_sky_is_open_to_the_places_of_a_street_from_which_rays_reach_it() ->
         table.release()
     sample = statics.geometry.sample
     triangles, places = triangles_of(scene), sample.points + 0.12 * sample.normals
-    expected = np.stack([~blocked(triangles, places, direction) for direction in maps.directions], axis=1)
-    assert 0.2 < expected.mean() < 0.9
-    # Texels are about 15 cm wide.
-    assert (maps.openness == expected).mean() > 0.985
+    # Texels are about 15 cm wide. Places whose neighbours at that distance see the same are not at the edge of a shadow.
+    beside = [np.zeros(3), *(0.15 * np.vstack([np.eye(3), -np.eye(3)]))]
+    expected = np.stack(
+        [[~blocked(triangles, places + step, direction) for direction in maps.directions] for step in beside]
+    ).transpose(0, 2, 1)
+    sure = (expected == expected[0]).all(axis=0)
+    assert 0.2 < expected[0].mean() < 0.9
+    assert sure.mean() > 0.4
+    # Things that are thinner than a texel, such as the car's door, may stand between the centres of two.
+    assert (maps.openness == expected[0])[sure].mean() > 0.999
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.01, 1))

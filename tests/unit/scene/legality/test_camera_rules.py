@@ -6,7 +6,6 @@ import shapely
 from shapely import affinity
 
 from valerie.parameters.definitions import Value
-from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.legality.rejection import rejection_reason
 from valerie.testing.assets import simple_manifest
@@ -99,15 +98,3 @@ def test_a_camera_that_its_author_put_into_a_vehicle_is_the_vehicles() -> None:
 
 def test_a_camera_whose_place_is_not_known_is_not_judged() -> None:
     assert rejection_reason(car(0.0, -4.0), street(axes="xy")) is None
-
-
-def test_in_the_street_a_car_that_drives_over_a_camera_is_rejected() -> None:
-    manifest, _ = asset_manifest("urban-street")
-    x, y, z = (float(manifest.by_path[f"scene.camera-1.pos.{axis}"].default) for axis in "xyz")
-    driving: dict[str, Value] = {"scene.car-101.kind": "van", "scene.car-101.pos.x": x, "scene.car-101.pos.y": y + 6}
-    low = {"scene.camera-1.pos.z": 1.2}
-    for assignment in (driving, driving | low):
-        assert rejection_reason(assignment, manifest) is None, (x, y, z)
-    over = {**driving, "scene.car-101.pos.y": y}
-    assert rejection_reason(over | low, manifest) == "camera-1 is inside car-101"
-    assert rejection_reason({**over, "scene.car-101.kind": "absent"}, manifest) is None

@@ -28,7 +28,7 @@ def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "field", "said"),
     [
-        ({"asset": "urban-stret"}, "asset", "did you mean urban-street"),
+        ({"asset": "drawn-stret"}, "asset", "did you mean drawn-street"),
         ({"renderer": "rastr"}, "renderer", "did you mean raster"),
         ({"functions": ["semantic-fpn"]}, "functions.0", "did you mean semantic-fpn-small"),
         ({"cameras": ["camera-9"]}, "cameras.0", "camera-1"),
@@ -49,7 +49,7 @@ def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
         ({"constraints": ["import os"]}, "constraints.0", "< <= > >= == !="),
         ({"parameters": {"p": {"path": X, "type": "FLOT"}}}, "parameters.p.type", "did you mean FLOAT"),
         ({"parameters": {"p": {"path": X, "type": "FLOAT", "from": 9, "to": 1}}}, "parameters.p.from", "minimum"),
-        ({"vary": {X: {"homogeneous": {"from": -99, "to": 1, "step": 1}}}}, f"vary.{X}.from", "-10"),
+        ({"vary": {X: {"homogeneous": {"from": -99, "to": 1, "step": 1}}}}, f"vary.{X}.from", "-15"),
         ({"resolution": {"width": 100_000, "height": 10}}, "resolution", "8192"),
         ({"detection_threshold": 0}, "detection_threshold", "0"),
         ({"parent_run": "r0"}, None, "parent run"),
@@ -69,7 +69,7 @@ def test_a_wrong_spec_is_refused_naming_the_field(
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "1" * 400])
 def test_nan_and_infinity_are_refused(api: httpx.Client, number: str) -> None:
-    text = f'{{"name": "n", "asset": "urban-street", "vary": [["{X}", "HOMOGENEOUS", {number}, 5.0, 1.0]]}}'
+    text = f'{{"name": "n", "asset": "drawn-street", "vary": [["{X}", "HOMOGENEOUS", {number}, 5.0, 1.0]]}}'
     document = problem(api.post("/v1/runs", content=text), 422)
     assert any(one["field"].startswith("vary.0") for one in document["errors"])
 
@@ -88,8 +88,8 @@ def test_nan_and_infinity_are_refused(api: httpx.Client, number: str) -> None:
         (b"!!python/object/apply:os.system ['true']", "tags"),
         (b"name: a\nname: b", "twice"),
         (b"name: [unclosed", "not YAML or JSON"),
-        (b'{"name": "\\ud800", "asset": "urban-street"}', "unicode"),
-        (b'{"name": "a\\u0000b", "asset": "urban-street"}', "null"),
+        (b'{"name": "\\ud800", "asset": "drawn-street"}', "unicode"),
+        (b'{"name": "a\\u0000b", "asset": "drawn-street"}', "null"),
         (b" " * 1_500_000, "1048576 bytes"),
     ],
 )

@@ -20,17 +20,18 @@ from valerie.pipeline.functions import catalog
 
 
 def test_an_asset_lists_its_parameters_with_bounds_and_units(api: httpx.Client) -> None:
-    asset = api.get("/v1/assets/urban-street").json()
+    asset = api.get("/v1/assets/drawn-street").json()
     parameters = {one["path"]: one for one in asset["parameters"]}
     x = parameters["scene.person-1.pos.x"]
-    assert (x["type"], x["minimum"], x["maximum"], x["unit"]) == ("FLOAT", -10.0, 20.0, "m")
-    assert asset["cameras"] == ["camera-1", "camera-2", "camera-3"]
+    assert (x["type"], x["minimum"], x["maximum"], x["unit"]) == ("FLOAT", -15.0, 15.0, "m")
+    assert asset["cameras"] == ["camera-1", "camera-2"]
     assert "obstacles" not in asset
 
 
-def test_the_list_of_assets_holds_the_built_in_street(api: httpx.Client) -> None:
+def test_the_list_of_assets_holds_the_built_in_street_and_those_of_the_folder(api: httpx.Client) -> None:
     digests = {one["name"]: one["digest"] for one in api.get("/v1/assets").json()}
-    assert digests["urban-street"] == api.get("/v1/assets/urban-street").json()["digest"]
+    for name in ("urban-street", "drawn-street"):
+        assert digests[name] == api.get(f"/v1/assets/{name}").json()["digest"]
 
 
 def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_a_version_is_removed_only_by_its_digest(fresh: httpx.Client, onnx: Path
 
 def test_a_version_that_a_waiting_run_would_take_cannot_be_removed(fresh: httpx.Client, onnx: Path) -> None:
     reference = post(fresh, onnx, document=SIDE).json()["reference"]
-    spec = {"name": "r", "asset": "urban-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
+    spec = {"name": "r", "asset": "drawn-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
     run = fresh.post("/v1/runs", json={**spec, "functions": ["small"]}).json()["id"]
     answer = fresh.delete(f"/v1/functions/{reference}")
     assert answer.status_code == 409

@@ -94,7 +94,7 @@ def test_answers_fit_their_schemas(api: httpx.Client, drawn: DrawnRuns, document
         content = item.get("get", {}).get("responses", {}).get("200", {}).get("content", {}).get("application/json")
         if content is None or path == "/readyz":
             continue
-        address = path.format(run_id=run, frame_id=frame, name="urban-street", reference="deeplabv3plus-small")
+        address = path.format(run_id=run, frame_id=frame, name="drawn-street", reference="deeplabv3plus-small")
         answer = api.get(address)
         assert answer.status_code == 200, (address, answer.text)
         jsonschema.validate(answer.json(), schema_of(document, content["schema"]))

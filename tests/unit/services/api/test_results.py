@@ -154,8 +154,8 @@ def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, d
 
 def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
     rows = api.get(f"/v1/runs/{drawn.finished}/summary").json()["summary"]["rows"]
-    one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "yellow-shirt"))
-    values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "yellow-shirt"]
+    one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "red-coat"))
+    values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "red-coat"]
     defined = [value for value in values if value is not None]
     assert one["persons"] == len(values)
     assert one["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
@@ -172,9 +172,9 @@ def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns
 def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, drawn: DrawnRuns) -> None:
     path = f"/v1/runs/{drawn.finished}/variants"
     whole = api.get(path).json()["items"]
-    assert [one["index"] for one in whole] == list(range(18))
-    first = api.get(path, params={"limit": 10}).json()
-    second = api.get(path, params={"limit": 10, "cursor": first["next"]}).json()
+    assert [one["index"] for one in whole] == list(range(24))
+    first = api.get(path, params={"limit": 12}).json()
+    second = api.get(path, params={"limit": 12, "cursor": first["next"]}).json()
     assert first["items"] + second["items"] == whole
     assert second["next"] is None
     accepted = api.get(path, params={"rejected": False}).json()["items"]

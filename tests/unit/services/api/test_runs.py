@@ -18,13 +18,13 @@ def test_a_submitted_run_is_accepted_and_located(fresh: httpx.Client) -> None:
     answer = post(fresh, spec("new"))
     assert answer.status_code == 202
     run = fresh.get(answer.headers["Location"]).json()
-    assert (run["name"], run["state"], run["variant_count"]) == ("new", "submitted", 18)
+    assert (run["name"], run["state"], run["variant_count"]) == ("new", "submitted", 24)
     assert run["spec"]["blocks"][0]["vary"][0]["parameter"] == "person-1.pos.x"
 
 
 def test_a_yaml_spec_gives_the_same_digest_as_its_json(fresh: httpx.Client) -> None:
-    text = "name: n\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-    document = {"name": "n", "asset": "urban-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
+    text = "name: n\nasset: drawn-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
+    document = {"name": "n", "asset": "drawn-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
     yaml = fresh.post("/v1/runs", content=text, headers={"Content-Type": "application/yaml"}).json()
     assert yaml["spec_digest"] == post(fresh, document).json()["spec_digest"]
 
@@ -91,11 +91,11 @@ def test_runs_are_filtered_by_state(api: httpx.Client, drawn: DrawnRuns) -> None
 def test_progress_counts_every_stage(api: httpx.Client, drawn: DrawnRuns) -> None:
     progress = api.get(f"/v1/runs/{drawn.failed}/progress").json()
     stages = progress["stages"]
-    assert progress["variants"] == {"total": 18, "fed": 18, "rejected": stages_rejected(api, drawn.failed)}
-    frames = (18 - progress["variants"]["rejected"]) * 3
-    assert (stages["render"]["total"], stages["render"]["failed"]) == (frames, 3)
-    assert (stages["eval"]["total"], stages["eval"]["failed"]) == (frames * 2, 6)
-    assert stages["eval"]["done"] == frames * 2 - 6
+    assert progress["variants"] == {"total": 24, "fed": 24, "rejected": stages_rejected(api, drawn.failed)}
+    frames = (24 - progress["variants"]["rejected"]) * 2
+    assert (stages["render"]["total"], stages["render"]["failed"]) == (frames, 2)
+    assert (stages["eval"]["total"], stages["eval"]["failed"]) == (frames * 2, 4)
+    assert stages["eval"]["done"] == frames * 2 - 4
 
 
 def stages_rejected(client: httpx.Client, run: str) -> int:
@@ -163,7 +163,7 @@ def test_a_plan_stores_nothing_and_counts_stored_products(fresh: httpx.Client, d
     plan = fresh.post("/v1/plan", json=spec("finished")).json()
     assert fresh.get("/v1/runs").json() == before
     rejected = stages_rejected(fresh, drawn.finished)
-    assert (plan["variants"], plan["accepted"], plan["frames"]) == (18, 18 - rejected, 3 * (18 - rejected))
+    assert (plan["variants"], plan["accepted"], plan["frames"]) == (24, 24 - rejected, 2 * (24 - rejected))
     assert (plan["renders"], plan["inferences"]) == (0, 0)
 
 

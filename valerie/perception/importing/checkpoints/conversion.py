@@ -191,12 +191,12 @@ def _recognise(shapes: Shapes, field: str, wanted: str | None) -> tuple[Layout, 
     nearest: list[tuple[int, str, list[str]]] = []
     # Looking for the classifier first avoids building every network for every file.
     for layout in [each for each in layouts if _classifier(each) in shapes] or layouts:
-        kept = {name: shape for name, shape in shapes.items() if not name.startswith(layout.ignored)}
+        weights = {name: shape for name, shape in shapes.items() if not name.startswith(layout.ignored)}
         shape = shapes.get(_classifier(layout))
         count = shape[0] if shape else len(_CITYSCAPES)
         fitting = []
         for architecture in layout.architectures if wanted is None else (wanted,):
-            problems = differing_tensors(_their_shapes(layout, architecture, count), kept)
+            problems = differing_tensors(_their_shapes(layout, architecture, count), weights)
             if not problems:
                 fitting.append(architecture)
             nearest.append((len(problems), f"{layout.name}, {architecture}", problems))
@@ -328,10 +328,10 @@ def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
         if not np.issubdtype(array.dtype, np.floating):
             raise InvalidInput("not floating point", field=f"{field}: {name}", value=str(array.dtype))
         dtype = np.float16 if array.dtype == np.float16 else np.float32
-        kept: NDArray[np.floating] = np.ascontiguousarray(array, dtype)
-        if not np.isfinite(kept).all():
+        values: NDArray[np.floating] = np.ascontiguousarray(array, dtype)
+        if not np.isfinite(values).all():
             raise InvalidInput("holds values that are not finite", field=f"{field}: {name}")
-        floating[name] = kept
+        floating[name] = values
     return floating
 
 

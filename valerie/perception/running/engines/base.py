@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.perception.running.adaptation import Size
-
-#: Channels that are upsampled at once: full-size logits of 150 classes take 1.2 GB for a full-HD frame.
-CHANNELS_AT_ONCE: Final = 32
 
 Compiled = TypeVar("Compiled")
 

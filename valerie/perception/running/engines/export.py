@@ -1,4 +1,4 @@
-"""Export torch networks to ONNX files.
+"""Export torch networks to ONNX.
 
 The export traces: torch's newer exporter takes 30 times as long (5 s for the smallest network here), in every process.
 """
@@ -6,6 +6,7 @@ The export traces: torch's newer exporter takes 30 times as long (5 s for the sm
 from __future__ import annotations
 
 import warnings
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
@@ -21,27 +22,28 @@ _OPSET: Final = 17
 _OWN_CODE: Final = str(Path(networks.__file__).parent)
 
 
-def export_onnx(module: nn.Module, path: Path, size: Size | None) -> None:
-    """Write a module as one file.
+def export_onnx(module: nn.Module, size: Size | None) -> bytes:
+    """Return a module as one ONNX file.
 
     Args:
         module: (1, 3, H, W) float32 to logits (1, C, h, w), in evaluation mode.
-        path: file to write.
         size: height and width of the pictures; None leaves them free, for modules whose code never looks at them.
     """
     axes = {"picture": {2: "height", 3: "width"}, "logits": {2: "rows", 3: "columns"}} if size is None else None
+    exported = BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")
         torch.onnx.export(
             module,
             (torch.zeros(1, 3, *(size or _EXAMPLE)),),
-            path,
+            exported,  # type: ignore[arg-type]  # a file object is taken as well
             dynamo=False,
             opset_version=_OPSET,
             input_names=["picture"],
             output_names=["logits"],
             dynamic_axes=axes,
         )
+    return exported.getvalue()
 
 
 def looks_at_size(module: nn.Module) -> bool:

@@ -1,12 +1,11 @@
-"""Complete an ONNX network to one graph: 8-bit pictures of one size in, ids of classes of one size out.
+"""Complete an ONNX network to one graph: 8-bit pictures of one size in, logits or ids of classes out.
 
 Both ONNX engines run the same graph, so they differ in kernels alone. The graph adds channel order, normalisation and memory
-layout before the network, bilinear upsampling and the largest class after it.
+layout before the network. Logits of several classes leave it in the network's own resolution (see `upsampled_ids`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -17,11 +16,10 @@ from onnx import TensorProto, helper, numpy_helper
 from valerie.errors import InvalidInput
 from valerie.perception.documents.function import InputDocument, OutputDocument
 from valerie.perception.running.adaptation import Size
-from valerie.perception.running.engines.base import CHANNELS_AT_ONCE
 
 #: Names of the whole graph's input and output.
 PICTURES: Final = "valerie.pictures"
-IDS: Final = "valerie.ids"
+ANSWER: Final = "valerie.answer"
 #: First version whose Resize states where pixel centres lie.
 MIN_OPSET: Final = 11
 
@@ -37,7 +35,7 @@ def whole_graph(
     labels: Size,
     output: str = "",
 ) -> onnx.ModelProto:
-    """Surround a network with everything between pixels and ids.
+    """Surround a network with what lies between pixels and its answer.
 
     Args:
         model: one input, (1, 3, h, w) or (1, h, w, 3); changed in place.
@@ -47,7 +45,8 @@ def whole_graph(
         output: name of the output with the result; empty: the first.
 
     Returns:
-        `PICTURES` (1, h, w, 3) uint8 to `IDS` (1, height, width) uint8.
+        `PICTURES` (1, h, w, 3) uint8 to `ANSWER`: for several classes their logits or probabilities (1, C, rows, columns) float32
+        in the network's resolution; for one class, or a network that answers labels, ids (1, height, width) uint8.
 
     Raises:
         InvalidInput: the network has another number of inputs or classes, or another size, than the document.
@@ -70,10 +69,16 @@ def whole_graph(
     del graph.input[:]
     graph.input.append(helper.make_tensor_value_info(PICTURES, TensorProto.UINT8, [1, *piece, 3]))
     del graph.output[:]
-    graph.output.append(helper.make_tensor_value_info(IDS, TensorProto.UINT8, [1, *labels]))
+    graph.output.append(_answer_info(answer, labels))
     # The exporter's sizes of inner values may refer to the input that is gone.
     del graph.value_info[:]
     return model
+
+
+def _answer_info(answer: OutputDocument, labels: Size) -> onnx.ValueInfoProto:
+    if answer.kind == "labels" or len(answer.classes) == 1:
+        return helper.make_tensor_value_info(ANSWER, TensorProto.UINT8, [1, *labels])
+    return helper.make_tensor_value_info(ANSWER, TensorProto.FLOAT, [1, len(answer.classes), "rows", "columns"])
 
 
 class _Builder:
@@ -85,18 +90,12 @@ class _Builder:
         self.constants: list[onnx.TensorProto] = []
         self._count = 0
 
-    def node(
-        self, kind: str, inputs: Sequence[str], *, outputs: int = 1, name: str = "", **attributes: Any
-    ) -> list[str]:
-        """Add a node and return the names of its outputs."""
-        self._count += 1
-        names = [name] if name else [f"valerie.{self._count}.{i}" for i in range(outputs)]
-        self.nodes.append(helper.make_node(kind, list(inputs), names, name=f"valerie.{self._count}", **attributes))
-        return names
-
     def one(self, kind: str, *inputs: str, name: str = "", **attributes: Any) -> str:
-        """Add a node with one output and return its name."""
-        return self.node(kind, inputs, name=name, **attributes)[0]
+        """Add a node with one output and return the output's name."""
+        self._count += 1
+        name = name or f"valerie.{self._count}"
+        self.nodes.append(helper.make_node(kind, list(inputs), [name], name=f"valerie.{self._count}", **attributes))
+        return name
 
     def constant(self, values: NDArray[Any]) -> str:
         """Add a constant and return its name."""
@@ -216,36 +215,14 @@ def _postprocessing(
             value=shown,
             limit=f"1 × {count} × height × width",
         )
-    mode = "align_corners" if answer.align_corners else "half_pixel"
-    resize = {"mode": "linear", "coordinate_transformation_mode": mode}
-    if count == 1:
-        full = builder.squeezed(builder.resized(value, 1, labels, **resize), 1)
-        above = builder.one("Greater", full, builder.number(answer.cut))
-        chosen = builder.one("Where", above, builder.number(0.0), builder.number(255.0))
-        builder.one("Cast", chosen, to=TensorProto.UINT8, name=IDS)
+    if count > 1:
+        builder.one("Identity", value, name=ANSWER)
         return
-    builder.one("Cast", _largest_channel(builder, value, count, labels, resize), to=TensorProto.UINT8, name=IDS)
-
-
-def _largest_channel(builder: _Builder, value: str, count: int, labels: Size, resize: dict[str, str]) -> str:
-    """Take the largest channel, a few channels at a time, as `labelling.largest_channel` does and for the same reason."""
-    if count <= CHANNELS_AT_ONCE:
-        return builder.one("ArgMax", builder.resized(value, count, labels, **resize), axis=1, keepdims=0)
-    best = ids = ""
-    for first in range(0, count, CHANNELS_AT_ONCE):
-        last = min(first + CHANNELS_AT_ONCE, count)
-        some = builder.one(
-            "Slice", value, builder.integers(first), builder.integers(last), builder.integers(1), builder.integers(1)
-        )
-        full = builder.resized(some, last - first, labels, **resize)
-        values, channels = builder.node("TopK", [full, builder.integers(1)], outputs=2, axis=1)
-        channels = builder.one("Add", channels, builder.integers(first))
-        if not best:
-            best, ids = values, channels
-            continue
-        better = builder.one("Greater", values, best)
-        best, ids = builder.one("Where", better, values, best), builder.one("Where", better, channels, ids)
-    return builder.squeezed(ids, 1)
+    mode = "align_corners" if answer.align_corners else "half_pixel"
+    full = builder.resized(value, 1, labels, mode="linear", coordinate_transformation_mode=mode)
+    above = builder.one("Greater", builder.squeezed(full, 1), builder.number(answer.cut))
+    chosen = builder.one("Where", above, builder.number(0.0), builder.number(255.0))
+    builder.one("Cast", chosen, to=TensorProto.UINT8, name=ANSWER)
 
 
 def _ids_of_labels(builder: _Builder, value: str, rank: int, labels: Size) -> None:
@@ -264,4 +241,4 @@ def _ids_of_labels(builder: _Builder, value: str, rank: int, labels: Size) -> No
     void = builder.number(255.0)
     below = builder.one("Less", value, builder.number(0.0))
     value = builder.one("Where", below, void, builder.one("Min", value, void))
-    builder.one("Cast", builder.squeezed(value, 1), to=TensorProto.UINT8, name=IDS)
+    builder.one("Cast", builder.squeezed(value, 1), to=TensorProto.UINT8, name=ANSWER)

@@ -8,10 +8,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from valerie.perception.running.engines.base import CHANNELS_AT_ONCE
-
 #: Height and width are padded to multiples of this: the coarsest stride of the networks.
 ALIGNMENT: Final = 32
+
+#: Channels that are upsampled at once: full-size logits of 150 classes take 1.2 GB for a full-HD frame.
+_CHANNELS_AT_ONCE: Final = 32
 
 Module = TypeVar("Module", bound=nn.Module)
 
@@ -43,10 +44,10 @@ def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: b
     """
     best: Tensor | None = None
     ids = torch.empty(0)
-    for first in range(0, logits.shape[1], CHANNELS_AT_ONCE):
-        some = logits[:, first : first + CHANNELS_AT_ONCE]
+    for first in range(0, logits.shape[1], _CHANNELS_AT_ONCE):
+        some = logits[:, first : first + _CHANNELS_AT_ONCE]
         full = functional.interpolate(some, size=(height, width), mode="bilinear", align_corners=align_corners)
-        if logits.shape[1] <= CHANNELS_AT_ONCE:
+        if logits.shape[1] <= _CHANNELS_AT_ONCE:
             return full.argmax(dim=1).to(torch.uint8)
         values, channels = full.max(dim=1)
         channels = (channels + first).to(torch.uint8)

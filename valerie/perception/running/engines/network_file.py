@@ -1,25 +1,26 @@
-"""Networks of any kind as ONNX: the user's own file, or an export from torch in a folder of its own."""
+"""Networks of any kind as ONNX: the user's own file, or an export from torch."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
 import onnx
+from numpy.typing import NDArray
 
+from valerie.errors import InvalidInput
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import OnnxOptions
 from valerie.perception.importing.onnx_files import read_onnx
 from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.graph import whole_graph
-
-if TYPE_CHECKING:
-    from torch import nn
+from valerie.perception.running.engines.upsampling import upsampled_ids
 
 
 class NetworkFile:
-    """An ONNX network whose graph is built for pieces of any size; the network itself stays on disk.
+    """An ONNX network whose graph is built for pieces of any size.
 
     Args:
         document: of kind ``onnx``, ``network`` or ``huggingface``.
@@ -32,15 +33,12 @@ class NetworkFile:
 
     def __init__(self, document: FunctionDocument, payload: Path) -> None:
         self.document = document
-        self._path = payload
         self._output = document.output
-        self._folder: TemporaryDirectory[str] | None = None
-        #: A module that has to be exported again for every size; None otherwise.
-        self._module: nn.Module | None = None
         if document.kind == "onnx":
             read_onnx(payload)
+            self._network: Callable[[Size], bytes] = lambda _: payload.read_bytes()
         else:
-            self._export(payload)
+            self._network = self._exported(payload)
 
     def graph(self, piece: Size, labels: Size) -> bytes:
         """Return the whole graph (see `whole_graph`) for these sizes, serialised.
@@ -48,12 +46,8 @@ class NetworkFile:
         Raises:
             InvalidInput: the network is not that of the document, or does not take pieces of this size.
         """
-        if self._module is not None:
-            from valerie.perception.running.engines.export import export_onnx
-
-            export_onnx(self._module, self._path, piece)
         model = whole_graph(
-            onnx.load(self._path, load_external_data=False),
+            onnx.load_from_string(self._network(piece)),
             source=self.document.input,
             answer=self._output,
             piece=piece,
@@ -63,23 +57,32 @@ class NetworkFile:
         graph: bytes = model.SerializeToString()
         return graph
 
-    def close(self) -> None:
-        """Remove the export."""
-        self._module = None
-        if self._folder is not None:
-            self._folder.cleanup()
+    def ids(self, answer: NDArray[Any], labels: Size) -> NDArray[np.uint8]:
+        """Return the ids (height, width) of the graph's answer to one piece, without its first axis.
 
-    def _export(self, payload: Path) -> None:
+        Raises:
+            InvalidInput: the network answers another number of classes than the document lists.
+        """
+        if answer.dtype == np.uint8:
+            return answer
+        if len(answer) != len(self._output.classes):
+            raise InvalidInput(
+                "the network answers another number of classes than the document lists",
+                field="output.classes",
+                value=len(self._output.classes),
+                limit=len(answer),
+            )
+        return upsampled_ids(answer, labels, align_corners=self._output.align_corners)
+
+    def _exported(self, payload: Path) -> Callable[[Size], bytes]:
         from valerie.perception.running.engines.export import export_onnx, looks_at_size
         from valerie.perception.running.engines.modules import open_module
 
         module = open_module(self.document, payload)
         if getattr(module, "align_corners", False):
             self._output = self._output.model_copy(update={"align_corners": True})
-        self._folder = TemporaryDirectory(prefix="valerie-onnx-")
-        self._path = Path(self._folder.name) / "network.onnx"
         # The code of other people's networks may look at sizes in ways that a trace does not notice.
-        if self.document.kind == "network" and not looks_at_size(module):
-            export_onnx(module, self._path, None)
-        else:
-            self._module = module
+        if self.document.kind != "network" or looks_at_size(module):
+            return lambda piece: export_onnx(module, piece)
+        network = export_onnx(module, None)
+        return lambda _: network

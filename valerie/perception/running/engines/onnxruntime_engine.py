@@ -49,12 +49,13 @@ class OnnxRuntimeEngine:
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         session = self._compiled.get(Size(*pieces.shape[1:3]), labels)
-        return np.stack([session.run(None, {PICTURES: piece[None]})[0][0] for piece in pieces])
+        answers = (session.run(None, {PICTURES: piece[None]})[0][0] for piece in pieces)
+        return np.stack([self._network.ids(answer, labels) for answer in answers])
 
     def close(self) -> None:
         """Free the weights."""
         self._compiled.clear()
-        self._network.close()
+        del self._network
 
     def _compile(self, piece: Size, labels: Size) -> onnxruntime.InferenceSession:
         options = onnxruntime.SessionOptions()

@@ -58,12 +58,13 @@ class OpenVinoEngine:
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         request = self._compiled.get(Size(*pieces.shape[1:3]), labels)
-        return np.stack([np.array(request.infer([piece[None]])[0][0], np.uint8) for piece in pieces])
+        answers = (request.infer([piece[None]], share_outputs=True)[0][0] for piece in pieces)
+        return np.stack([self._network.ids(answer, labels) for answer in answers])
 
     def close(self) -> None:
         """Free the weights."""
         self._compiled.clear()
-        self._network.close()
+        del self._network
 
     def _compile(self, piece: Size, labels: Size) -> Any:
         graph = self._network.graph(piece, labels)

@@ -18,11 +18,18 @@ _NEWEST_FIRST: Final = (
     ("neon", "asimd"),
 )
 
+_BF16_FLAGS: Final = ("amx_bf16", "avx512_bf16")
+
 
 @lru_cache(maxsize=1)
 def instruction_set() -> str:
     """Return e.g. ``amx`` or ``avx512-bf16``; the name of the architecture if no instruction set is known."""
     return newest(flags()) or platform.machine().lower().replace("_", "-")
+
+
+def multiplies_bf16() -> bool:
+    """Return whether the processor has instructions for bf16, so that it is faster than fp32."""
+    return not flags().isdisjoint(_BF16_FLAGS)
 
 
 def flags() -> frozenset[str]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Final
 
+import psutil
 from numpy import uint8
 from numpy.typing import NDArray
 
@@ -21,12 +23,14 @@ from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
+#: Functions that stay open.
+_MOST_OPEN: Final = 4
 #: A prediction, and the CPU seconds that it cost.
 Predicted = tuple[NDArray[uint8], float]
 
 
 class InferMaker:
-    """Makes predictions. One network stays loaded; messages hold products of one function, so it seldom changes.
+    """Makes predictions. The last functions stay open, since the messages of a run alternate between its functions.
 
     Where the function takes several pictures at once, the pictures of the next products are predicted together with the current
     one, and kept until it is their turn. Claims, storing and failures stay with each product.
@@ -39,7 +43,7 @@ class InferMaker:
         self._source = FunctionLoader(context)
         self._settings = context.settings
         self._tell: Callable[[str], None] | None = None
-        self._loaded: tuple[tuple[str, ...], BoundedFunction] | None = None
+        self._open: dict[tuple[str, ...], BoundedFunction] = {}
         self._expected: dict[str, Job] = {}
         self._ahead: dict[str, Predicted] = {}
 
@@ -116,13 +120,19 @@ class InferMaker:
 
     def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
         key = (name, pin.digest, pin.numeric_class)
-        if self._loaded is None or self._loaded[0] != key:
-            if self._loaded is not None:
-                self._loaded[1].close()
-                self._loaded = None  # one network at a time, also while the next one is opened
-            opened = open_bounded(lambda: self._source.open(name, pin), self._settings, name=name, before_end=self._say)
-            self._loaded = (key, opened)
-        return self._loaded[1]
+        if key not in self._open:
+            self._make_room()
+            self._open[key] = open_bounded(
+                lambda: self._source.open(name, pin), self._settings, name=name, before_end=self._say
+            )
+        return self._open[key]
+
+    def _make_room(self) -> None:
+        """Close all functions if there are many, or if they take half of the memory that a worker may have."""
+        half = self._settings.worker_max_memory_mb << 19
+        if len(self._open) >= _MOST_OPEN or psutil.Process().memory_info().rss > half:
+            while self._open:
+                self._open.popitem()[1].close()  # the newest first, since each restores the bound of before it
 
     def _say(self, reason: str) -> None:
         if self._tell is not None:

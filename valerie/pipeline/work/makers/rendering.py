@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.db.measured import MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job, Part
 from valerie.errors import TransientError
 from valerie.parameters.assignment import canonical_json
+from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.products import ProductReader
@@ -114,7 +115,7 @@ class RenderMaker:
         assert isinstance(engine, LightPass), "the engine of the truth pass knows what light arrives where"
         return engine
 
-    def _opened(self, name: str, settings: Mapping[str, Any], inputs: Mapping[str, Any]) -> Renderer:
+    def _opened(self, name: str, settings: Mapping[str, Value], inputs: Mapping[str, Value]) -> Renderer:
         """Return the engine with these settings, opened at its first use."""
         key = (name, canonical_json(inputs))
         if key not in self._engines:

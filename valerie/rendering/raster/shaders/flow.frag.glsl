@@ -10,7 +10,7 @@ layout(location = 0) out vec4 out_flow;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec4 clip = clip_from_elsewhere * vec4(elsewhere, 1.0);
     bool known = is_elsewhere && clip.w > 0.0;

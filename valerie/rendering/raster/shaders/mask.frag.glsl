@@ -4,7 +4,7 @@ layout(location = 0) out float out_mask;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     out_mask = 1.0;
 }

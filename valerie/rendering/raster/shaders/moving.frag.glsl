@@ -13,7 +13,7 @@ void main() {
     see_through();
 #endif
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec3 normal = normalize(world_normal);
     if (!gl_FrontFacing) normal = -normal;

@@ -5,7 +5,7 @@ layout(location = 0) out ivec2 out_normal;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     vec3 normal = normalize(world_normal);
     if (!gl_FrontFacing) normal = -normal;

@@ -10,10 +10,10 @@ void main() {
     int detailed = 0;                        // a bit for each pixel around that is not plain
     for (int y = 0; y < 3; ++y) {
         for (int x = 0; x < 3; ++x) {
-            vec4 found = texelFetch(plain_radiance, clamp(pixel + ivec2(x, y) - 1, ivec2(0), last), 0);
+            vec4 color = texelFetch(plain_radiance, clamp(pixel + ivec2(x, y) - 1, ivec2(0), last), 0);
             float weight = (x == 1 ? 6.0 : 1.0) * (y == 1 ? 6.0 : 1.0) / 64.0;
-            sum += found.a > 0.0 ? weight * found.rgb : vec3(0.0);
-            detailed |= found.a > 0.0 ? 0 : 1 << (3 * y + x);
+            sum += color.a > 0.0 ? weight * color.rgb : vec3(0.0);
+            detailed |= color.a > 0.0 ? 0 : 1 << (3 * y + x);
         }
     }
     ivec2 first = pixel * 2 - 1;
@@ -22,8 +22,8 @@ void main() {
         int x = i & 3, y = i >> 2;
         float weight = (x == 1 || x == 2 ? 3.0 : 1.0) * (y == 1 || y == 2 ? 3.0 : 1.0) / 64.0;
         bool wanted = (detailed >> (3 * ((y + 1) >> 1) + ((x + 1) >> 1)) & 1) != 0;
-        vec3 found = texelFetch(radiance, clamp(first + ivec2(x, y), ivec2(0), 2 * last + 1), 0).rgb;
-        sum += wanted ? weight * found : vec3(0.0);
+        vec3 color = texelFetch(radiance, clamp(first + ivec2(x, y), ivec2(0), 2 * last + 1), 0).rgb;
+        sum += wanted ? weight * color : vec3(0.0);
     }
     out_color = vec4(sum, 1.0);
 }

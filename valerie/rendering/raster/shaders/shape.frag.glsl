@@ -6,6 +6,6 @@ void main() {
     see_through();
 #endif
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
 }

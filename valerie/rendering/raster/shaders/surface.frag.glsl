@@ -23,7 +23,7 @@ void main() {
     vec3 color = material_texel(0).rgb;
     vec2 du = dFdx(uv), dv = dFdy(uv);
 #ifdef CUT
-    // Cut surfaces are read as truth reads them: with anisotropic filters.
+    // Thin parts keep their colour with anisotropic filters.
     float slant = 0.0;
 #else
     // On elongated footprints, textures are read at a finer mip level than the longer side needs. The pixel's other samples cover
@@ -33,8 +33,8 @@ void main() {
 #endif
 #ifdef COLOR_TEXTURE
 #ifdef CUT
-    vec4 texel = color_texel();
-    cut_by_alpha(texel.a);
+    cut_by_alpha();
+    vec4 texel = texture(color_textures, vec3(uv, material_texel(3).x));
 #else
     // Two taps along the longer side.
     vec3 along = vec3((wide > high ? du : dv) * 0.25, 0.0), at = vec3(uv, material_texel(3).x);

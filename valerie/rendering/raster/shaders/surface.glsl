@@ -15,12 +15,17 @@ vec4 material_texel(int texel) {
 #ifdef COLOR_TEXTURE
 uniform sampler2DArray color_textures;
 
-vec4 color_texel() {
-    return texture(color_textures, vec3(uv, material_texel(3).x));
-}
-
-void cut_by_alpha(float alpha) {
-    if (alpha < material_texel(0).a) discard;
+// Alpha is read at full detail at any distance: the mean of bars and gaps would cut both or neither. Drivers may filter
+// textureLod anisotropically, over more than the place asked for.
+void cut_by_alpha() {
+    int layer = int(material_texel(3).x), last = textureSize(color_textures, 0).x - 1;
+    vec2 at = fract(uv) * float(last + 1) - 0.5, part = fract(at);
+    ivec2 low = ivec2(floor(at)) & last, high = (low + 1) & last;
+    vec4 alpha = vec4(
+        texelFetch(color_textures, ivec3(low, layer), 0).a, texelFetch(color_textures, ivec3(high.x, low.y, layer), 0).a,
+        texelFetch(color_textures, ivec3(low.x, high.y, layer), 0).a, texelFetch(color_textures, ivec3(high, layer), 0).a);
+    vec2 row = mix(alpha.xz, alpha.yw, part.x);
+    if (mix(row.x, row.y, part.y) < material_texel(0).a) discard;
 }
 #endif
 

@@ -5,7 +5,7 @@ layout(location = 1) out float out_depth;
 
 void main() {
 #ifdef CUT
-    cut_by_alpha(color_texel().a);
+    cut_by_alpha();
 #endif
     out_ids = uvec2(label, instance);
     out_depth = axis_depth;

@@ -1,0 +1,79 @@
+"""Measure CPU time and memory of the analysis and the report of a large run.
+
+``python -m benchmarks.bench_analysis [--frames 30720] [--no-report]``: a planted grid of two functions with an effect of the
+sun, of the size of the paper's experiment: 2 characters, 3 cameras, 10 × 16 places, 8 headings, 4 suns. More or fewer
+frames have more or fewer places. The report has no pictures of frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from benchmarks import results
+from benchmarks.planted import REPORTED
+from benchmarks.planted_grids import planted_grid
+from valerie.analysis.analyze import analyze
+from valerie.analysis.report import build_report
+from valerie.analysis.report_model import Provenance, ReportInput
+from valerie.analysis.table import EvaluationTable
+
+#: Places across, headings, suns, characters, cameras.
+OTHERS = (10, 8, 4, 2, 3)
+
+
+def paper_table(frames: int) -> EvaluationTable:
+    """Return the table of two functions on about ``frames`` frames."""
+    shape = (max(round(frames / np.prod(OTHERS)), 1), *OTHERS)
+    y, x, heading, sun, character, camera = (axis.ravel() for axis in np.indices(shape))
+    rng = np.random.default_rng(0)
+    u = rng.random((2, len(x), 6))
+    u[:, :, :3] = rng.random((shape[0], shape[1], 3))[y, x]
+    u[:, :, 3] = rng.random((shape[0], shape[1], shape[3]))[y, x, sun]
+    scores = REPORTED["mild"](u) - np.where(sun == 3, 0.1, 0.0)
+    factors = {"x": x, "y": y, "heading": heading, "sun": sun, "character": character, "camera": camera}
+    return planted_grid({"one": scores[0], "two": scores[1]}, factors)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=30_720)
+    parser.add_argument("--no-report", action="store_true")
+    arguments = parser.parse_args()
+    table = paper_table(arguments.frames)
+    figures: dict[str, Any] = {"rows": len(table), "places": int(table.places.max()) + 1}
+    started = time.process_time()
+    analysis = analyze(table)
+    figures["analysis, CPU s"] = round(time.process_time() - started, 2)
+    figures["comparisons"] = analysis.findings.comparisons
+    figures["confirmed findings"] = len(analysis.findings.items)
+    if not arguments.no_report:
+        now = datetime.now(UTC)
+        provenance = Provenance("planted", "", 0, "planted", "", "none", (960, 540), {}, (), "valerie", now, now)
+        html = build_report(
+            ReportInput(
+                document={"name": "planted"},
+                provenance=provenance,
+                table=table,
+                summary=analysis.summary,
+                trends=analysis.trends,
+                findings=analysis.findings,
+                variants=len(table) // 6,
+                frames=len(table) // 2,
+            )
+        )
+        figures["report, MB"] = round(len(html) / 1e6, 1)
+    figures["all, CPU s"] = round(time.process_time() - started, 2)
+    figures["peak memory, MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    for name, value in figures.items():
+        print(f"{name}: {value:,}")
+    results.write("analysis", figures)
+
+
+if __name__ == "__main__":
+    main()

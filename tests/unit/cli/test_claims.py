@@ -1,0 +1,67 @@
+"""`valerie claims` on a run of drawn pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
+from tests.world.world import settings_of
+from valerie.cli.main import app
+from valerie.errors import InvalidInput, UnknownName
+
+CLAIMS = """
+title: planted
+claims:
+  - {id: near, source: "1", says: Somebody is near., quantity: {of: distance_m, statistic: minimum, high: 30}}
+  - {id: falls, says: It falls., trend: {over: distance_m, shape: falling}}
+  - {id: slip, says: More than all., slip: There is no more than all.}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    folder = tmp_path_factory.mktemp("claims") / "data"
+    world = DrawnWorld(settings_of(folder))
+    vary = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 1.0]]
+    run_id = world.work(spec("claimed", vary=vary, constants={"person-1.pos.x": 2.2}, cameras=["camera-1"]))
+    world.context.engine.dispose()
+    return folder, run_id
+
+
+def called(run: tuple[Path, str], document: Path, *arguments: str) -> str:
+    folder, run_id = run
+    result = CliRunner().invoke(
+        app, ["claims", run_id, str(document), *arguments, "--data-dir", str(folder)], catch_exceptions=False
+    )
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_every_claim_is_answered_for_people_and_programs(run: tuple[Path, str], tmp_path: Path) -> None:
+    document = tmp_path / "claims.yaml"
+    document.write_text(CLAIMS)
+    printed = called(run, document, "-o", str(tmp_path / "ledger.parquet"))
+    assert "REPRODUCED  near" in printed
+    assert "SLIP OF THE SOURCE  slip" in printed
+    entries = json.loads(called(run, document, "--json"))
+    assert [entry["id"] for entry in entries] == ["near", *["falls"] * len(FUNCTIONS), "slip"]
+    assert pq.read_table(tmp_path / "ledger.parquet").num_rows == len(entries)
+    called(run, document, "-o", str(tmp_path / "ledger.md"))
+    assert "| Somebody is near. |" in (tmp_path / "ledger.md").read_text()
+
+
+def test_wrong_documents_and_formats_are_refused(run: tuple[Path, str], tmp_path: Path) -> None:
+    document = tmp_path / "claims.yaml"
+    document.write_text("title: nothing\nclaims: []\n")
+    with pytest.raises(InvalidInput, match="claims"):
+        called(run, document)
+    document.write_text(CLAIMS.replace("over: distance_m", "over: distance"))
+    with pytest.raises(UnknownName, match="distance_m"):
+        called(run, document)
+    with pytest.raises(InvalidInput, match=r"\.parquet"):
+        called(run, document, "-o", "ledger.xlsx")

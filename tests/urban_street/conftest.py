@@ -1,0 +1,29 @@
+"""The street and the engines that draw it: made once, since meshes and textures are built when they are first looked at."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.assets.asset import SceneAsset, load_asset
+
+
+@pytest.fixture(scope="session")
+def asset() -> SceneAsset:
+    """Return the street with default arguments."""
+    return load_asset("urban-street")
+
+
+@pytest.fixture(scope="session")
+def truth_pass() -> Iterator[TruthPass]:
+    opened = TruthPass()
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="session")
+def raster() -> Iterator[RasterRenderer]:
+    opened = RasterRenderer()
+    yield opened
+    opened.close()

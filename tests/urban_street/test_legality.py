@@ -1,0 +1,66 @@
+"""Which places in the street are possible."""
+
+import numpy as np
+import pytest
+import shapely
+
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.legality.rejection import rejection_reason
+
+
+def test_places_in_the_street_are_judged_by_the_distance_to_the_obstacles() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    hidden = ("scene.car-101", "scene.car-102", *(d.path.removesuffix(".visible") for d in manifest.parameters
+              if d.path.endswith(".visible") and not d.default))  # fmt: skip
+    there = [
+        shapely.Polygon(obstacle.polygon)
+        for obstacle in manifest.obstacles
+        if not f"{obstacle.path}.".startswith(tuple(f"{path}." for path in hidden))
+    ]
+    tree, radius = shapely.STRtree(there), manifest.person_radius_m
+    places = np.random.default_rng(5).uniform((-10, 0), (20, 100), (2000, 2))
+    nearest = tree.query_nearest(shapely.points(places), return_distance=True, all_matches=False)[1]
+    x0, y0, x1, y1 = manifest.extent
+    judged = 0
+    for (x, y), distance in zip(places.tolist(), nearest.tolist(), strict=True):
+        if abs(distance - radius) > 1e-3:  # round corners are polygons
+            judged += 1
+            reason = rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, manifest)
+            assert (reason is None) == (distance > radius and x0 <= x <= x1 and y0 <= y <= y1), (x, y)
+    assert judged > 1900
+
+
+@pytest.mark.parametrize("arguments", [{}, {"seed": 3, "lanes": 2}, {"side_street": "none", "persons": 8}])
+def test_the_places_of_the_streets_own_vehicles_are_legal(arguments: dict[str, Value]) -> None:
+    manifest, _ = asset_manifest({"name": "urban-street", **arguments})
+    everything = {definition.path: definition.check(definition.default) for definition in manifest.parameters}
+    assert rejection_reason(everything, manifest) is None
+    hidden = [path for path, value in everything.items() if path.endswith(".visible") and value is False]
+    assert len(hidden) == 4
+    shown: dict[str, Value] = {**everything, **dict.fromkeys(hidden, True)}
+    for kind in manifest.by_path["scene.car-101.kind"].choices:
+        cars = {"scene.car-101.kind": kind, "scene.car-102.kind": kind}
+        assert rejection_reason({**shown, **cars}, manifest) is None
+
+
+def test_a_car_that_drives_does_not_drive_through_one_that_is_parked() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    x, y = (manifest.by_path[f"scene.car-1.pos.{axis}"].default for axis in "xy")
+    driving: dict[str, Value] = {"scene.car-101.kind": "sedan", "scene.car-101.pos.x": 1.6, "scene.car-101.pos.y": y}
+    assert rejection_reason(driving, manifest) == "car-1 and car-101 overlap"
+    assert rejection_reason({**driving, "scene.car-101.pos.x": 2.4}, manifest) is None
+    assert rejection_reason({**driving, "scene.car-101.kind": "absent"}, manifest) is None
+    assert rejection_reason({"scene.car-1.pos.x": float(x) - 1.0}, manifest) == "car-1 leaves its level ground"
+
+
+def test_in_the_street_a_car_that_drives_over_a_camera_is_rejected() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    x, y, z = (float(manifest.by_path[f"scene.camera-1.pos.{axis}"].default) for axis in "xyz")
+    driving: dict[str, Value] = {"scene.car-101.kind": "van", "scene.car-101.pos.x": x, "scene.car-101.pos.y": y + 6}
+    low = {"scene.camera-1.pos.z": 1.2}
+    for assignment in (driving, driving | low):
+        assert rejection_reason(assignment, manifest) is None, (x, y, z)
+    over = {**driving, "scene.car-101.pos.y": y}
+    assert rejection_reason(over | low, manifest) == "camera-1 is inside car-101"
+    assert rejection_reason({**over, "scene.car-101.kind": "absent"}, manifest) is None

@@ -1,0 +1,112 @@
+"""`valerie claims`: put the claims of a paper or a data sheet beside what a run shows of them."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from valerie.cli.gate import run_reader
+from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, say
+from valerie.errors import InvalidInput, StorageUnavailable
+
+if TYPE_CHECKING:
+    from valerie.analysis.claims import Claims, Entry
+
+#: Formats of the ledger, by the end of the file's name.
+_FORMATS = (".csv", ".parquet", ".json", ".md")
+
+
+def claims(
+    run_id: RunId,
+    document: Annotated[Path, typer.Argument(metavar="FILE", help="Claims, such as examples/paper-claims.yaml.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Also write the ledger: FILE.csv, .parquet, .json or .md."),
+    ] = None,
+    as_json: Json = False,
+    url: Annotated[
+        str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
+    ] = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Test the claims of a document on an ended run.
+
+    Every claim is answered: reproduced, not reproduced, undecided, or not
+    testable here, with the quantity and its interval.
+    """
+    if output is not None and output.suffix not in _FORMATS:
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(_FORMATS))
+    show_ledger(read_claims(document), run_id, output=output, as_json=as_json, url=url, data_dir=data_dir)
+
+
+def read_claims(path: Path) -> Claims:
+    """Read a document of claims.
+
+    Raises:
+        InvalidInput: the file cannot be read, or is no such document.
+    """
+    from valerie.analysis.claims import parse_claims
+    from valerie.loading import load_document
+
+    return parse_claims(load_document(read_spec(path)))
+
+
+def show_ledger(
+    statements: Claims,
+    run_id: str,
+    *,
+    output: Path | None = None,
+    as_json: bool = False,
+    url: str | None = None,
+    data_dir: Path | None = None,
+) -> None:
+    """Test claims on an ended run, print the ledger, and write it to a file of one of `_FORMATS`."""
+    from valerie.analysis.claims import to_json, write_ledger
+
+    run = run_reader(url, data_dir)(run_id)
+    entries = write_ledger(statements, run.table, seed=run.spec.seed)
+    if output is not None:
+        try:
+            output.write_bytes(_content(statements, entries, output.suffix))
+        except OSError as error:
+            raise StorageUnavailable(f"{output} cannot be written: {error.strerror}") from error
+        say(f"wrote {output}")
+    if as_json:
+        typer.echo(json.dumps(to_json(entries), ensure_ascii=False))
+        return
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from valerie.analysis.claims import Outcome
+
+    styles = {Outcome.REPRODUCED: "bold green", Outcome.NOT_REPRODUCED: "bold red", Outcome.UNDECIDED: "bold yellow"}
+    console().print(Text(statements.title, style="bold"))
+    for entry in entries:
+        head = Text.assemble(
+            (entry.outcome.upper(), styles.get(entry.outcome, "bold dim")),
+            f"  {entry.id}" + (f" · {entry.function}" if entry.function else ""),
+            (f"  {entry.source}", "dim"),
+        )
+        console().print(head)
+        console().print(Padding(Text(f"“{entry.says}”", style="italic"), (0, 0, 0, 2)))
+        console().print(Padding(Text(entry.finding), (0, 0, 0, 2)))
+
+
+def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    from valerie.analysis.claims import ledger_table, ledger_text, to_json
+
+    if suffix == ".json":
+        return json.dumps(to_json(entries), ensure_ascii=False, indent=1).encode()
+    if suffix == ".md":
+        return ledger_text(statements, entries).encode()
+    buffer = io.BytesIO()
+    (pyarrow.csv.write_csv if suffix == ".csv" else pyarrow.parquet.write_table)(ledger_table(entries), buffer)
+    return buffer.getvalue()

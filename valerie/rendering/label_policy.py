@@ -1,0 +1,127 @@
+"""Labels as rays find them, or as people draw them.
+
+The truth is exact: sky between two leaves is sky. Cityscapes is drawn by hand with polygons, and its policy closes such gaps:
+"labeled foreground objects must never have holes, i.e. if there is some background visible 'through' some foreground object, it
+is considered to be part of the foreground"; a fence "includes any holes" (M. Cordts et al., "The Cityscapes Dataset for Semantic
+Urban Scene Understanding", CVPR 2016, arXiv:1604.01685, and https://www.cityscapes-dataset.com/dataset-overview/). Networks
+trained on real data have learned the second kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import MissingDependency
+from valerie.labels import BY_NAME, PERSON
+from valerie.rendering.base import GroundTruth, Rectangle, bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Mask = NDArray[np.bool_]
+
+
+class LabelPolicy(StrEnum):
+    """The kind of labels that predictions are compared with and data sets hold."""
+
+    EXACT = "exact"
+    CITYSCAPES = "cityscapes"
+
+
+#: Half of the widest gap that is closed, as a share: of the image's height in foliage, whose outline has no size of its own; of
+#: the height of an object (an instance, or a connected piece of a class without instances) elsewhere.
+FOLIAGE: Final = 1.0 / 90.0
+OF_OBJECTS: Final = {"fence": 1.0 / 4.0, "motorcycle": 1.0 / 8.0, "bicycle": 1.0 / 8.0}
+#: Gaps keep the pixels of people: who is seen through a tree is still looked for.
+_KEPT: Final = (PERSON.id, BY_NAME["rider"].id)
+#: A gap lies behind an object if its depth is at least this share of the object's nearest.
+_BEHIND: Final = 0.98
+
+
+def labelled(truth: GroundTruth, policy: LabelPolicy) -> GroundTruth:
+    """Return the truth with the labels of a policy: the truth itself if they are exact.
+
+    Under ``cityscapes``, gaps in vegetation, fences, motorcycles and bicycles take the class and instance of what surrounds them.
+    A gap shows what lies behind; nothing in front changes. Pixels of persons and riders stay theirs, so occlusion, areas and
+    masks of people are the same under both policies. Depths stay those of the surfaces that are seen.
+
+    Raises:
+        MissingDependency: OpenCV is not installed.
+    """
+    if policy is LabelPolicy.EXACT:
+        return truth
+    classes, instances = truth.class_map.copy(), truth.instance_map.copy()
+    for label, instance, outline, box in _outlines(truth):
+        inside = box.slices
+        gap = outline & ~np.isin(truth.class_map[inside], _KEPT)
+        classes[inside][gap] = label
+        instances[inside][gap] = instance
+    return replace(truth, class_map=classes, instance_map=instances)
+
+
+def _outlines(truth: GroundTruth) -> Iterator[tuple[int, int, Mask, Rectangle]]:
+    """Yield class, instance, gaps and their rectangle of each object, from far to near: nearer objects close theirs last."""
+    objects: list[tuple[float, int, int, Mask, int]] = []
+    height = truth.class_map.shape[0]
+    foliage = BY_NAME["vegetation"].id
+    if (mask := truth.class_map == foliage).any():
+        objects.append((np.inf, foliage, 0, mask, max(round(FOLIAGE * height), 1)))
+    for name, share in OF_OBJECTS.items():
+        label = BY_NAME[name]
+        of_class = truth.class_map == label.id
+        if not of_class.any():
+            continue
+        for instance, mask in _instances(of_class, truth.instance_map) if label.has_instances else _pieces(of_class):
+            nearest = float(truth.depth[mask].min())
+            objects.append((nearest, label.id, instance, mask, max(round(share * bounds(mask).height), 1)))
+    for _, number, instance, mask, radius in sorted(objects, key=lambda item: -item[0]):
+        box = bounds(mask)
+        wide = Rectangle(box.x - radius, box.y - radius, box.width + 2 * radius, box.height + 2 * radius)
+        wide = wide.clipped(mask.shape[1], height)
+        yield number, instance, _gaps(mask[wide.slices], truth.depth[wide.slices], radius), wide
+
+
+def _gaps(mask: Mask, depth: NDArray[np.float32], radius: int) -> Mask:
+    """Return the gaps that a closing by a disc fills, and enclosed ones up to twice as wide, as far as they lie behind."""
+    cv2 = _opencv()
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[radius:-radius, radius:-radius]
+    count, numbers, boxes, _ = cv2.connectedComponentsWithStats((closed == 0).astype(np.uint8), connectivity=4)
+    rows, columns = closed.shape
+    for number in range(1, count):
+        x, y, width, height, area = boxes[number]
+        on_border = x == 0 or y == 0 or x + width == columns or y + height == rows
+        if not on_border and area <= np.pi * (2 * radius) ** 2:
+            closed[numbers == number] = 1
+    wider = cv2.getStructuringElement(cv2.MORPH_RECT, (4 * radius + 1, 4 * radius + 1))
+    nearest = cv2.erode(np.where(mask, depth, np.float32(np.inf)), wider)
+    gaps: Mask = (closed > 0) & ~mask & (depth >= _BEHIND * nearest)
+    return gaps
+
+
+def _instances(of_class: Mask, instance_map: NDArray[np.uint16]) -> Iterator[tuple[int, Mask]]:
+    for instance in np.unique(instance_map[of_class]).tolist():
+        yield instance, of_class & (instance_map == instance)
+
+
+def _pieces(of_class: Mask) -> Iterator[tuple[int, Mask]]:
+    """Yield the connected pieces of a class without instances, as instance 0."""
+    count, numbers = _opencv().connectedComponents(of_class.astype(np.uint8), connectivity=8)
+    for number in range(1, count):
+        yield 0, numbers == number
+
+
+def _opencv() -> Any:
+    try:
+        import cv2
+    except ModuleNotFoundError as error:
+        raise MissingDependency(
+            "labels as annotators draw them need OpenCV; install it with: pip install 'valerie[eval]'"
+        ) from error
+    return cv2
