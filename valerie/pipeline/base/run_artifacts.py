@@ -14,6 +14,11 @@ from valerie.storage.keys import run_key
 SUMMARY: Final = "summary.json"
 #: One HTML file.
 REPORT: Final = "report.html"
+#: The long table.
+TABLE_PARQUET: Final = "evaluations.parquet"
+TABLE_CSV: Final = "evaluations.csv"
+#: Software of the process that wrote the results, as JSON.
+ENVIRONMENT: Final = "environment.json"
 
 
 def artifact_key(context: Context, run_id: str, name: str) -> str:
