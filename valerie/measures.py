@@ -54,6 +54,8 @@ class Source(StrEnum):
     """The frame's time, light and weather."""
     FUNCTION = "function"
     """The function under test."""
+    PICTURE = "picture"
+    """The picture given to the function; empty where predictions are uploaded."""
     PERSON_SCORE = "person score"
     """Score of the function on the person."""
     FRAME_SCORE = "frame score"
@@ -62,8 +64,8 @@ class Source(StrEnum):
 
 #: Sources that describe a person before any function looks.
 OF_PERSON: Final = (Source.PLACE, Source.PIXELS, Source.LIGHT)
-#: Sources that depend on the function under test.
-OF_FUNCTION: Final = (Source.FUNCTION, Source.PERSON_SCORE, Source.FRAME_SCORE)
+#: Sources of the values that are known when a function has looked.
+OF_FUNCTION: Final = (Source.FUNCTION, Source.PICTURE, Source.PERSON_SCORE, Source.FRAME_SCORE)
 #: Sources of the values that are known before any function looks.
 WITHOUT_FUNCTION: Final = tuple(source for source in Source if source not in OF_FUNCTION)
 
@@ -130,6 +132,10 @@ def _rate(
 
 def _angle(name: str, source: Source, title: str, description: str, example: float) -> Measure:
     return Measure(name, ColumnType.FLOAT, source, title, description, example, unit="°", digits=1)
+
+
+def _grey(name: str, title: str, description: str, example: float) -> Measure:
+    return Measure(name, ColumnType.FLOAT, Source.PICTURE, title, description, example, digits=1, low=0.0, high=255.0)
 
 
 def _count(
@@ -228,6 +234,19 @@ MEASURES: Final = (
     Measure(
         "road_friction", ColumnType.FLOAT, Source.CONDITIONS, "road friction",
         "peak friction coefficient of new tyres on this road in this weather, at 50 km/h", 0.85, digits=2, low=0.0,
+    ),
+    _grey("picture_mean", "mean grey level", "mean grey level of the picture given to the function, 0…255", 96.4),
+    _grey(
+        "picture_deviation", "spread of the grey levels",
+        "standard deviation of the grey levels of the picture given to the function", 41.7,
+    ),
+    _rate(
+        "black_share", Source.PICTURE, "black pixels",
+        "share of the pixels of the picture given to the function that are 0 in all channels", 0.002,
+    ),
+    _rate(
+        "white_share", Source.PICTURE, "white pixels",
+        "share of the pixels of the picture given to the function that are 255 in all channels", 0.013,
     ),
     _count("tp", Source.PERSON_SCORE, "person pixels found", "pixels of the person that the function calls person", 1980,
            required=True),

@@ -191,6 +191,18 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("truth", "instance_id", name=op.f("pk_person_views")),
     )
     op.create_table(
+        "pictures",
+        sa.Column("prediction", sa.String(length=32), nullable=False),
+        sa.Column("picture_mean", sa.Float(), nullable=True),
+        sa.Column("picture_deviation", sa.Float(), nullable=True),
+        sa.Column("black_share", sa.Float(), nullable=True),
+        sa.Column("white_share", sa.Float(), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["prediction"], ["products.digest"], name=op.f("fk_pictures_prediction"), ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("prediction", name=op.f("pk_pictures")),
+    )
+    op.create_table(
         "scores",
         sa.Column("digest", sa.String(length=32), nullable=False),
         sa.Column("confusion", sa.LargeBinary(), nullable=False),
@@ -311,6 +323,7 @@ def downgrade() -> None:
     op.drop_table("frames")
     op.drop_table("variants")
     op.drop_table("scores")
+    op.drop_table("pictures")
     op.drop_table("person_views")
     op.drop_table("person_scores")
     op.drop_table("person_lights")

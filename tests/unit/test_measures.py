@@ -35,7 +35,7 @@ def test_every_measure_of_a_person_is_computed() -> None:
 
 def test_every_table_has_the_measures_that_belong_to_it() -> None:
     assert schema_of({}).names == [measure.name for measure in MEASURES]
-    stored = set(names_from(*OF_PERSON, Source.PERSON_SCORE, Source.FRAME_SCORE))
+    stored = set(names_from(*OF_PERSON, Source.PICTURE, Source.PERSON_SCORE, Source.FRAME_SCORE))
     assert stored <= set(long_table.COLUMNS)
     assert set(names_from(*WITHOUT_FUNCTION)) <= {name for name, _, _ in COLUMNS}
     assert not set(names_from(*WITHOUT_FUNCTION)) & set(names_from(*OF_FUNCTION))

@@ -26,6 +26,7 @@ from valerie.analysis.frame_counts import (
     rows_of,
     settings,
 )
+from valerie.analysis.pitfalls import pitfalls
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.statistics.intervals import Interval, Refusal, mean_interval
@@ -150,6 +151,7 @@ class Summary:
         occlusion: share of occluded person-frames per character, then of all.
         empty: frames without persons, per function and sensor; empty where there are none.
         classes: scores over all classes, per function and sensor.
+        warnings: sentences on what makes the numbers say little; they stand before all results.
     """
 
     threshold: float
@@ -158,6 +160,7 @@ class Summary:
     occlusion: tuple[OcclusionShare, ...]
     empty: tuple[EmptyFrames, ...]
     classes: tuple[AllClasses, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """Return the summary as JSON values."""
@@ -198,6 +201,7 @@ def summarize(
         occlusion=_occlusion(table),
         empty=_empty(table, counts),
         classes=tuple(classes),
+        warnings=pitfalls(table),
     )
 
 

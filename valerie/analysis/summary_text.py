@@ -60,6 +60,11 @@ def summary_renderable(summary: Summary, findings: Findings | None = None, *, mo
     return Group(*parts)
 
 
+def warnings_renderable(summary: Summary) -> RenderableType:
+    """Return the warnings of a summary for a rich console, one paragraph each; nothing where there are none."""
+    return Group(*(Text(f"Warning: {sentence}\n", style="bold red") for sentence in summary.warnings))
+
+
 def summary_text(summary: Summary, findings: Findings | None = None, *, width: int = 140) -> str:
     """Return the same as plain text without colours, ``width`` characters wide."""
     sink = StringIO()

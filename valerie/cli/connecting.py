@@ -6,9 +6,12 @@ import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valerie.cli.shell import command_name, say
+from valerie.cli.deployment import context_of, has_database
+from valerie.cli.folder import Folder
+from valerie.cli.shell import command_name, say, settings_of
 from valerie.client import Client, ServerUnavailableError
 from valerie.embedded import running
 from valerie.settings import Settings
@@ -45,13 +48,30 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
         explicit = settings.model_fields_set
         if server is None and "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port")):
             # The server at the configured address may be that of another folder.
-            start = f"{command_name()} up --data-dir {shlex.quote(str(settings.data_dir))}"
             raise ServerUnavailableError(
-                f"no server runs on the data folder {settings.data_dir}; start one with `{start}`, "
+                f"no server runs on the data folder {settings.data_dir}; start one with `{_up(settings)}`, "
                 "or name another with --url"
             )
         url = server.url if server is not None else f"http://{settings.api_host}:{settings.api_port}"
     return Client(url, token=_token(settings))
+
+
+@contextmanager
+def runs_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folder]:
+    """Open the runs of the server at ``url`` or on the data folder; without a server, those in the data folder.
+
+    Raises:
+        ServerUnavailableError: no server runs, and the data folder has no runs.
+        ValerieError: the database is of another version.
+    """
+    settings = settings_of(data_dir)
+    address_is_set = url is not None or not settings.model_fields_set.isdisjoint(("api_host", "api_port"))
+    if not address_is_set and running.find(settings.data_dir) is None and has_database(settings):
+        with context_of(data_dir) as context:
+            yield Folder(context, up=_up(settings))
+        return
+    with client_of(settings, url) as client:
+        yield client
 
 
 @contextmanager
@@ -72,6 +92,13 @@ def system_of(settings: Settings) -> Iterator[System]:
 
     with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         yield System(client, owned=True, check=supervisor.check, supervisor=supervisor)
+
+
+def _up(settings: Settings) -> str:
+    """Return the command line that starts a server on the data folder."""
+    explicit = "data_dir" in settings.model_fields_set
+    options = f" --data-dir {shlex.quote(str(settings.data_dir))}" if explicit else ""
+    return f"{command_name()} up{options}"
 
 
 def _token(settings: Settings) -> str | None:

@@ -9,6 +9,7 @@ from typing import Final
 
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
+from valerie.cli.folder import Folder
 from valerie.cli.shell import Exit, console
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
@@ -103,7 +104,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.summary_text import summary_renderable
 
         out.print()
-        _print_verdicts(summary)
+        _print_first(summary)
         numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
@@ -112,24 +113,28 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         out.print(f"\nReport    {path}")
 
 
-def show_verdicts(client: Client, run_id: str, progress: Progress) -> None:
-    """Show the verdicts on the requirements of an ended run; nothing for one without results or requirements."""
-    summary = _summary(client, run_id, progress)
+def show_verdicts(source: Client | Folder, run_id: str, progress: Progress) -> None:
+    """Show the warnings and the verdicts of an ended run; nothing for one without results."""
+    summary = _summary(source, run_id, progress)
     if summary is not None:
-        _print_verdicts(summary)
+        _print_first(summary)
 
 
-def _summary(client: Client, run_id: str, progress: Progress) -> RunSummary | None:
+def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSummary | None:
     has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
-    return client.summary(run_id) if has_results else None
+    return source.summary(run_id) if has_results else None
 
 
-def _print_verdicts(summary: RunSummary) -> None:
+def _print_first(summary: RunSummary) -> None:
+    """Print what stands before all other results: warnings, then verdicts."""
+    from valerie.analysis.summary import Summary
+    from valerie.analysis.summary_text import warnings_renderable
     from valerie.analysis.verdict_text import verdicts_renderable
     from valerie.analysis.verdicts import from_json
 
+    out = console()
+    out.print(warnings_renderable(Summary.from_json(summary.summary)), end="")
     if summary.verdicts:
-        out = console()
         out.print(verdicts_renderable(from_json(summary.verdicts)))
         out.print()
 
@@ -140,13 +145,13 @@ def report_path(settings: Settings, name: str, run_id: str) -> Path:
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
 
 
-def save_report(client: Client, run_id: str, path: Path) -> Path:
-    """Fetch a run's report into a file, and return its path as people would type it.
+def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
+    """Write a run's report to a file, and return its path as people would type it.
 
     Raises:
         StorageUnavailable: the file cannot be written.
     """
-    content = client.report(run_id)
+    content = source.report(run_id)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

@@ -27,7 +27,7 @@ def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> 
     """
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
-    from valerie.analysis.summary_text import summary_renderable
+    from valerie.analysis.summary_text import summary_renderable, warnings_renderable
     from valerie.analysis.verdict_text import verdicts_renderable
     from valerie.analysis.verdicts import from_json
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
@@ -43,10 +43,11 @@ def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> 
         return
     document = json.loads(text)
     out = console()
+    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
+    out.print(warnings_renderable(summary), end="")
     if document["verdicts"]:
         out.print(verdicts_renderable(from_json(document["verdicts"])))
         out.print()
-    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out.print(summary_renderable(summary, findings, most=None))
 
 

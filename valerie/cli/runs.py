@@ -71,7 +71,7 @@ def run(
         try:
             progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))
         except Stopped as stopped:
-            _stop_following(system, run.id, stopped, data_dir)
+            _stop_following(system, run.id, stopped, _run_command(spec, functions, data_dir), data_dir)
             raise
         path = report or report_path(settings, run.name, run.id)
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
@@ -143,33 +143,34 @@ def status(
 ) -> None:
     """Show the latest runs, or the progress of one.
 
-    With --watch, the exit code is that of the run, as with `valerie run`.
+    Needs no server, except to follow a run. With --watch, the exit code is that of
+    the run, as with `valerie run`.
     """
-    from valerie.cli.connecting import System, client_of
+    from valerie.cli.connecting import System, client_of, runs_of
     from valerie.cli.display import display_of, progress_table
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
-    with client_of(settings_of(data_dir), url) as client:
-        if run_id is None:
-            _list(list(client.runs()), as_json=json_lines)
-            return
-        run = client.run(run_id)
-        title = f"{run.name} ({run.id})"
-        if watch:
+    if watch and run_id is not None:
+        with client_of(settings_of(data_dir), url) as client:
             system = System(client, owned=False, check=lambda: None)
-            progress = follow(system, run.id, display_of(title, run.id, json_lines=json_lines))
-            show_result(client, run.id, progress, None, json_lines=json_lines)
+            run = client.run(run_id)
+            progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
+            show_result(client, run_id, progress, None, json_lines=json_lines)
             raise typer.Exit(exit_code(progress.state))
-        progress = client.progress(run_id)
+    with runs_of(data_dir, url) as source:
+        if run_id is None:
+            _list(list(source.runs()), as_json=json_lines)
+            return
+        run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
             document = {"run": run.id, "name": run.name, **progress.model_dump(mode="json")}
             typer.echo(json.dumps(document, ensure_ascii=False))
             return
         out = console()
-        show_verdicts(client, run_id, progress)
-        out.print(progress_table(title, progress))
+        show_verdicts(source, run_id, progress)
+        out.print(progress_table(f"{run.name} ({run_id})", progress))
         if any(stage.failed for stage in progress.stages.values()):
-            for line in failure_lines(client.failures(run_id)):
+            for line in failure_lines(source.failures(run_id)):
                 out.print(line, style="red")
 
 
@@ -182,20 +183,20 @@ def report(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Fetch the self-contained HTML report of an ended run, and print its path."""
-    from valerie.cli.connecting import client_of
+    """Write the self-contained HTML report of an ended run to a file, and print its path. Needs no server."""
+    from valerie.cli.connecting import runs_of
     from valerie.cli.following import report_path, save_report
 
-    settings = settings_of(data_dir)
-    with client_of(settings, url) as client:
-        path = output or report_path(settings, client.run(run_id).name, run_id)
-        typer.echo(save_report(client, run_id, path))
+    with runs_of(data_dir, url) as source:
+        path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
+        typer.echo(save_report(source, run_id, path))
 
 
 def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Stop a run. Finished products stay, and `resume` continues the run."""
     with _client(url, data_dir) as client:
         _say_state(client.cancel(run_id))
+    say(f"continue it with: {_command_line('resume', run_id, data_dir=data_dir, url=url)}")
 
 
 def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
@@ -236,7 +237,7 @@ def _bind_to_parent(requested: bool) -> None:
         end_with_parent()
 
 
-def _stop_following(system: System, run_id: str, stopped: Stopped, data_dir: Path | None) -> None:
+def _stop_following(system: System, run_id: str, stopped: Stopped, command: str, data_dir: Path | None) -> None:
     """Cancel the run of an interrupted command if its system ends too, and tell the user how to continue."""
     import signal
 
@@ -247,14 +248,14 @@ def _stop_following(system: System, run_id: str, stopped: Stopped, data_dir: Pat
         say(f"\nrun {run_id} continues in the server; follow it with: {follow}")
         return
     if stopped.signum != signal.SIGINT:
-        say(f"\nrun {run_id} continues with the next `{command_name()} up` or `run` on this data folder")
+        say(f"\nrun {run_id} is interrupted; continue it with: {_command_line('up', data_dir=data_dir)}")
         return
     try:  # so that an interrupted run does not compete with the next one
         system.client.cancel(run_id)
     except ValerieError as error:
         say(f"\nrun {run_id} could not be cancelled: {error}")
     else:
-        say(f"\nrun {run_id} is cancelled; the same command continues where it stopped")
+        say(f"\nrun {run_id} is cancelled; continue where it stopped with: {command}")
 
 
 def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
@@ -280,10 +281,16 @@ def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path 
     # The first of the two equals the sensor of the finished run.
     line = f"sensors: [{{name: day}}, {dusk}]"
     change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  {line}  to {spec}"
-    command = ["run", str(spec), *([] if functions is None else ["--functions", functions])]
     return (
-        f"{change}; then {_command_line(*command, data_dir=data_dir)}\n"
+        f"{change}; then {_run_command(spec, functions, data_dir)}\n"
         "renders nothing new: the functions only evaluate darker pictures"
+    )
+
+
+def _run_command(spec: Path, functions: str | None, data_dir: Path | None) -> str:
+    """Return the command line that runs a spec."""
+    return _command_line(
+        "run", str(spec), *([] if functions is None else ["--functions", functions]), data_dir=data_dir
     )
 
 

@@ -19,6 +19,7 @@ from valerie.db.models import (
     PersonLight,
     PersonScore,
     PersonView,
+    Picture,
     Score,
     Variant,
 )
@@ -32,6 +33,7 @@ _TABLES: Final[dict[Source, type[Base]]] = {
     Source.PLACE: PersonView,
     Source.PIXELS: PersonView,
     Source.LIGHT: PersonLight,
+    Source.PICTURE: Picture,
     Source.PERSON_SCORE: PersonScore,
     Source.FRAME_SCORE: Score,
 }
@@ -111,6 +113,7 @@ def _select(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
         .join(Variant, VARIANT_OF_FRAME)
         .join(Score, Score.digest == Evaluation.scores)
         .join(PersonView, PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth))
+        .outerjoin(Picture, Picture.prediction == Evaluation.prediction)
         .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
         .outerjoin(PersonLight, LIGHT_OF_PERSON)
         .outerjoin(
@@ -175,6 +178,7 @@ def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
         .join(Variant, VARIANT_OF_FRAME)
         .outerjoin(Score, Score.digest == Evaluation.scores)
         .outerjoin(PersonView, and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False)))
+        .outerjoin(Picture, Picture.prediction == Evaluation.prediction)
         .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
         .outerjoin(PersonLight, LIGHT_OF_PERSON)
         .outerjoin(

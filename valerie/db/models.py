@@ -291,6 +291,15 @@ class PersonLight(Base):
     instance_id: Mapped[int] = mapped_column(primary_key=True)
 
 
+@_measured(Source.PICTURE)
+class Picture(Base):
+    """Grey levels of the picture that a prediction was made from; part of a product of kind ``prediction``."""
+
+    __tablename__ = "pictures"
+
+    prediction: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
+
+
 @_measured(Source.FRAME_SCORE)
 class Score(Base):
     """Counts of one frame and one function, and the ratios that follow from them."""

@@ -23,12 +23,14 @@ from valerie.db.models import (
     PersonLight,
     PersonScore,
     PersonView,
+    Picture,
     Product,
     Run,
     Score,
     Variant,
 )
 from valerie.db.statements import UNFINISHED, WAITING, among, insert_ignoring, insert_rows
+from valerie.measures import Measures
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products import FailedInput, ProductError, Ready
 from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
@@ -282,7 +284,7 @@ class Finished:
         digest: names the product.
         bytes, pixels: of the object and of the image.
         cpu_seconds: cost of making it.
-        person_views, person_lights, score, person_scores: rows of the tables of these names.
+        person_views, person_lights, picture, score, person_scores: rows of the tables of these names.
         part: the statics that a truth is stored over.
     """
 
@@ -292,6 +294,7 @@ class Finished:
     cpu_seconds: float
     person_views: tuple[SeenPerson, ...] = ()
     person_lights: tuple[MeasuredPerson, ...] = ()
+    picture: Measures | None = None
     score: FrameScore | None = None
     person_scores: tuple[MeasuredPerson, ...] = ()
     part: Part | None = None
@@ -357,6 +360,8 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
     insert_ignoring(connection, PersonView, views)
     lights = [{"product": p.digest, **person.columns} for p in published for person in p.person_lights]
     insert_ignoring(connection, PersonLight, lights)
+    pictures = [{"prediction": p.digest, **p.picture} for p in published if p.picture is not None]
+    insert_ignoring(connection, Picture, pictures)
     scores = [{"digest": p.digest, **p.score.columns} for p in published if p.score is not None]
     insert_ignoring(connection, Score, scores)
     persons = [{"digest": p.digest, **person.columns} for p in published for person in p.person_scores]

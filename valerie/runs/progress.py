@@ -74,7 +74,7 @@ class StageProgress(Document):
         total: exact once every variant is fed; extrapolated before.
         running: products of this stage that workers hold, of all runs.
         rate_per_s: finished per second.
-        eta_s: seconds until the rest is finished; None while nothing finishes.
+        eta_s: seconds until the rest is finished; None until ten have finished, and while nothing finishes.
     """
 
     done: int

@@ -8,7 +8,8 @@ const interval = (one, spread) => ends(one && !one.reason ? one : spread);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
 export function summarySection({ summary, findings }) {
-  if (!summary.rows.length) return h("section", { class: "card" }, h("h2", {}, "Summary"), h("p", { class: "soft" }, "No person was evaluated in this run."));
+  const warnings = summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
+  if (!summary.rows.length) return h("section", { class: "card" }, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
   const head = [
     "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
@@ -36,7 +37,7 @@ export function summarySection({ summary, findings }) {
   const spread = summary.rows.find((row) => row.pacc_mean_spread)?.pacc_mean_spread;
   const reasons = [...new Set(summary.rows.map((row) => row.pacc_mean_interval?.reason).filter(Boolean))];
   const brackets = spread ? `[Middle 80 % of the means of ${count(spread.places)} places].` : "[95 % interval].";
-  return h("section", { class: "card" }, h("h2", {}, "Summary"),
+  return h("section", { class: "card" }, h("h2", {}, "Summary"), warnings,
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", brackets, reasons.map((reason) => ` No confidence interval: ${reason}.`),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),

@@ -38,7 +38,7 @@ class StageProgress(Read):
     failed: int = Field(examples=[0])
     running: int = Field(description="products of this stage that workers hold now, of all runs", examples=[6])
     rate_per_s: float = Field(description="finished per second", examples=[6.1])
-    eta_s: float | None = Field(description="seconds that remain; null while nothing finishes", examples=[1.0])
+    eta_s: float | None = Field(description="seconds that remain; null until ten have finished", examples=[1.0])
 
 
 class VariantProgress(Read):

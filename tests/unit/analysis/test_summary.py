@@ -246,3 +246,34 @@ def test_names_in_the_text_are_not_markup():
 
     assert "[red]net[/red]" in text
     assert np.all([ord(c) != 27 for c in text])
+
+
+def test_a_function_that_never_predicts_a_person_is_told_first():
+    rows = [
+        row("a", 0, 10, 0),
+        row("b", 0, 20, 0),
+        row("a", 0, 10, 1, function="poor"),
+        row("b", 0, 20, 0, function="poor"),
+    ]
+    (warning,) = summarize(table_of(*rows)).warnings
+    assert warning.startswith("net never predicts a person: it calls no pixel of 2 pictures person")
+    assert summarize(table_of(hidden("a"), hidden("b"))).warnings == ()  # there is no person to predict
+
+
+def test_pictures_without_content_are_counted_once_each_and_stay_in_every_rate():
+    levels = {"dark": (0.05, 0.4), "bright": (254.6, 1.2), "grey": (128.0, 0.0), "good": (90.0, 40.0)}
+    rows = [
+        row(frame, 5, 5, 0, function=function, picture_mean=mean, picture_deviation=deviation)
+        for frame, (mean, deviation) in levels.items()
+        for function in ("net", "other")
+    ]
+    summary = summarize(table_of(*rows, row("uploaded", 5, 5, 0)))
+    assert summary.warnings == (
+        "1 of 4 pictures is black (frames dark).",
+        "1 of 4 pictures is white (frames bright).",
+        "1 of 4 pictures is constant (frames grey).",
+    )
+    assert {group.frames for group in summary.rows} == {4, 5}
+    many = summarize(table_of(*(row(f"f{i}", 5, 5, 0, picture_mean=0.1, picture_deviation=0.1) for i in range(5))))
+    assert many.warnings == ("5 of 5 pictures are black (frames f0, f1, f2, …).",)
+    assert Summary.from_json(json.loads(json.dumps(many.to_json()))) == many

@@ -8,10 +8,13 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from tests.world.blank import Pipeline
+from tests.world.boxes import write_box_street
 from valerie.cli import runs
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
 from valerie.client import Run
+from valerie.errors import NotFound
 
 SPEC = "name: s\nasset: urban-street\nfunctions: [my-net]\n"
 
@@ -53,3 +56,34 @@ def test_the_command_to_follow_a_run_names_the_server_that_has_it(monkeypatch: p
     result = CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1", "--data-dir", "d d"], input=SPEC)
     assert result.exit_code == 0, result.output
     assert "status r1ng32vh7ygq5 --watch --url http://h:1 --data-dir 'd d'" in result.stderr
+
+
+def test_status_and_report_read_the_data_folder_when_no_server_runs(
+    invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path
+) -> None:
+    folder, run_id = deployed
+    data = ["--data-dir", str(folder / "data")]
+    assert run_id in invoke.invoke(app, ["status", *data], catch_exceptions=False).stdout
+    shown = invoke.invoke(app, ["status", run_id, *data], catch_exceptions=False).stdout
+    assert "completed" in shown
+    assert "24 / 24 frames" in shown
+    report = tmp_path / "report.html"
+    invoke.invoke(app, ["report", run_id, "--output", str(report), *data], catch_exceptions=False)
+    assert report.read_text().startswith("<!DOCTYPE html>")
+    with pytest.raises(NotFound):
+        invoke.invoke(app, ["status", "r0000000000", *data], catch_exceptions=False)
+
+
+def test_a_run_that_waits_for_a_server_says_how_to_continue_it(tmp_path: Path, invoke: CliRunner) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    run_id = Pipeline(tmp_path / "d d", tmp_path / "assets").submit()
+    shown = invoke.invoke(app, ["status", run_id, "--data-dir", str(tmp_path / "d d")], catch_exceptions=False).stdout
+    assert "no server runs; `" in shown
+    assert f"up --data-dir '{tmp_path / 'd d'}'` continues the run" in shown
+
+
+def test_cancelling_prints_the_command_that_continues_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("valerie.client.Client.cancel", lambda *_: Run.model_validate({**RUN, "state": "cancelled"}))
+    told = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
+    assert "run r1ng32vh7ygq5 is cancelled\n" in told
+    assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in told

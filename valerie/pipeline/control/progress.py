@@ -93,7 +93,7 @@ class ProgressBook:
         run = look.run
         history = self._history.setdefault(run.id, deque())
         history.append((look.now, look.total))
-        while look.now - history[0][0] > _RATE_LONGEST and len(history) > 2:
+        while len(history) > 2 and look.now - history[1][0] >= _RATE_LONGEST:
             history.popleft()
         idle = sorted({route for route, _, _ in look.backlog if stage_of(route) is not Stage.EVAL} - look.served)
         reason = f"no living worker serves the queue {', '.join(idle)}" if idle else None
@@ -113,8 +113,7 @@ def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, Bl
     fed, unfed = max(look.run.next_index, 1), look.run.variant_count - look.run.next_index
     # The rest is extrapolated from the variants that have rows: a later variant may still be rejected.
     expected = counts.total + round(counts.total / fed * unfed)
-    rate = finished_per_second([(at, total.stage(stage).done) for at, total in history])
-    left = expected - counts.done - counts.failed
+    finished = [(at, total.stage(stage).done) for at, total in history]
     return StageProgress(
         done=counts.done,
         total=expected,
@@ -124,8 +123,8 @@ def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, Bl
             for route, state, products in look.backlog
             if state is ProductState.RUNNING and stage_of(route) is stage
         ),
-        rate_per_s=round(rate, 3),
-        eta_s=round(left / rate, 1) if rate > 0 else (0.0 if left == 0 else None),
+        rate_per_s=round(finished_per_second(finished), 3),
+        eta_s=seconds_left(finished, expected - counts.done - counts.failed),
     )
 
 
@@ -143,3 +142,21 @@ def finished_per_second(history: Sequence[tuple[float, int]]) -> float:
         if now - at >= _RATE_SECONDS and done - before >= _RATE_COUNT:
             break
     return (done - before) / (now - at) if now > at else 0.0
+
+
+def seconds_left(history: Sequence[tuple[float, int]], left: int) -> float | None:
+    """Return how long the rest of a stage takes, seconds; None as long as too little has finished to tell.
+
+    Ten must have finished, or 5 min have passed: the first ones also wait for workers that start and functions that load.
+
+    Args:
+        history: (seconds, finished so far), oldest first.
+        left: how many are not finished.
+    """
+    if left == 0:
+        return 0.0
+    (start, before), (now, done) = history[0], history[-1]
+    rate = finished_per_second(history)
+    if rate == 0 or (done - before < _RATE_COUNT and now - start < _RATE_LONGEST):
+        return None
+    return round(left / rate, 1)

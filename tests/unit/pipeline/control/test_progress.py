@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from valerie.pipeline.control.progress import finished_per_second
+from valerie.pipeline.control.progress import finished_per_second, seconds_left
 
 
 def steady(every_s: float, seconds: int) -> list[tuple[float, int]]:
@@ -30,3 +30,20 @@ def test_what_has_stopped_slows_down_until_nothing_is_known() -> None:
 
 def test_one_look_tells_nothing() -> None:
     assert finished_per_second([(3.0, 7)]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("history", "left", "expected"),
+    [
+        ([(0.0, 0), (40.0, 2)], 998, None),  # one every 20 s so far: 5 h 32 min
+        ([(0.0, 100), (40.0, 109)], 998, None),  # what an earlier run finished says nothing about the rate
+        ([(0.0, 0), (40.0, 10)], 90, 360.0),
+        ([(0.0, 0), (300.0, 3)], 97, 9700.0),  # a slow stage has its estimate after 5 min
+        ([(0.0, 0), (40.0, 3)], 0, 0.0),
+        ([(0.0, 0), (600.0, 0)], 5, None),
+    ],
+)
+def test_the_remaining_time_appears_when_ten_products_or_five_minutes_tell_the_rate(
+    history: list[tuple[float, int]], left: int, expected: float | None
+) -> None:
+    assert seconds_left(history, left) == expected

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import psutil
 from numpy import uint8
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.db.products import Finished, Job, Look
 from valerie.errors import InferenceError, ValerieError
+from valerie.measures import Measures
 from valerie.perception.running.batches import require_size
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
@@ -20,13 +21,20 @@ from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.runs.pins import FunctionPin
+from valerie.sensing.picture_levels import picture_levels
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
 #: Functions that stay open.
 _MOST_OPEN: Final = 4
-#: A prediction, and the CPU seconds that it cost.
-Predicted = tuple[NDArray[uint8], float]
+
+
+class Predicted(NamedTuple):
+    """A prediction, the grey levels of the picture that it was made from, and the CPU seconds that it cost."""
+
+    labels: NDArray[uint8]
+    levels: Measures
+    cpu_seconds: float
 
 
 class InferMaker:
@@ -59,11 +67,17 @@ class InferMaker:
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.work.stages.Maker`."""
         self._expected.pop(job.digest, None)
-        prediction, seconds = self._ahead.pop(job.digest) if job.digest in self._ahead else self._predict(job)
+        predicted = self._ahead.pop(job.digest) if job.digest in self._ahead else self._predict(job)
         started = time.process_time()
-        data = codecs.encode_prediction(prediction)
+        data = codecs.encode_prediction(predicted.labels)
         self._context.store.put(product_key("prediction", job.digest), data)
-        return Finished(job.digest, len(data), int(prediction.size), seconds + time.process_time() - started)
+        return Finished(
+            digest=job.digest,
+            bytes=len(data),
+            pixels=int(predicted.labels.size),
+            cpu_seconds=predicted.cpu_seconds + time.process_time() - started,
+            picture=predicted.levels,
+        )
 
     def _predict(self, job: Job) -> Predicted:
         """Predict one picture, and together with it some of the next ones."""
@@ -77,10 +91,14 @@ class InferMaker:
         if size > 1:
             pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
         predictions = self._predictions(function, list(pictures.values()))
+        levels = [picture_levels(picture) for picture in list(pictures.values())[: len(predictions)]]
         each = (time.process_time() - started) / len(predictions)
-        first, *others = zip(pictures, predictions, strict=False)
-        self._ahead |= {digest: (labels, each) for digest, labels in others}
-        return first[1], each
+        predicted = {
+            digest: Predicted(labels, grey, each)
+            for digest, labels, grey in zip(pictures, predictions, levels, strict=False)
+        }
+        self._ahead |= predicted
+        return self._ahead.pop(job.digest)
 
     def _predictions(self, function: BoundedFunction, pictures: Sequence[NDArray[uint8]]) -> Sequence[NDArray[uint8]]:
         """Predict all pictures, or the first alone where together they fail, so that one picture harms no other."""

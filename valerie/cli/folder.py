@@ -1,0 +1,95 @@
+"""The runs of the data folder, for commands that work without a server."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from valerie.client import Failure, Progress, Run, RunSummary
+from valerie.runs.states import RunState
+
+if TYPE_CHECKING:
+    from valerie.db.runs import RunRow
+    from valerie.pipeline.base.context import Context
+
+
+class Folder:
+    """The questions of `valerie.client.Client` about runs, answered from the data folder.
+
+    Every method with a run's id may raise `NotFound`; those about results raise `Conflict` for a run that has not ended.
+    """
+
+    def __init__(self, context: Context, up: str) -> None:
+        """Read from an open deployment.
+
+        Args:
+            context: of the deployment.
+            up: the command line that starts a server on the folder.
+        """
+        self._context = context
+        self._up = up
+
+    def runs(self, *, limit: int = 20) -> list[Run]:
+        """Return runs, newest first."""
+        from valerie.db import runs
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return [_run(row) for row in runs.page(connection, limit=limit)]
+
+    def run(self, run_id: str) -> Run:
+        """Return a run."""
+        from valerie.db import runs
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return _run(runs.get(connection, run_id))
+
+    def progress(self, run_id: str) -> Progress:
+        """Return the progress of a run; for one that has not ended, the reason says how to continue it."""
+        from valerie.db.engine import reading
+        from valerie.pipeline.control import lifecycle
+
+        with reading(self._context.engine) as connection:
+            progress = Progress.model_validate(lifecycle.progress(connection, run_id).model_dump(mode="json"))
+        if RunState(progress.state).is_final:
+            return progress
+        return progress.model_copy(update={"reason": f"no server runs; `{self._up}` continues the run"})
+
+    def failures(self, run_id: str) -> list[Failure]:
+        """Return the products of a run that failed for good, at most 1000."""
+        from valerie.db import results, runs
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            runs.require(connection, run_id)
+            failed = results.failures(connection, run_id)
+        return [Failure.model_validate({"kind": link.kind, "error": link.error}) for link in failed]
+
+    def summary(self, run_id: str) -> RunSummary:
+        """Return summary, findings and verdicts of an ended run."""
+        from valerie.pipeline.base.run_artifacts import SUMMARY
+
+        return RunSummary.model_validate_json(self._artifact(run_id, SUMMARY))
+
+    def report(self, run_id: str) -> bytes:
+        """Return the self-contained HTML report of an ended run."""
+        from valerie.pipeline.base.run_artifacts import REPORT
+
+        return self._artifact(run_id, REPORT)
+
+    def _artifact(self, run_id: str, name: str) -> bytes:
+        from valerie.pipeline.base.run_artifacts import artifact_key
+
+        return self._context.store.get(artifact_key(self._context, run_id, name))
+
+
+def _run(row: RunRow) -> Run:
+    return Run(
+        id=row.id,
+        name=row.name,
+        state=row.state,
+        reason=row.reason,
+        variant_count=row.variant_count,
+        rejected_count=row.rejected_count,
+        created_at=row.created_at.isoformat(),
+    )
