@@ -111,12 +111,13 @@ class _Watch:
             for process in processes:
                 try:
                     times, words = process.cpu_times(), process.cmdline()
+                    kind = "child" if self._is_fork(process) else "main"
                 except psutil.Error:
                     continue
                 if not words:  # it has ended, and was counted under its name
                     continue
                 module = words[words.index("-m") + 1 :][:3] if "-m" in words else words[:1]
-                parent = "" if "probe" in " ".join(module) else f" ({'child' if self._is_fork(process) else 'main'})"
+                parent = "" if "probe" in " ".join(module) else f" ({kind})"
                 self._seconds[" ".join(module[: 1 if parent else 3]) + parent, process.pid] = times.user + times.system
 
     @staticmethod
