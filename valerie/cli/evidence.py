@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.deployment import context_of
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Exit, Json, settings_of
+from valerie.cli.shell import DataDir, Exit, Json, RunId, settings_of
 
 if TYPE_CHECKING:
     from valerie.pipeline.evidence.replaying import ReplayedPicture
