@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -185,8 +186,8 @@ def plain_files(folder: Path) -> list[str]:
     folders = [""]
     while folders:
         above = folders.pop()
-        with os.scandir(folder / above) as found:
-            for entry in found:
+        with _scanned(folder, above) as inside:
+            for entry in inside:
                 name = above + entry.name
                 status = entry.stat(follow_symlinks=False)
                 entries += 1
@@ -207,6 +208,13 @@ def plain_files(folder: Path) -> list[str]:
     if problems:
         raise Refused(problems)
     return sorted(names)
+
+
+def _scanned(folder: Path, name: str) -> AbstractContextManager[Iterator[os.DirEntry[str]]]:
+    try:
+        return os.scandir(folder / name)
+    except OSError as error:
+        raise Refused([f"{name or folder}: {error.strerror}"]) from None
 
 
 def sha256_of(path: Path) -> str:

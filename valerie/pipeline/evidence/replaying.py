@@ -197,7 +197,7 @@ def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
             height, width = pixels.shape[:2]
             return image.size == (width, height) and np.array_equal(np.asarray(image), pixels)
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise Refused([f"{file}: not a PNG picture ({error})"]) from None
 
 
