@@ -141,7 +141,7 @@ def test_the_last_json_line_holds_state_exit_code_summary_and_report(
 ) -> None:
     def answer(request: httpx.Request) -> httpx.Response:
         if request.url.path.endswith("/summary"):
-            return httpx.Response(200, json={"summary": {"rows": []}, "findings": {}})
+            return httpx.Response(200, json={"summary": {"rows": []}, "findings": {}, "verdicts": []})
         return httpx.Response(200, content=b"<html>")
 
     progress = _progress("completed-with-failures", "1 product failed for good")
@@ -149,7 +149,7 @@ def test_the_last_json_line_holds_state_exit_code_summary_and_report(
     event = json.loads(capsys.readouterr().out)
     assert event["event"] == "finished"
     assert event["exit_code"] == 3
-    assert event["summary"] == {"summary": {"rows": []}, "findings": {}}
+    assert event["summary"] == {"summary": {"rows": []}, "findings": {}, "verdicts": []}
     assert Path(event["report"]).name == "report.html"
 
 
