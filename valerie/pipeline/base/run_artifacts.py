@@ -26,12 +26,12 @@ def artifact_key(context: Context, run_id: str, name: str) -> str:
 
     Raises:
         NotFound: no such run.
-        Conflict: the run has not ended.
+        Conflict: the run has not completed, or the artifact is gone.
     """
     key = run_key(run_id, name)
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
     if not context.store.exists(key):
         what = name.partition(".")[0]
-        raise Conflict(f"run {run_id} is {run.state}; it has a {what} when it has ended")
+        raise Conflict(f"run {run_id} is {run.state} and has no {what}; a run gets one when it completes")
     return key

@@ -35,6 +35,8 @@ from valerie.runs.frames import FrameKey
 from valerie.runs.spec import parse
 from valerie.storage.keys import run_key
 
+REQUIREMENT = {"id": "R-1", "text": "Persons are seen.", "statistic": "mean(pacc) >= 0.5"}
+
 
 def name_frames(pipeline: Pipeline, run_id: str) -> None:
     """Let the findings of a run name two of its frames: the blank engine gives no cause for a finding."""
@@ -51,7 +53,7 @@ def name_frames(pipeline: Pipeline, run_id: str) -> None:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
     """24 frames, some of which its findings name; only to be read."""
-    pipeline, run_id = completed_run(tmp_path_factory.mktemp("run"))
+    pipeline, run_id = completed_run(tmp_path_factory.mktemp("run"), requirements=[REQUIREMENT])
     name_frames(pipeline, run_id)
     return pipeline, run_id
 
@@ -131,18 +133,22 @@ def test_the_digest_of_the_table_is_that_of_the_csv_without_run_and_frame_id(exp
 def test_two_executions_of_a_spec_agree_in_frames_table_and_verdicts(
     run: tuple[Pipeline, str], exported: Path, tmp_path: Path
 ) -> None:
-    pipeline, run_id = completed_run(tmp_path / "other")
+    pipeline, run_id = completed_run(tmp_path / "other", requirements=[REQUIREMENT])
     name_frames(pipeline, run_id)
     export_evidence(pipeline.context, run_id, tmp_path / "evidence")
     first, second = (json.loads((one / "run.json").read_text()) for one in (exported, tmp_path / "evidence"))
     assert first["id"] != second["id"]
     assert first["results"] == second["results"]
+    verdicts = json.loads((exported / "summary.json").read_text())["verdicts"]
+    assert [verdict["id"] for verdict in verdicts] == ["R-1"]
+    text = json.dumps(verdicts, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    assert first["results"]["verdicts"] == sha256(text.encode()).hexdigest()
 
 
 def test_a_run_that_has_not_ended_has_no_evidence(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
     unfinished = pipeline.submit({**pipeline.row(run_id).spec.model_dump(mode="json"), "name": "waiting"})
-    with pytest.raises(Conflict, match="when it has ended"):
+    with pytest.raises(Conflict, match=r"is submitted and has no .*; a run gets one when it completes"):
         export_evidence(pipeline.context, unfinished, tmp_path / "evidence")
     with pytest.raises(NotFound):
         export_evidence(pipeline.context, "r0000000000", tmp_path / "evidence")
