@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from importlib import import_module
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -50,6 +51,11 @@ _TRUTH_PASSES: Final = PluginKind(
 _FUNCTIONS: Final = PluginKind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
 _SAMPLERS: Final = PluginKind("design", "valerie.samplers")
 
+#: Program to the engine that runs in it.
+_PROGRAMS: Final = {"blender": "cycles"}
+#: Suffixes of files that are taken for functions in specs.
+_FUNCTION_FILES: Final = (".onnx", ".safetensors", ".pth", ".pt")
+
 _KINDS: Final = (_RENDERERS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
 
 
@@ -81,6 +87,15 @@ def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
+    if word == "renderer" and _PROGRAMS.get(name) in known:
+        return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
+    if word == "function" and PurePath(name).suffix in _FUNCTION_FILES:
+        return InvalidInput(
+            f"unknown function {name!r}",
+            field=field,
+            limit="names of functions; a file is named with --functions FILE, or registered with "
+            "`valerie function import FILE`",
+        )
     kind = next(kind for kind in _KINDS if kind.word == word)
     return kind.unknown(name, known, field=field)
 

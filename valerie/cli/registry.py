@@ -196,6 +196,8 @@ def functions_named(value: str, opening: Opening) -> list[str]:
     for item in filter(None, (part.strip() for part in value.split(","))):
         path = Path(item)
         if "/" not in item and not (path.suffix.lower() in SUFFIXES and path.is_file()):
+            if path.suffix.lower() in SUFFIXES:
+                say(f"{item}: no such file; taken as the name of a function")
             references.append(item)
             continue
         registered, new = register_file(opening, path)

@@ -24,7 +24,7 @@ from valerie.parameters.definitions import ParameterType
 from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomogeneous
 
 #: Fields of a single block at the top level.
-_TOP_LEVEL: Final = ("design", "count", "vary", "points")
+TOP_LEVEL: Final = ("design", "count", "vary", "points")
 
 _COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} takes three numbers"}
 #: Short words of the mapping notation.
@@ -74,13 +74,13 @@ class Normalization:
         self.document = self._spec(dict(document))
 
     def _spec(self, spec: dict[str, Any]) -> dict[str, Any]:
-        top_level: dict[str, Any] = {key: spec.pop(key) for key in _TOP_LEVEL if key in spec}
+        top_level: dict[str, Any] = {key: spec.pop(key) for key in TOP_LEVEL if key in spec}
         blocks = spec.get("blocks")
         if top_level and "blocks" in spec:
             message = f"a spec has either blocks or {', '.join(top_level)} at the top level"
             self.problems.append(InvalidInput(message, field=next(iter(top_level))))
         elif top_level:
-            self.places |= {f"blocks.0.{key}": key for key in _TOP_LEVEL}
+            self.places |= {f"blocks.0.{key}": key for key in TOP_LEVEL}
             spec["blocks"] = [self._block(top_level, "blocks.0.", "")]
         elif isinstance(blocks, list | tuple):
             spec["blocks"] = [

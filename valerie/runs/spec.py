@@ -8,7 +8,7 @@ r"""The entry point of this package: read a spec from text, and resolve it again
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -23,7 +23,7 @@ from valerie.runs.documents import (
     RunSpec,
     written_place,
 )
-from valerie.runs.notation import Normalization
+from valerie.runs.notation import TOP_LEVEL, Normalization
 from valerie.runs.resolution import MAX_VARIANTS, ResolvedRun, resolve
 from valerie.runs.varied import DISTRIBUTIONS
 from valerie.validation import problem_of
@@ -89,18 +89,27 @@ def _problem(problem: Any, place: str) -> InvalidInput:
     if problem["type"] == "extra_forbidden":
         *parents, name = problem["loc"]
         return UnknownName("field", str(name), _fields(parents), field=place)
+    if problem["type"] == "model_type":
+        fields = _model(problem["loc"]).model_fields.items()
+        form = ", ".join(f"{name}: {'…' if field.is_required() else field.default}" for name, field in fields)
+        return InvalidInput("a mapping is needed here", field=place, value=problem["input"], limit=f"{{{form}}}")
     return problem_of(problem, place)
 
 
-def _fields(parents: list[Any]) -> list[str]:
-    """Return the names of the fields of the model at ``parents``."""
+def _fields(parents: Sequence[Any]) -> list[str]:
+    """Return the names of the fields of the model at ``parents``, as users write them."""
+    return [*_model(parents).model_fields, *(() if parents else TOP_LEVEL)]
+
+
+def _model(parents: Sequence[Any]) -> type[BaseModel]:
+    """Return the model at ``parents``."""
     model: type[BaseModel] = RunSpec
     for part in parents:
         if part in _TAGS:
             model = DISTRIBUTIONS[part]
         elif part in model.model_fields:
             model = next(iter(_models(model.model_fields[part].annotation)), model)
-    return list(model.model_fields)
+    return model
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

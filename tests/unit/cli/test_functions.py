@@ -143,9 +143,12 @@ def test_a_registered_file_stands_for_its_own_version(onnx: Path) -> None:
     assert registry.given == [({}, onnx)]
 
 
-def test_a_name_that_looks_like_a_file_is_a_name_while_there_is_no_such_file(tmp_path: Path) -> None:
+def test_a_name_that_looks_like_a_file_is_a_name_while_there_is_no_such_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     registry = Registered()
     assert functions_named("net.onnx", partial(nullcontext, registry)) == ["net.onnx"]
+    assert capsys.readouterr().err == "net.onnx: no such file; taken as the name of a function\n"
     with pytest.raises(NotFound, match="there is no file"):
         functions_named(f"{tmp_path}/net.onnx", partial(nullcontext, registry))
     assert registry.given == []

@@ -30,6 +30,15 @@ def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
     [
         ({"asset": "drawn-stret"}, "asset", "did you mean drawn-street"),
         ({"renderer": "rastr"}, "renderer", "did you mean raster"),
+        ({"renderer": "blender"}, "renderer", "did you mean cycles?"),
+        ({"functions": ["net.onnx"]}, "functions.0", "`valerie function import FILE`"),
+        ({"vary": [["focal_length_mm", "UNIFORM", 20, 30]]}, "vary.0", "did you mean camera-1.focal_length_mm, camera-2"),
+        ({"varry": []}, "varry", "did you mean vary"),
+        (
+            {"resolution": "960x540"},
+            "resolution",
+            "a mapping is needed here; got 960x540; limit: {width: 960, height: 540}",
+        ),
         ({"functions": ["semantic-fpn"]}, "functions.0", "did you mean semantic-fpn-small"),
         ({"cameras": ["camera-9"]}, "cameras.0", "camera-1"),
         ({"vary": [["person-1.pos.z", "UNIFORM"]]}, "vary.0", "person-1.pos"),
