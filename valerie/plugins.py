@@ -87,6 +87,7 @@ def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
+    known = tuple(known)
     if word == "renderer" and _PROGRAMS.get(name) in known:
         return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
     if word == "function" and PurePath(name).suffix in _FUNCTION_FILES:

@@ -32,7 +32,11 @@ def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
         ({"renderer": "rastr"}, "renderer", "did you mean raster"),
         ({"renderer": "blender"}, "renderer", "did you mean cycles?"),
         ({"functions": ["net.onnx"]}, "functions.0", "`valerie function import FILE`"),
-        ({"vary": [["focal_length_mm", "UNIFORM", 20, 30]]}, "vary.0", "did you mean camera-1.focal_length_mm, camera-2"),
+        (
+            {"vary": [["focal_length_mm", "UNIFORM", 20, 30]]},
+            "vary.0",
+            "did you mean camera-1.focal_length_mm, camera-2",
+        ),
         ({"varry": []}, "varry", "did you mean vary"),
         (
             {"resolution": "960x540"},
