@@ -176,7 +176,7 @@ class Explain:
         return np.asarray(np.where(self.domain.periodic, points % 1.0, points))
 
     def _with(self, changes: list[int]) -> UnitPoints:
-        point = self._passing.copy()
+        point: UnitPoints = self._passing.copy()
         point[changes] = self._failing[changes]
         return point
 
