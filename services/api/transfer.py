@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 from collections.abc import Callable
+from hashlib import blake2b
 from http import HTTPStatus
 from typing import Annotated, Final
 
 from fastapi import Depends, Header, Response, status
+from pydantic import BaseModel
 
 from services.api.problems import INVALID_INPUT, problem
 from services.api.schemas.base import DIGEST
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
+_GZIP: Final = re.compile(r"\bgzip\b(?!\s*;\s*q=0(?:\.0*)?\s*(?:,|$))", re.ASCII | re.IGNORECASE)
 #: Clients ask again each time, which costs a 304 and no picture; proxies keep nothing.
 _CACHE: Final = "private, no-cache"
 
 _ETAG: Final = f'"{DIGEST}"'
+
+
+IfNoneMatch = Annotated[
+    str | None, Header(description="ETag of the client's version; 304 if it is still current", examples=[_ETAG])
+]
+
+
+def _holds(known: str | None, etag: str) -> bool:
+    """Return whether ``If-None-Match`` names a version; weak and strong tags are compared alike."""
+    tags = [] if known is None else [one.strip().removeprefix("W/") for one in known.split(",")]
+    return etag.removeprefix("W/") in tags or tags == ["*"]
 
 
 class Conditions:
@@ -25,18 +40,14 @@ class Conditions:
     def __init__(
         self,
         range_: Annotated[str | None, Header(alias="range", description="one range", examples=["bytes=0-99"])] = None,
-        if_none_match: Annotated[
-            str | None,
-            Header(description="ETag of the client's version; 304 if it is still current", examples=[_ETAG]),
-        ] = None,
+        if_none_match: IfNoneMatch = None,
         if_range: Annotated[str | None, Header(description="ETag that the range belongs to", examples=[_ETAG])] = None,
     ) -> None:
         self.range, self._known, self._if_range = range_, if_none_match, if_range
 
     def holds(self, etag: str) -> bool:
         """Return whether the client has this version."""
-        known = [] if self._known is None else [one.strip().removeprefix("W/") for one in self._known.split(",")]
-        return etag in known or known == ["*"]
+        return _holds(self._known, etag)
 
     def part(self, etag: str, size: int) -> tuple[int, int] | None:
         """Return first byte and length of the requested part; length 0 if it begins beyond the end; None for everything.
@@ -57,6 +68,25 @@ class Conditions:
 
 
 ConditionsDependency = Annotated[Conditions, Depends()]
+
+
+def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> Response:
+    """Return a page of a list that clients ask for again and again: 304 Not Modified, or JSON, compressed if possible.
+
+    Args:
+        page: the page.
+        known: ``If-None-Match`` of the request.
+        encodings: ``Accept-Encoding`` of the request.
+    """
+    body = page.model_dump_json().encode()
+    # Weak, since the same page may be sent compressed or not.
+    etag = f'W/"{blake2b(body, digest_size=16).hexdigest()}"'
+    headers = {"ETag": etag, "Cache-Control": _CACHE, "Vary": "Accept-Encoding"}
+    if _holds(known, etag):
+        return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=headers)
+    if _GZIP.search(encodings or ""):
+        body, headers = gzip.compress(body, compresslevel=5, mtime=0), {**headers, "Content-Encoding": "gzip"}
+    return Response(body, media_type="application/json", headers=headers)
 
 
 def send(

@@ -103,6 +103,27 @@ def test_a_wrong_token_is_rejected_and_asked_for_again(browser: Browser, url: st
     page.close()
 
 
+def test_a_lost_connection_is_told_and_taken_back(browser: Browser, url: str) -> None:
+    page = browser.new_page()  # of its own, since the browser logs every request that fails
+    page.goto(f"{url}/dashboard/")
+    page.wait_for_selector("#lost", state="hidden")
+    page.route("**/healthz", lambda route: route.abort())
+    page.wait_for_selector("#lost", state="visible", timeout=5_000)
+    page.unroute("**/healthz")
+    page.wait_for_selector("#lost", state="hidden", timeout=5_000)
+    page.close()
+
+
+def test_the_view_in_an_address_is_shown_also_when_nothing_else_changes(page: Page) -> None:
+    open_run(page, "finished")
+    page.click("button:has-text('Frames')")
+    page.wait_for_selector(".viewer img[src]")
+    address = page.url.split("?")[0]
+    for view in ("truth", "picture"):
+        page.goto(f"{address}?view={view}")
+        page.wait_for_selector(f"[data-view={view}][aria-pressed=true]")
+
+
 def test_the_list_shows_every_run_with_its_state(page: Page) -> None:
     rows = page.locator("tbody tr")
     assert rows.count() == 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING
 from valerie.cli.deployment import context_of, has_database
 from valerie.cli.folder import Folder
 from valerie.cli.shell import command_name, say, settings_of
-from valerie.client import Client, ServerUnavailableError
+from valerie.client import Client, ServerProblemError, ServerUnavailableError
 from valerie.embedded import running
+from valerie.errors import InvalidInput
 from valerie.settings import Settings
 
 if TYPE_CHECKING:
@@ -91,7 +93,32 @@ def system_of(settings: Settings) -> Iterator[System]:
     from valerie.embedded.supervisor import Supervisor  # commands that only ask a server need no Redis
 
     with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
+        if settings.api_port not in (0, supervisor.settings.api_port):
+            say(f"port {settings.api_port} is in use; this server listens at {supervisor.url}")
         yield System(client, owned=True, check=supervisor.check, supervisor=supervisor)
+
+
+@contextmanager
+def own_assets(settings: Settings, client: Client) -> Iterator[None]:
+    """Explain why a server does not know an asset that lies in the caller's own folder.
+
+    Raises:
+        InvalidInput: the server refused such an asset.
+    """
+    from valerie.scene.assets.asset import asset_names
+
+    try:
+        yield
+    except ServerProblemError as error:
+        refused = re.match(r"asset: unknown asset '([^']+)'", error.detail)
+        if refused is None or refused[1] not in asset_names(settings.asset_dir):
+            raise
+        raise InvalidInput(
+            f"the server at {client.url} does not know this asset: it reads the folder that VALERIE_ASSET_DIR named when "
+            f"it was started, and the asset lies in {settings.asset_dir}; start the server again with that folder",
+            field="asset",
+            value=refused[1],
+        ) from error
 
 
 def _up(settings: Settings) -> str:

@@ -55,7 +55,7 @@ def run(
     reused when you run the same spec again, also after Ctrl-C.
     """
     from valerie.cli.claims import read_claims, show_ledger
-    from valerie.cli.connecting import system_of
+    from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.display import display_of, print_event
     from valerie.cli.following import exit_code, follow, report_path, show_result
 
@@ -65,7 +65,8 @@ def run(
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
     require_resolvable(text, settings)
     with system_of(settings) as system:
-        run = system.client.submit(text)
+        with own_assets(settings, system.client):
+            run = system.client.submit(text)
         if json_lines:
             print_event("started", run=run.id, url=system.client.url, variants=run.variant_count)
         try:
@@ -117,12 +118,13 @@ def submit(
     data_dir: DataDir = None,
 ) -> None:
     """Submit a spec to a running server, and print the run's id."""
-    from valerie.cli.connecting import client_of
+    from valerie.cli.connecting import client_of, own_assets
 
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
-        run = client.submit(text, idempotency_key=key)
+        with own_assets(settings, client):
+            run = client.submit(text, idempotency_key=key)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")

@@ -120,11 +120,11 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
 
 
 def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
-    from valerie.cli.connecting import client_of
+    from valerie.cli.connecting import client_of, own_assets
     from valerie.embedded import running
 
     if url is not None or running.find(settings.data_dir) is not None:
-        with client_of(settings, url) as client:
+        with client_of(settings, url) as client, own_assets(settings, client):
             return client.plan(text)
     from valerie.pipeline.control.plan import plan_run
     from valerie.runs.spec import parse

@@ -154,9 +154,7 @@ class Supervisor:
     @property
     def url(self) -> str:
         """Address of the API."""
-        host = self.settings.api_host
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104  # names of "all addresses"
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.api_port}"
+        return _url(self.settings.api_host, self.settings.api_port)
 
     @property
     def logs(self) -> Path:
@@ -320,13 +318,21 @@ def free_port(settings: Settings) -> int:
                 ) from error
             except OSError as error:
                 if port == configured and port != 0 and "api_port" in settings.model_fields_set:
+                    answers = running.healthy(_url(settings.api_host, port))
+                    reason = "a server still answers there" if answers else error.strerror
                     raise Conflict(
-                        f"port {port} of {settings.api_host} cannot be used ({error.strerror}); set VALERIE_API_PORT "
-                        "to another one, or to 0 for any"
+                        f"port {port} of {settings.api_host} cannot be used ({reason}); end what uses it, or set "
+                        "VALERIE_API_PORT to another one, or to 0 for any"
                     ) from error
                 continue
             return int(probe.getsockname()[1])
     raise Conflict(f"no port of {settings.api_host} can be used")
+
+
+def _url(host: str, port: int) -> str:
+    """Return the address at which this machine reaches a server that listens on ``host``."""
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104  # names of "all addresses"
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def _source_root() -> Path:

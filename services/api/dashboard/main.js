@@ -1,5 +1,6 @@
 // Routing: show the view of the address and end the previous one.
 import { forgetToken, hasToken } from "./api.js";
+import { watch } from "./connection.js";
 import { h } from "./dom.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
@@ -25,11 +26,10 @@ function address() {
 
 async function show() {
   const { path, parameters } = address();
-  if (current && current.path === path) return; // only the parameters changed, which the view wrote itself
   current?.end.abort();
   const end = new AbortController();
   const route = ROUTES.find(([pattern]) => pattern.test(path));
-  const mine = { path, end };
+  const mine = { end };
   current = mine;
   for (const link of document.querySelectorAll("[data-nav]")) {
     if (route && link.dataset.nav === route[1]) link.setAttribute("aria-current", "page");
@@ -60,3 +60,4 @@ forget.hidden = !hasToken();
 forget.addEventListener("click", () => { forgetToken(); location.reload(); });
 addEventListener("hashchange", show);
 show();
+watch(document.getElementById("lost"));

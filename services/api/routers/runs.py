@@ -20,6 +20,7 @@ from services.api.dependencies import (
 from services.api.openapi import example, problems
 from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RunDetail, RunPage, RunRead
+from services.api.transfer import IfNoneMatch, send_page
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
@@ -132,13 +133,15 @@ def create(
     return _read(context, run_id)
 
 
-@router.get("/runs", responses=problems(422), summary="Runs, newest first")
+@router.get("/runs", responses=problems(422), response_model=RunPage, summary="Runs, newest first")
 def list_runs(
+    request: Request,
     context: ContextDependency,
     limit: Limit = 50,
     cursor: Cursor = None,
     state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
-) -> RunPage:
+    if_none_match: IfNoneMatch = None,
+) -> Response:
     before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
         rows = runs.page(
@@ -146,7 +149,10 @@ def list_runs(
         )
     items = [_run(row) for row in rows[:limit]]
     more = len(rows) > limit
-    return RunPage(items=items, next=encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if more else None)
+    following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if more else None
+    return send_page(
+        RunPage(items=items, next=following), known=if_none_match, encodings=request.headers.get("accept-encoding")
+    )
 
 
 @router.get("/runs/{run_id}", responses=_OF_RUN, summary="One run with its spec")

@@ -13,8 +13,8 @@ from tests.world.boxes import write_box_street
 from valerie.cli import runs
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
-from valerie.client import Run
-from valerie.errors import NotFound
+from valerie.client import Run, ServerProblemError
+from valerie.errors import InvalidInput, NotFound
 
 SPEC = "name: s\nasset: urban-street\nfunctions: [my-net]\n"
 
@@ -87,3 +87,23 @@ def test_cancelling_prints_the_command_that_continues_the_run(monkeypatch: pytes
     told = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
     assert "run r1ng32vh7ygq5 is cancelled\n" in told
     assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in told
+
+
+@pytest.mark.parametrize("command", [["submit", "-"], ["plan", "-"]])
+def test_an_asset_of_the_callers_own_folder_that_the_server_does_not_know_is_explained(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> Run:
+        raise ServerProblemError(422, "Unknown name", "asset: unknown asset 'box-street'; known: urban-street")
+
+    monkeypatch.setattr("valerie.client.Client.submit", refuse)
+    monkeypatch.setattr("valerie.client.Client.plan", refuse)
+    arguments = [*command, "--url", "http://h:1"]
+    text = SPEC.replace("urban-street", "box-street")
+    refused = CliRunner().invoke(app, arguments, input=text)
+    assert isinstance(refused.exception, ServerProblemError)  # nor does the caller have it
+    write_box_street(tmp_path / "box-street")
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path))
+    explained = CliRunner().invoke(app, arguments, input=text)
+    assert isinstance(explained.exception, InvalidInput)
+    assert f"the asset lies in {tmp_path}" in str(explained.exception)

@@ -3,8 +3,10 @@
 import os
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
@@ -125,6 +127,23 @@ def test_a_port_in_use_that_was_asked_for_is_refused_by_number() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(Conflict, match=f"port {port} .*VALERIE_API_PORT"):
             free_port(load_settings(api_port=port))
+
+
+def test_a_port_at_which_a_server_still_answers_says_so() -> None:
+    class Healthy(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            """Write no log."""
+
+    with HTTPServer(("127.0.0.1", 0), Healthy) as server:
+        thread = threading.Thread(target=server.handle_request)
+        thread.start()
+        with pytest.raises(Conflict, match=f"port {server.server_port} .*a server still answers there"):
+            free_port(load_settings(api_port=server.server_port))
+        thread.join()
 
 
 def test_a_default_port_in_use_gives_way_to_a_free_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -172,3 +172,22 @@ def test_a_run_without_summary_says_so(api: httpx.Client, drawn: DrawnRuns) -> N
         answer = api.get(f"/v1/runs/{drawn.running}/{path}")
         assert answer.status_code == 409
         assert "is running" in answer.json()["detail"]
+
+
+def test_the_list_of_runs_is_sent_again_only_where_it_changed(fresh: httpx.Client, drawn: DrawnRuns) -> None:
+    first = fresh.get("/v1/runs")
+    known = {"If-None-Match": first.headers["ETag"]}
+    again = fresh.get("/v1/runs", headers=known)
+    assert (again.status_code, again.content) == (304, b"")
+    assert fresh.get("/v1/runs?limit=1", headers=known).status_code == 200
+    fresh.post(f"/v1/runs/{drawn.running}/cancel")
+    assert fresh.get("/v1/runs", headers=known).status_code == 200
+
+
+def test_the_list_of_runs_is_compressed_for_those_who_accept_it(api: httpx.Client) -> None:
+    packed = api.get("/v1/runs", headers={"Accept-Encoding": "br, gzip"})
+    plain = api.get("/v1/runs", headers={"Accept-Encoding": "gzip;q=0"})
+    assert packed.headers["Content-Encoding"] == "gzip"
+    assert "Content-Encoding" not in plain.headers
+    assert packed.json() == plain.json()
+    assert int(packed.headers["Content-Length"]) < len(plain.content) / 2
