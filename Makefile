@@ -35,7 +35,7 @@ run: setup ## Run a validation and show its result (SPEC=examples/first-run.yaml
 
 .PHONY: paper-small
 paper-small: setup ## Run a small part of the paper's experiment and test the paper's claims on it (minutes)
-	@exec $(VENV)/bin/valerie run examples/paper-small.yaml --claims examples/paper-claims.yaml --end-with-parent
+	@exec $(VENV)/bin/valerie run examples/paper-small.yaml --claims examples/claims/paper.yaml --end-with-parent
 
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C

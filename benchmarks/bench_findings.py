@@ -33,6 +33,7 @@ from valerie.statistics.confirmation import find, holm
 from valerie.statistics.contrasts import contrasts
 from valerie.statistics.curves import Shape, contradicted_bins, fit_curve
 from valerie.statistics.gates import compare_versions, places_for_gate
+from valerie.statistics.importance import measured_importance, variance_shares
 from valerie.statistics.observations import Observations, bin_codes, observe
 from valerie.statistics.power import places_needed
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
@@ -474,6 +475,80 @@ def _bin_averages(curve: Callable[[Floats], Floats], lows: tuple[float, ...], at
     return np.asarray(averages[np.searchsorted(edges[1:-1], at, side="right")])
 
 
+# Importance ---------------------------------------------------------------------------------------------------------------
+
+#: Correlations of the decoys with the contrast.
+DECOYS: Final = np.linspace(0.5, 0.9, 10)
+#: Standard deviation of the scores at one contrast.
+NOISE: Final = 0.05
+
+
+def importance(repetitions: int) -> Iterator[Row]:
+    """Yield how often contrast, which alone acts, and its decoys are named; and the error of shares that are known."""
+    for rows in (1, 5):
+        for count in (100, 300, 1000):
+            for name in ("slope", "hump"):
+                yield _named_columns(name, count, rows, repetitions)
+    for design in ("grid", "random"):
+        for noise in (0.0, 0.2):
+            yield _shares(design, noise, repetitions)
+
+
+def _named_columns(name: str, count: int, rows: int, repetitions: int) -> Row:
+    """Plant ``count`` rows, ``rows`` of them in each place; those of one place share half of the variance of contrast."""
+    rng = np.random.default_rng(21)
+    curves: dict[str, Callable[[Floats], Floats]] = {
+        "slope": lambda u: 0.2 + 0.6 * u,
+        "hump": lambda u: 0.2 + 0.6 * np.exp(-(((u - 0.5) / 0.2) ** 2)),
+    }
+    curve = curves[name]
+    place = np.arange(count) // rows
+    hits, false = 0, []
+    for repetition in range(repetitions):
+        of_place, own = rng.standard_normal((2, count))
+        contrast = own if rows == 1 else 0.5**0.5 * (of_place[place] + own)
+        decoys = DECOYS * contrast[:, None] + np.sqrt(1 - DECOYS**2) * rng.standard_normal((count, len(DECOYS)))
+        scores = np.clip(curve(ndtr(contrast)) + NOISE * rng.standard_normal(count), 0, 1)
+        columns = {"contrast": contrast, **{f"decoy-{k}": decoys[:, k] for k in range(len(DECOYS))}}
+        results = measured_importance(scores, place, columns, seed=repetition)
+        names = {one.column for one in results if one.named}
+        hits += "contrast" in names
+        false.append(len(names - {"contrast"}) / max(len(names), 1))
+    return {
+        "contrast": name,
+        "rows": count,
+        "rows a place": rows,
+        "named": hits / repetitions,
+        "false discoveries": float(np.mean(false)),
+        "any decoy named": float(np.mean(np.array(false) > 0)),
+    }
+
+
+def _shares(design: str, noise: float, repetitions: int) -> Row:
+    """Plant a main effect and an interaction whose Shapley effects are known; return the errors of the estimates."""
+    rng = np.random.default_rng(20)
+    errors = []
+    for _ in range(repetitions):
+        crossed_levels = np.stack([axis.ravel() for axis in np.indices((6, 8, 4, 2))])
+        if design == "random":
+            crossed_levels = np.stack([rng.integers(0, levels, 384) for levels in (6, 8, 4, 2)])
+        a, _, c, d = crossed_levels
+        parts = 0.4 * a / 5, 0.1 * c, 0.2 * (2 * (c % 2) - 1) * (2 * d - 1)
+        scores = np.sum(parts, axis=0) + noise * rng.standard_normal(len(a))
+        # Variances of the parts over equally frequent levels; the interaction belongs to c and d in equal parts.
+        variances = np.array([0.08**2 * 35 / 12, 0.0, 0.1**2 * 15 / 12 + 0.02, 0.02])
+        truth = variances / (variances.sum() + noise**2)
+        factors = dict(zip("abcd", crossed_levels, strict=True))
+        totals = {share.factor: share.total for share in variance_shares(observe(scores, np.arange(len(a)), factors))}
+        errors.append([totals[name] - share for name, share in zip("abcd", truth, strict=True)])
+    return {
+        "design": design,
+        "noise": noise,
+        "largest bias": float(np.abs(np.mean(errors, axis=0)).max()),
+        "largest standard deviation": float(np.std(errors, axis=0).max()),
+    }
+
+
 PARTS: Final[dict[str, Callable[[int], Iterator[Row]]]] = {
     "false findings": false_findings,
     "true findings": true_findings,
@@ -482,6 +557,7 @@ PARTS: Final[dict[str, Callable[[int], Iterator[Row]]]] = {
     "verdicts from tables": table_verdicts,
     "gate": gates,
     "curves": curves,
+    "importance": importance,
 }
 
 

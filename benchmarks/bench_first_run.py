@@ -17,6 +17,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
+from operator import itemgetter
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -99,7 +100,7 @@ class _Watch:
         sums: defaultdict[str, float] = defaultdict(float)
         for (name, _), seconds in self._seconds.items():
             sums[name] += seconds
-        return {name: round(seconds, 1) for name, seconds in sorted(sums.items(), key=lambda item: -item[1])}
+        return {name: round(seconds, 1) for name, seconds in sorted(sums.items(), key=itemgetter(1), reverse=True)}
 
     def _run(self) -> None:
         while not self._stop.wait(_LOOK_SECONDS):
@@ -110,10 +111,13 @@ class _Watch:
             for process in processes:
                 try:
                     times, words = process.cpu_times(), process.cmdline()
+                    kind = "child" if self._is_fork(process) else "main"
                 except psutil.Error:
                     continue
+                if not words:  # it has ended, and was counted under its name
+                    continue
                 module = words[words.index("-m") + 1 :][:3] if "-m" in words else words[:1]
-                parent = "" if "probe" in " ".join(module) else f" ({'child' if self._is_fork(process) else 'main'})"
+                parent = "" if "probe" in " ".join(module) else f" ({kind})"
                 self._seconds[" ".join(module[: 1 if parent else 3]) + parent, process.pid] = times.user + times.system
 
     @staticmethod

@@ -20,7 +20,8 @@ from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, Unkno
 from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.shipped import AUTO, FUNCTIONS, load_function
+from valerie.perception.running.choice import AUTO
+from valerie.perception.shipped import FUNCTIONS, load_function
 from valerie.rendering.engine import Engine, EngineSettings
 from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of
@@ -86,9 +87,9 @@ def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
-    engine = _PROGRAMS.get(name) if word == "renderer" else None
-    if engine is not None and engine in known:
-        return InvalidInput(f"unknown renderer {name!r}; did you mean {engine}?", field=field)
+    known = tuple(known)
+    if word == "renderer" and _PROGRAMS.get(name) in known:
+        return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
     if word == "function" and PurePath(name).suffix in _FUNCTION_FILES:
         return InvalidInput(
             f"unknown function {name!r}",

@@ -76,6 +76,11 @@ def test_the_command_line_answers_without_loading_what_it_does_not_need() -> Non
     assert _loaded_by("import valerie.cli.main", unneeded) == []
 
 
+def test_a_command_that_asks_a_server_loads_no_part_of_one() -> None:
+    parts = ("numpy", "sqlalchemy", "celery", "fastapi", "redis", "torch", "openvino")
+    assert _loaded_by("import valerie.cli.main, valerie.cli.connecting", parts) == []
+
+
 def test_the_programs_inside_blender_and_valerie_import_nothing_of_each_other() -> None:
     # Programs under two licences that exchange messages or files: docs/cycles.md.
     package = ROOT / "valerie" / "rendering" / "cycles" / "inside"

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.unit.rendering.test_cut_outs import fence, solid_share
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
+from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import EXPOSURE, LUX, sky_of
 from valerie.scene.graph.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
@@ -160,6 +162,19 @@ def test_texels_below_the_cutoff_let_light_through(cycles: CyclesRenderer) -> No
     scene = replace(scene, materials={**scene.materials, "sheet": material}, textures={"half": Texture("half", image)})
     pixels = cycles.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2)[8:24]
     assert pixels[:, 14:20].mean() > 10 * pixels[:, 28:34].mean()
+
+
+@pytest.mark.parametrize(("distance", "turned"), [(6.0, 35.0), (25.0, 0.0)])
+def test_a_cut_out_is_as_dense_as_rays_find_it_and_as_the_truth_has_it(
+    cycles: CyclesRenderer, distance: float, turned: float
+) -> None:
+    truth_pass = TruthPass()
+    scene, view = fence(distance, turned), View("camera-1", 100, 56)
+    near, light = (cycles.full(shown, view).pixels[..., 1].astype(np.float64) for shown in (fence(2.0, 0.0), scene))
+    exact = solid_share(scene, view, 8).mean()
+    assert np.clip(light / near.max(), 0.0, 1.0).mean() == pytest.approx(exact, abs=0.03)
+    assert (truth_pass.truth(scene, view).class_map == 13).mean() == pytest.approx(exact, abs=0.03)
+    truth_pass.close()
 
 
 def test_cut_out_texels_do_not_add_haze(cycles: CyclesRenderer) -> None:

@@ -36,10 +36,10 @@ class Pipeline(World):
         return super().submit(document, **keywords)
 
 
-def completed_run(folder: Path) -> tuple[Pipeline, str]:
-    """Return a completed run of `SMALL` below ``folder`` (``data``, ``assets``), and its id."""
+def completed_run(folder: Path, **more: Any) -> tuple[Pipeline, str]:
+    """Return a completed run of `SMALL` with ``more`` below ``folder`` (``data``, ``assets``), and its id."""
     write_box_street(folder / "assets" / "box-street")
     pipeline = Pipeline(folder / "data", folder / "assets")
-    run_id = pipeline.submit()
+    run_id = pipeline.submit(SMALL | more)
     assert pipeline.run(run_id) == "completed"
     return pipeline, run_id

@@ -14,7 +14,6 @@ from valerie.db.products import Job
 from valerie.errors import RenderingError
 from valerie.parameters.declaring import angle, number
 from valerie.parameters.definitions import Affects
-from valerie.perception.base import FunctionCard
 from valerie.perception.shipped import function_card
 from valerie.runs.pins import FunctionOffer, Offer
 from valerie.runs.states import Stage, route_of
@@ -51,10 +50,9 @@ class DrawnWorld(World):
         infer = (
             FunctionOffer(
                 stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1,
-                route=route_of(Stage.INFER, infer_class), digest=digest,
-                card=FunctionCard(name, digest, name, "fp32", "torch", {}),
+                route=route_of(Stage.INFER, infer_class), digest=card.digest, card=card,
             )
-            for name in FUNCTIONS if (digest := function_card(name).digest)
+            for name in FUNCTIONS if (card := function_card(name))
         )  # fmt: skip
         self.offer("drawn-render", *render)
         self.offer("drawn-infer", *infer, stage=Stage.INFER)

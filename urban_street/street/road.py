@@ -70,11 +70,12 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     cuts[-1] = stop
     y0, y1 = cuts[:-1] + 0.5 * _JOINT, cuts[1:] - 0.5 * _JOINT
     bevel = 0.025
-    # Upright face, bevel, top: stone by stone.
+    # Upright face, bevel, top and what a joint shows of the back: stone by stone.
     stone = [(0.0, -0.05), (0.0, height - bevel), (bevel, height), (KERB_WIDTH - 0.004, height)]
-    bag.add("kerb", quads(_swept(stone, kerb, outward, y0, y1), tile=2.0))
     deep = height - 2.0 * _JOINT
-    core = [(2.0 * _JOINT, -0.05), (2.0 * _JOINT, deep), (bevel, deep), (KERB_WIDTH - 0.004, deep)]
+    back = (KERB_WIDTH - 0.004, deep)
+    bag.add("kerb", quads(_swept([*stone, back], kerb, outward, y0, y1), tile=2.0))
+    core = [(2.0 * _JOINT, -0.05), (2.0 * _JOINT, deep), (bevel, deep), back]
     bag.add("kerb", quads(_stone_ends(stone, core, kerb, outward, y0, y1), tile=2.0))
     # The bed that shows between them: from under the carriageway's edge up to that of the paving.
     top = height - _JOINT
@@ -139,8 +140,8 @@ def _stone_ends(
 
 
 def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -> None:
-    """Add upright faces of the pavement where a side street cuts it, from the kerb to the plots."""
-    kerb, front = (lines.left_kerb, lines.left_front) if left else (lines.right_kerb, lines.right_front)
+    """Add upright faces of the pavement where a side street cuts it, from the kerb into the side street's own pavement."""
+    kerb, front = (lines.left_kerb, lines.left_front - 0.1) if left else (lines.right_kerb, lines.right_front + 0.1)
     x0, x1 = sorted((kerb, front))
     top = lines.kerb_height
     bag.add(

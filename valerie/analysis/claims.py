@@ -1,6 +1,6 @@
 """A ledger of claims: each statement of a paper, a data sheet or a colleague beside what a run shows of it.
 
-Claims are documents (`examples/paper-claims.yaml`). A claim says which rows it is about and how it is tested; the ledger
+Claims are documents (`examples/claims/paper.yaml`). A claim says which rows it is about and how it is tested; the ledger
 computes the quantity with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not
 testable here*. Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from
 the band of a curve (`valerie.statistics.curves.departure`).
@@ -393,10 +393,9 @@ def _contrast(
 
 
 def _level(factor: Factor, name: str, field: str) -> int:
-    names = [level.text for level in factor.levels]
-    if name not in names:
-        raise UnknownName(f"level of {factor.name}", name, names, field=field)
-    return names.index(name)
+    if name not in factor.levels:
+        raise UnknownName(f"level of {factor.name}", name, factor.levels, field=field)
+    return factor.levels.index(name)
 
 
 def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:

@@ -76,13 +76,13 @@ def _means(table: EvaluationTable, down: Factor, across: Factor, chosen: NDArray
     total = np.bincount(cell, pacc[rows], shape[0] * shape[1]).reshape(shape)
     cells = [
         (
-            level.text,
+            level,
             tuple(Cell(k, s / k if k else None) for k, s in zip(n[i].tolist(), total[i].tolist(), strict=True)),
         )
         for i, level in enumerate(down.levels)
         if n[i].any()
     ]
-    return Means(down.name, across.name, tuple(level.text for level in across.levels), tuple(cells))
+    return Means(down.name, across.name, across.levels, tuple(cells))
 
 
 def _adjusted_r2(values: NDArray[np.float64], cell: NDArray[np.int64]) -> float:

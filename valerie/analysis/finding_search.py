@@ -155,7 +155,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpe
     contrast = item.candidate if item.contrast is None else item.contrast
     factors = [family.factors[change.factor] for change in contrast.changes]
     steps = tuple(
-        Step(factor.name, factor.levels[change.before].text, factor.levels[change.after].text)
+        Step(factor.name, factor.levels[change.before], factor.levels[change.after])
         for factor, change in zip(factors, contrast.changes, strict=True)
     )
     known, widest = np.isfinite(item.low), float(len(steps))  # scores lie in 0…1

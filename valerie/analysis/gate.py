@@ -282,6 +282,8 @@ def slice_text(item: SliceComparison, effect: float) -> str:
         text += f" ({100 * item.low:+.1f} to {100 * item.high:+.1f})"
     text += f", {item.pairs:,} pairs at {item.places:,} places, {item.lost:,} lost and {item.gained:,} gained"
     needed = item.places_needed
+    if item.worse:
+        return text
     if needed is None:
         return f"{text}; how many places show a drop of {100 * effect:g} points is not known"
     enough = "" if needed <= item.places else " and these are too few"

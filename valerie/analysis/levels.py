@@ -20,32 +20,18 @@ _RANGES: Final = 5
 REPEATED: Final = ("camera", "sensor", "instance_id")
 
 
-@dataclass(frozen=True, slots=True)
-class Level:
-    """One value of a factor, or the range [low, high).
-
-    Attributes:
-        text: for people: ``red``, ``300°``, ``5–10``.
-        low, high: the range, equal for a single number; None for a name.
-    """
-
-    text: str
-    low: float | None = None
-    high: float | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
     """A column as levels in ascending order.
 
     Attributes:
         column: path of a parameter, or name of a measure.
-        levels: those that occur; the last one is ``default`` where rows have no value.
+        levels: those that occur, for people: ``red``, ``300°``, ``5–10``; the last one is ``default`` where rows have no value.
         codes: (N,) int64, position in ``levels``.
     """
 
     column: str
-    levels: tuple[Level, ...]
+    levels: tuple[str, ...]
     codes: NDArray[np.int64]
 
     @property
@@ -70,32 +56,28 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
     if kind == "CATEGORICAL":
         codes = table.codes(column)
         names = [_person(name) for name in codes.names] if column == "instance_id" else codes.names
-        return _with_default(column, [Level(name) for name in names], codes.index)
+        return _with_default(column, list(names), codes.index)
     values = table.numbers(column)
     known = np.unique(values[np.isfinite(values)])
     if kind == "BOOL":
-        levels = [Level("true" if value else "false") for value in known]
+        levels = ["true" if value else "false" for value in known]
         return _with_default(column, levels, _positions(values, known))
     unit = "°" if kind == "ANGLE" else ""
     if len(known) <= MAX_LEVELS:
-        levels = [Level(f"{value:g}{unit}", value, value) for value in known.tolist()]
+        levels = [f"{value:g}{unit}" for value in known.tolist()]
         return _with_default(column, levels, _positions(values, known))
     edges = bin_edges(float(known[0]), float(known[-1]), _round_width(float(known[-1] - known[0]) / _RANGES))
     place = np.where(np.isfinite(values), np.digitize(values, edges) - 1, -1)
     filled = np.unique(place[place >= 0])
-    levels = [
-        Level(f"{low:g}–{high:g}{unit}", low, high)
-        for k, (low, high) in enumerate(pairwise(edges.tolist()))
-        if k in filled
-    ]
-    return _with_default(column, levels, np.where(place >= 0, np.searchsorted(filled, place), -1))
+    ranges = [f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges.tolist())]
+    return _with_default(column, [ranges[k] for k in filled], np.where(place >= 0, np.searchsorted(filled, place), -1))
 
 
-def _with_default(column: str, levels: list[Level], codes: NDArray[np.int64]) -> Factor:
+def _with_default(column: str, levels: list[str], codes: NDArray[np.int64]) -> Factor:
     """Return the factor; rows without a value have what the asset declares, which is a level too."""
     empty = codes < 0
     if empty.any():
-        levels = [*levels, Level("default")]
+        levels = [*levels, "default"]
         codes = np.where(empty, len(levels) - 1, codes)
     return Factor(column, tuple(levels), codes)
 

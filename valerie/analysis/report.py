@@ -26,6 +26,7 @@ from valerie.analysis.effects import level_means, strongest_pair
 from valerie.analysis.examples import Example, choose_examples
 from valerie.analysis.findings import Finding
 from valerie.analysis.frame_counts import ALL, characters, settings
+from valerie.analysis.importance import explanations
 from valerie.analysis.panels import make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
 from valerie.analysis.report_model import PictureKind, ReportInput
@@ -68,7 +69,7 @@ def build_report(source: ReportInput) -> str:
         A complete HTML document.
 
     Raises:
-        MissingDependency: plotly or matplotlib is not installed.
+        MissingDependency: plotly, matplotlib or scikit-learn is not installed.
     """
     scripts = (_plotly_source(), _own("report.js"))
     figures: list[dict[str, Any]] = []
@@ -96,6 +97,7 @@ def build_report(source: ReportInput) -> str:
             certainty=wording.certainty_sentences(source.summary.rows),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
+            explanations=explanations(source.table, seed=source.trends.seed),
             examples=list(_examples(source)),
             occlusion=wording.occlusion_sentence(source.summary.occlusion),
             class_rows=_class_rows(source.summary.classes),

@@ -185,9 +185,15 @@ class EvaluationTable:
         metadata = {_METADATA_KEY: orjson.dumps({"parameters": self.parameters, "designs": self.designs})}
         pa.parquet.write_table(self.arrow.replace_schema_metadata(metadata), sink, compression="zstd")
 
-    def to_csv(self, sink: Path | BinaryIO) -> None:
-        """Write a CSV file with a header; an empty field is a missing value, names are quoted."""
-        plain = self.arrow.cast(pa.schema([pa.field(f.name, _plain(f.type)) for f in self.arrow.schema]))
+    def to_csv(self, sink: Path | BinaryIO, *, without: Sequence[str] = ()) -> None:
+        """Write a CSV file with a header; an empty field is a missing value, names are quoted.
+
+        Args:
+            sink: the file.
+            without: columns to leave out.
+        """
+        arrow = self.arrow.drop_columns(list(without))
+        plain = arrow.cast(pa.schema([pa.field(f.name, _plain(f.type)) for f in arrow.schema]))
         pa.csv.write_csv(plain, sink)
 
     def __len__(self) -> int:

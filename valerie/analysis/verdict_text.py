@@ -49,7 +49,7 @@ def _further(verdict: RequirementVerdict) -> str:
         return ""
     if verdict.basis is Basis.GRID:
         return f": {verdict.further:,} {verdict.of}"
-    return f": about {verdict.further:,} more would decide it"
+    return f": about {verdict.further:,} more{' in the region' if verdict.where else ''} would decide it"
 
 
 def notes(verdict: RequirementVerdict) -> list[str]:

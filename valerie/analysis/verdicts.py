@@ -50,8 +50,8 @@ class RequirementVerdict:
         function: name of the function.
         outcome: met, not met or undecided.
         reason: why it is undecided; empty otherwise.
-        further: further variants that would decide it if the estimate is right; None where it is decided, or where no
-            affordable number decides. Of a listed grid, the rows that are missing.
+        further: further variants in the region that would decide it if the estimate is right; None where it is decided, or
+            where no affordable number decides. Of a listed grid, the rows that are missing.
         quantity, sign, bound: what is bounded, and how: ``share(pacc >= 0.5)``, ``>=``, 0.95.
         estimate: of the quantity.
         worst, best: of the quantity, if all that failed for good falls short, and if all of it does not.

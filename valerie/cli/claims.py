@@ -23,7 +23,7 @@ _FORMATS = (".csv", ".parquet", ".json", ".md")
 
 def claims(
     run_id: RunId,
-    document: Annotated[Path, typer.Argument(metavar="FILE", help="Claims, such as examples/paper-claims.yaml.")],
+    document: Annotated[Path, typer.Argument(metavar="FILE", help="Claims, such as examples/claims/paper.yaml.")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Also write the ledger: FILE.csv, .parquet, .json or .md."),

@@ -8,16 +8,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from valerie.cli.deployment import context_of, has_database
 from valerie.cli.folder import Folder
 from valerie.cli.shell import command_name, say, settings_of
 from valerie.client import Client, ServerProblemError, ServerUnavailableError
 from valerie.embedded import running
-from valerie.embedded.supervisor import Supervisor
 from valerie.errors import InvalidInput
-from valerie.scene.assets.asset import asset_names
 from valerie.settings import Settings
+
+if TYPE_CHECKING:
+    from valerie.embedded.supervisor import Supervisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,8 @@ def system_of(settings: Settings) -> Iterator[System]:
             yield System(client, owned=False, check=lambda: None)
         return
     say(f"starting Redis, the API and the workers (logs: {settings.data_dir / 'logs'})")
+    from valerie.embedded.supervisor import Supervisor  # commands that only ask a server need no Redis
+
     with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         if settings.api_port not in (0, supervisor.settings.api_port):
             say(f"port {settings.api_port} is in use; this server listens at {supervisor.url}")
@@ -101,6 +105,8 @@ def own_assets(settings: Settings, client: Client) -> Iterator[None]:
     Raises:
         InvalidInput: the server refused such an asset.
     """
+    from valerie.scene.assets.asset import asset_names
+
     try:
         yield
     except ServerProblemError as error:

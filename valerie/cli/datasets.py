@@ -35,7 +35,7 @@ def export(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to create.")],
     formats: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="cityscapes|coco|parquet", help="Can be repeated; by default all."),
+        typer.Option("--format", metavar="cityscapes|coco|openlabel|parquet", help="Can be repeated; by default all."),
     ] = None,
     where: Where = "",
     splits: Annotated[
@@ -57,7 +57,7 @@ def export(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Write the frames of a run with their labels in Cityscapes layout, as COCO, and as a Parquet index.
+    """Write the frames of a run with their labels in Cityscapes layout, as COCO and OpenLABEL, and as a Parquet index.
 
     The folder appears when it is complete. Run the same command again to continue an interrupted export.
     """

@@ -12,6 +12,7 @@ from valerie.cli import (
     claims,
     datasets,
     evaluation,
+    evidence,
     frames,
     functions,
     gate,
@@ -38,7 +39,7 @@ Exit codes:
   0         done; the run completed
   1         a bug in VALERIE
   2         wrong usage or input
-  3         completed, but some products failed for good; a replayed frame differs
+  3         completed, but some products failed for good; a replayed frame differs; evidence is refused
   4         the run was cancelled or failed
   5         something on this machine is missing, full or unreachable
   6         `gate`: a requirement is not met or undecided, or a function is worse than the baseline
@@ -76,6 +77,7 @@ app.command(rich_help_panel=_WATCH)(runs.delete)
 app.command(rich_help_panel=_WATCH)(machine.replay)
 app.command(rich_help_panel=_PARTS)(evaluation.evaluate)
 app.add_typer(datasets.app, name="dataset", rich_help_panel=_PARTS)
+app.add_typer(evidence.app, name="evidence", rich_help_panel=_PARTS)
 app.add_typer(assets.app, name="asset", rich_help_panel=_PARTS)
 app.add_typer(functions.app, name="function", rich_help_panel=_PARTS)
 app.add_typer(frames.frames_app, name="frames", rich_help_panel=_PARTS)

@@ -272,7 +272,7 @@ _LIBRARIES: Final = {
     # Waiting threads sleep instead of spinning: where rendering and inference shared the cores, spinning was measured
     # to triple the CPU time and the wall time of an inference.
     "OMP_WAIT_POLICY": "PASSIVE",
-    # llvmpipe: 0 renders in the calling thread; more threads than cores only slow it down.
+    # llvmpipe: 0 renders in the calling thread.
     "LP_NUM_THREADS": "0",
 }
 
@@ -281,8 +281,11 @@ def service_environment(name: str, settings: Settings) -> dict[str, str]:
     """Return the environment of a service: that of this process, ``settings``, and numbers of threads for its work."""
     libraries = dict(_LIBRARIES)
     if name == "infer":
-        threads = str(settings.infer_threads or os.cpu_count() or 1)
+        threads = str(settings.inference_threads)
         libraries |= {"OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+    if name == "render":
+        # Backgrounds use all cores while inference waits for pictures. More threads than cores only slow llvmpipe down.
+        libraries |= {"LP_NUM_THREADS": str(os.cpu_count() or 1)}
     return {
         **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
         # Variables that the user has set override these defaults.

@@ -54,6 +54,20 @@ class _Distribution(BaseModel):
         assert count is not None, "continuous distributions have their own quantile"
         return self.value(min(int(u * count), count - 1), definition)
 
+    def unit(self, value: Value, definition: ParameterDefinition) -> float:
+        """Return the number in [0, 1] whose quantile is ``value``; of a value with a share, the middle of the share.
+
+        Raises:
+            InvalidInput: the distribution does not have this value.
+        """
+        count = self.count(definition)
+        assert count is not None, "continuous distributions have their own unit"
+        checked = definition.check(value, field=definition.name)
+        for k in range(count):
+            if self.value(k, definition) == checked:
+                return (k + 0.5) / count
+        raise _not_a_value(value, definition)
+
 
 class Homogeneous(_Distribution):
     """Values ``minimum + k · step ≤ maximum``. An ANGLE drops its last value if it equals the first modulo 360."""
@@ -171,6 +185,21 @@ class Gaussian(_Distribution):
         number = float(f"{self.mean + self.standard_deviation * z:.12g}")
         return _typed(min(max(number, low), high), definition)
 
+    def unit(self, value: Value, definition: ParameterDefinition) -> float:
+        from scipy.special import ndtr
+
+        low, high = self._support(definition)
+        number = _number(value, definition, low)
+        if not low <= number <= high:
+            raise _not_a_value(value, definition)
+        sign, share_low, share_high = _truncation(self.mean, self.standard_deviation, low, high)
+        # An INT takes the middle of the share that rounds to it.
+        half = 0.5 if definition.type is ParameterType.INT else 0.0
+        ends = (max(number - half, low), min(number + half, high))
+        shares = [float(ndtr(sign * (end - self.mean) / self.standard_deviation)) for end in ends]
+        u = (sum(shares) / 2 - share_low) / (share_high - share_low)
+        return min(max(u if sign > 0 else 1.0 - u, 0.0), 1.0)
+
 
 class Uniform(_Distribution):
     """Uniform distribution over [minimum, maximum], which default to the declared range.
@@ -227,6 +256,16 @@ class Uniform(_Distribution):
             first, last = math.ceil(low), math.floor(high)
             return min(first + int(u * (last - first + 1)), last)
         return _typed(min(max(low + u * (high - low), low), high), definition)
+
+    def unit(self, value: Value, definition: ParameterDefinition) -> float:
+        low, high = self._ends(definition)
+        number = _number(value, definition, low)
+        if not low <= number <= high:
+            raise _not_a_value(value, definition)
+        if definition.type is ParameterType.INT:
+            first, last = math.ceil(low), math.floor(high)
+            return (number - first + 0.5) / (last - first + 1)
+        return (number - low) / (high - low) if high > low else 0.5
 
 
 class Choice(_Distribution):
@@ -305,6 +344,16 @@ def _require_number(distribution: str, definition: ParameterDefinition) -> None:
             value=distribution,
             limit="CHOICE or CONSTANT",
         )
+
+
+def _number(value: Value, definition: ParameterDefinition, start: float) -> float:
+    """Return a checked number; of an ANGLE, its copy within one turn from ``start``."""
+    number = float(definition.check(value, field=definition.name))
+    return wrap(number, start) if definition.type is ParameterType.ANGLE else number
+
+
+def _not_a_value(value: Value, definition: ParameterDefinition) -> InvalidInput:
+    return InvalidInput("the distribution does not have this value", field=definition.name, value=value)
 
 
 def _decimal(number: float) -> Decimal:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from valerie.errors import UnknownName
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.perception.documents.function import Engine, FunctionDocument, InputDocument, Payload, Precision
+from valerie.perception.documents.function import FunctionDocument, InputDocument, Payload
 from valerie.perception.importing.function_file import read_header
-from valerie.perception.running.engines.processor import multiplies_bf16
+from valerie.perception.running.choice import AUTO, local_choice
 from valerie.perception.running.opening import open_function
 
 #: Folder of the shipped function files.
@@ -20,12 +18,6 @@ WEIGHTS: Final = Path(__file__).parent / "weights"
 
 #: Names of the functions that ship with VALERIE; each is the file ``weights/<name>.safetensors``.
 FUNCTIONS: Final = ("deeplabv3plus-small", "semantic-fpn-small")
-
-#: Precision that depends on the processor.
-AUTO: Final = "auto"
-
-#: Entry of the provenance with the reason for the engine.
-ENGINE_CHOICE: Final = "engine chosen"
 
 #: The coarsest stride of the networks: their sides are padded to multiples of it.
 ALIGNMENT: Final = 32
@@ -61,20 +53,12 @@ def local_document(name: str, path: Path, *, device: str = "auto", precision: st
         name: of the function.
         path: its file.
         device: see `valerie.perception.running.opening.open_function`.
-        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 where the processor multiplies it, else fp32.
+        precision: see `valerie.perception.running.choice.local_choice`.
 
     Raises:
         NotFound, InvalidInput: the file is missing or damaged.
     """
-    document = file_document(name, path)
-    choice = _choice(device, precision)
-    return document.model_copy(
-        update={
-            "engine": choice.engine,
-            "precision": choice.precision,
-            "provenance": {**document.provenance, ENGINE_CHOICE: choice.reason},
-        }
-    )
+    return local_choice(device, precision).applied(file_document(name, path))
 
 
 def function_document(name: str, *, folder: Path = WEIGHTS) -> FunctionDocument:
@@ -117,30 +101,6 @@ def load_function(
     path = function_path(name, folder=folder)
     document = local_document(name, path, device=device, precision=precision)
     return open_function(document, path, threads=threads, device=device, digest=_identity(document))
-
-
-class _Choice(NamedTuple):
-    engine: Engine
-    precision: Precision
-    reason: str
-
-
-def _choice(device: str, precision: str) -> _Choice:
-    """Choose an engine by what is installed; importing one only to ask would cost seconds."""
-    if device != "cpu" and (device.startswith("cuda") or _has_gpu()):
-        return _Choice("torch", "bf16" if precision == "bf16" else "fp32", "torch uses the graphics card")
-    if find_spec("openvino") is None:
-        return _Choice("torch", "bf16" if precision == "bf16" else "fp32", "torch, since openvino is not installed")
-    if precision == "bf16" or (precision == AUTO and multiplies_bf16()):
-        return _Choice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
-    return _Choice("openvino", "fp32", "openvino, the fastest in fp32")
-
-
-def _has_gpu() -> bool:
-    try:
-        return Path("/dev/nvidiactl").exists() and not version("torch").endswith("+cpu")
-    except PackageNotFoundError:
-        return False
 
 
 def _identity(document: FunctionDocument) -> str:

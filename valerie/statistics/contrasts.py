@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
-from valerie.statistics.observations import Observations
+from valerie.statistics.observations import Observations, dense
 
-#: A design is crossed when at least this share of all combinations of its factors occurs.
-_FILLED: Final = 0.25
+#: Rows are compared in blocks when at least this share of all combinations occurs; it bounds memory too.
+_FILLED: Final = 0.1
 #: Residual degrees of freedom below which the other factors of places are left out of the model.
 _FEWEST_DEGREES: Final = 3
 #: A standard error below this is 0 but for rounding.
@@ -127,13 +127,14 @@ def largest_flips(observations: Observations, contrast: Contrast, count: int = 5
         after the first change, first before and then after the second. Empty where no rows differ in the changes alone.
     """
     names = [change.factor for change in contrast.changes]
-    axes = _Family(observations).axes_of(names, contrast.matching)
-    shape = _shape(observations, axes)
-    if prod(shape) > len(observations.values) / _FILLED:
+    family = _Family(observations)
+    index, shape = family.cells_of(names, contrast.matching)
+    crossed = contrast.matching is not Matching.MODEL or family.grid is not None
+    if not crossed or prod(shape) > len(observations.values) / _FILLED:
         return np.zeros((0, 2 * len(names)), np.int64)
     row = np.full(prod(shape), -1)
-    row[_index(observations, axes)] = np.arange(len(observations.values))
-    sides = np.moveaxis(row.reshape(shape), [axes.index(name) for name in names], range(len(names)))
+    row[index] = np.arange(len(observations.values))
+    sides = np.moveaxis(row.reshape(shape), range(1, 1 + len(names)), range(len(names)))
     for change in contrast.changes:
         # Each change takes the next axis of levels to the end, as before and after.
         ends = np.searchsorted(observations.levels[change.factor], [change.before, change.after])
@@ -162,7 +163,6 @@ class _Family:
                 self.level_of_place[name] = of_place
         self._models: dict[tuple[str, bytes], _Model] = {}
         self.within = [name for name in varied if name not in self.level_of_place]
-        self.blocks = _table(observations, (None, *self.within)) if self.within else None
         self.grid = _table(observations, (*self.level_of_place, *self.within)) if self.level_of_place else None
 
     def all(self, interactions: bool, wanted: set[str] | None = None) -> Iterator[Contrast]:
@@ -192,37 +192,43 @@ class _Family:
                 if asked(first, second):
                     yield from self._between(self._changes_of(first), figures, second)
 
-    def axes_of(self, names: Sequence[str], matching: Matching) -> tuple[str | None, ...]:
-        """Return the factors (None: the place) that a pair of rows changes or agrees in."""
-        if matching is Matching.PLACES:
-            return None, *names
+    def cells_of(self, names: Sequence[str], matching: Matching) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+        """Return the cell (N,) of each row, and the shape of the cells: what the sides of a pair share in front and behind.
+
+        The named factors stand between. In front stands the place, or the one cell of all places for a model; behind stand the
+        combinations of all other factors that occur.
+        """
+        others: list[str] = []
+        if matching is not Matching.PLACES:
+            others = [name for name in self.within if name not in names]
         if matching is Matching.MODEL:
-            return *self.level_of_place, *self.within
-        return None, *self.within
+            others += [name for name in self.level_of_place if name not in names]
+        rest, occurring = dense(_index(self.observations, others))
+        front = (None, *names) if matching is not Matching.MODEL else tuple(names)
+        shape = (*((1,) if matching is Matching.MODEL else ()), *_shape(self.observations, front), len(occurring))
+        return _index(self.observations, front) * len(occurring) + rest, shape
 
     def _changes_of(self, name: str) -> list[Change]:
         return [Change(name, int(a), int(b)) for a, b in combinations(self.observations.levels[name], 2)]
 
     def _place_means(self) -> NDArray[np.float64]:
-        """(G,) mean of each place; in a crossed design each row counts as what it differs from its like in other places."""
+        """(G,) mean of each place; where rows form blocks, each counts as what it differs from its like in other places."""
         data = self.observations
-        if self.blocks is None:
+        cells = _means(data.values, *self.cells_of((), Matching.BLOCKS))
+        if cells is None or not self.within:
             return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
-        cells = self.blocks.reshape(len(self.blocks), -1)
-        cells = cells[:, np.isfinite(cells).any(axis=0)]
         usual = np.nanmean(cells, axis=0)
         # Else a place whose hard rows are missing would look easy.
         return np.asarray(np.nanmean(cells - usual, axis=1) + usual.mean())
 
     def _cells(self, names: Sequence[str]) -> tuple[NDArray[np.float64], Matching]:
         """(G, L…, C) cell means: the named factors in front, the combinations of all others behind."""
-        if self.blocks is not None:
-            moved = np.moveaxis(self.blocks, [1 + self.within.index(name) for name in names], range(1, 1 + len(names)))
-            return moved.reshape(*moved.shape[: 1 + len(names)], -1), Matching.BLOCKS
-        table = _table(self.observations, (None, *names))
-        if table is None:
-            table = np.full(_shape(self.observations, (None, *names)), np.nan)
-        return table[..., None], Matching.PLACES
+        for matching in (Matching.BLOCKS, Matching.PLACES):
+            index, shape = self.cells_of(names, matching)
+            cells = _means(self.observations.values, index, shape)
+            if cells is not None:
+                return cells, matching
+        return np.full(shape, np.nan), Matching.PLACES
 
     def _changes(self, name: str) -> tuple[Matching, NDArray[np.float64]]:
         """(G, S, C) differences of the cells for each change of a factor."""
@@ -390,6 +396,9 @@ def _averages(
     p_values = _p_values(estimates, errors, degrees, 2.0 ** (1 - places))
     columns = (changes, estimates, errors, degrees, p_values, places, pairs)
     for change, estimate, error, degree, p_value, number, matched in zip(*columns, strict=True):
+        # No place shows both levels, all else equal.
+        if not number:
+            continue
         yield Contrast(
             change, matching, float(estimate), float(error), float(degree), float(p_value), int(number), int(matched), 1
         )
@@ -442,14 +451,17 @@ def _index(observations: Observations, axes: Sequence[str | None]) -> NDArray[np
 
 
 def _table(observations: Observations, axes: Sequence[str | None]) -> NDArray[np.float64] | None:
-    """Means of all combinations of some factors, NaN where one does not occur; None where most do not."""
-    shape = _shape(observations, axes)
-    if prod(shape) > len(observations.values) / _FILLED:
+    """Means of all combinations of some factors; as `_means`."""
+    return _means(observations.values, _index(observations, axes), _shape(observations, axes))
+
+
+def _means(values: NDArray[np.float64], index: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Means of the values in each cell, NaN where there is none; None where most cells are empty."""
+    if prod(shape) > len(values) / _FILLED:
         return None
-    index = _index(observations, axes)
     count = np.bincount(index, minlength=prod(shape))
     if np.count_nonzero(count) < _FILLED * len(count):
         return None
-    total = np.bincount(index, weights=observations.values, minlength=len(count))
+    total = np.bincount(index, weights=values, minlength=len(count))
     with np.errstate(invalid="ignore"):
         return np.asarray((total / count).reshape(shape))

@@ -11,7 +11,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 
 PLACES = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 12).tolist()}
-PAPER = Path(__file__).parents[3] / "examples" / "paper-claims.yaml"
+PAPER = Path(__file__).parents[3] / "examples" / "claims" / "paper.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from tests.planted_tables import X, drawn, planted_table, requirement
-from valerie.analysis.gate import GateRun, gate
+from valerie.analysis.gate import GateRun, gate, slice_text
 from valerie.analysis.junit import junit_xml
 from valerie.analysis.verdicts import RequirementVerdict, judge_requirements
 from valerie.errors import Conflict, InvalidInput, UnknownName
@@ -82,6 +82,9 @@ def test_a_function_that_became_worse_somewhere_is_found_there_alone() -> None:
     assert far.t_p == pytest.approx(ttest_1samp(change, 0, alternative="less").pvalue, rel=0.2)
     slices = len(version.gate.slices)
     assert far.places_needed == places_for_gate(0.05, change.std(ddof=1), slices)
+    near = next(item for item in version.gate.slices if item.name == "distance 10–20 m")
+    assert "places" in slice_text(near, 0.05).partition(";")[2]
+    assert not slice_text(far, 0.05).partition(";")[2]  # it was found: no number of places is wanting
 
 
 def test_the_same_run_is_nowhere_worse_than_itself_or_another_run_on_the_same_frames() -> None:

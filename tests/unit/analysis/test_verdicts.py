@@ -216,6 +216,15 @@ def test_a_verdict_rests_on_the_least_number_of_variants_that_is_asked_for() -> 
     assert "7 variants" in verdict.reason
 
 
+@pytest.mark.parametrize(
+    ("fields", "words"), [({}, "more would"), ({"where": "distance_m < 20"}, "more in the region would")]
+)
+def test_further_variants_are_those_in_the_region(fields: dict[str, str], words: str) -> None:
+    table = planted_table([0.9] * 9, range(9))
+    verdict = judged("share(pacc >= 0.5) >= 0.9", table, drawn("random", 9), fields=fields)
+    assert f"about {verdict.further} {words} decide it" in sentence(verdict)
+
+
 def test_an_empty_region_is_undecided() -> None:
     table = planted_table([0.9, NAN], [0, 1])
     verdict = judged("mean(pacc) >= 0.5", table, drawn("points", 2), regions={"R": np.array([False, True])})

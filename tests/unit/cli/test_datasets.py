@@ -97,13 +97,13 @@ def test_versions_that_run_unlike_are_compared_only_when_that_is_asked_for(
     compare = ["train", "compare", run_id, *versions, "--data-dir", str(folder / "data"), "--json"]
     refused = invoke.invoke(app, compare).exception
     assert isinstance(refused, Conflict)
-    assert "blank ran as blank; semantic-fpn-small runs here as torch-" in str(refused)
+    assert "blank ran as blank; semantic-fpn-small runs here as openvino-" in str(refused)
     assert "--mixed" in str(refused)
     shown = invoke.invoke(app, [*compare, "--mixed"])
     assert shown.exit_code == 0, shown.output
     first, second = json.loads(shown.stdout)["numeric_classes"]
     assert first == "blank"
-    assert second.startswith("torch-")
+    assert second.startswith("openvino-")
 
 
 def test_progress_says_how_many_how_fast_and_how_long(

@@ -23,7 +23,7 @@ from valerie.db.products import Job
 from valerie.errors import InvalidInput, NotFound
 
 WORSE, BETTER = FUNCTIONS
-ALONG = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 1.0]]
+ALONG = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 0.25]]
 REQUIREMENTS = [
     {"id": "NEAR", "statistic": "mean(pacc) >= 0.2", "where": "distance_m < 30"},
     {"id": "ALL", "statistic": "share(pacc >= 0.5) >= 99 %", "functions": [WORSE]},
@@ -93,7 +93,7 @@ def test_a_function_worse_than_its_baseline_shuts_the_gate(deployed: tuple[Path,
     assert version["version"] == WORSE
     slices = {item["name"]: item for item in version["gate"]["slices"]}
     assert slices["all"]["worse"]
-    assert slices["all"]["places"] == 31
+    assert slices["all"]["places"] == 121
     assert {name for name in slices if name.startswith("distance")} >= {"distance 20–30 m"}
 
 

@@ -219,7 +219,7 @@ def test_plan_shows_people_what_would_be_made(tmp_path: Path) -> None:
     ]
     for word in ("background", "layer", "truth", "prediction", "CPU time", "sun-1.elevation 35 deg"):
         assert word in done.stdout
-    assert "unknown" not in done.stdout, "no column of what nobody knows"
+    assert "present" not in done.stdout, "no column of what nobody knows"
 
 
 def test_a_spec_may_come_from_standard_input(tmp_path: Path) -> None:

@@ -173,7 +173,8 @@ def test_a_service_gets_the_settings_and_as_many_threads_as_its_work_can_use(mon
         monkeypatch.delenv(name, raising=False)
     settings = load_settings(infer_threads=3, api_port=1234)
     render, infer = service_environment("render", settings), service_environment("infer", settings)
-    assert (render["OMP_NUM_THREADS"], render["LP_NUM_THREADS"]) == ("1", "0")
+    assert (render["OMP_NUM_THREADS"], render["LP_NUM_THREADS"]) == ("1", str(os.cpu_count()))
+    assert infer["LP_NUM_THREADS"] == "0"
     assert infer["OMP_NUM_THREADS"] == "3"
     assert infer["OMP_WAIT_POLICY"] == "PASSIVE"
     assert infer["VALERIE_API_PORT"] == "1234"

@@ -7,6 +7,7 @@ import pytest
 from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.perception import shipped
 from valerie.perception.networks.architectures import ARCHITECTURES
+from valerie.perception.running import choice
 from valerie.perception.running.engines import processor
 
 
@@ -75,7 +76,7 @@ def test_the_engine_is_the_fastest_that_the_machine_has(write_function, monkeypa
         assert chosen() == ("openvino", expected)
         assert chosen("fp32") == ("openvino", "fp32")
     assert chosen(device="cuda") == ("torch", "fp32")
-    monkeypatch.setattr(shipped, "find_spec", lambda name: None)
+    monkeypatch.setattr(choice, "find_spec", lambda name: None)
     assert chosen() == ("torch", "fp32")
     reason = shipped.local_document("f", path, device="cpu").provenance["engine chosen"]
     assert reason == "torch, since openvino is not installed"

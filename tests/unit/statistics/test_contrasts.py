@@ -219,3 +219,21 @@ def test_bad_columns_are_refused_by_name() -> None:
         observe([0.1, 0.2], [0, 1], {"sun": [0.5, 1.5]})
     with pytest.raises(InvalidInput, match=r"too many levels; got 40; limit: 32"):
         observe(np.zeros(40), np.zeros(40, np.int64), {"x": np.arange(40)})
+
+
+def test_designs_side_by_side_are_compared_within_each_where_all_else_is_equal() -> None:
+    """Two blocks of a run: four suns at one heading; two suns, another heading and a material. Each has its own places."""
+    rng = np.random.default_rng(4)
+    first = np.array(list(product(range(30), range(4), [0], [0])))
+    second = np.array(list(product(range(30, 40), (0, 2), [1], (1, 2))))
+    places, sun, heading, material = np.concatenate([first, second]).T
+    wobble = 0.3 * rng.standard_normal(40)[places]
+    values = 0.5 + wobble - 0.1 * (sun == 2) - 0.05 * (material == 2) + 0.001 * rng.standard_normal(len(sun))
+    observations = observe(values, places, {"sun": sun, "heading": heading, "material": material})
+    lower = _only(observations, Change("sun", 0, 2))
+    assert lower.matching is Matching.BLOCKS
+    assert (lower.places, lower.pairs) == (40, 30 + 2 * 10)
+    assert lower.estimate == pytest.approx(-0.1, abs=0.002)
+    assert _only(observations, Change("material", 1, 2)).estimate == pytest.approx(-0.05, abs=0.002)
+    # No place shows the material of the first block beside one of the second.
+    assert not contrasts(observations, interactions=False, only=[(Change("material", 0, 1),)])

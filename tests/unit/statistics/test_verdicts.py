@@ -175,7 +175,8 @@ def test_an_even_design_is_judged_by_its_replicates_at_its_number_of_units(truth
     scores = even(truth, 512, 3)
     assert scores.mean() == pytest.approx(truth, abs=0.01)
     verdict = judge_even(scores, np.arange(512), replicates(512), at_least=0.9)
-    interval = mean_interval(scores, sampling_units("sobol", np.arange(512), replicate=replicates(512)))
+    units = sampling_units("sobol", np.arange(512), replicate=replicates(512))
+    interval = mean_interval(scores, units, level=0.965)
     assert verdict.outcome is outcome
     assert verdict.units == 512
     assert verdict.decided_after is None

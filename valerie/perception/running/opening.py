@@ -61,13 +61,28 @@ def open_function(
             )
         from valerie.perception.running.engine_function import EngineFunction
 
-        engine = _engine(document, payload, threads=threads, device=device)
+        engine = open_engine(document, payload, threads=threads, device=device)
         return EngineFunction(document, engine, digest=identity)
     except ModuleNotFoundError as error:
-        extra = "huggingface" if error.name == "transformers" else "infer"
-        raise MissingDependency(
-            f"{error.name} is not installed; install it with: pip install 'valerie[{extra}]'"
-        ) from error
+        raise _missing(error) from error
+
+
+def open_engine(document: FunctionDocument, payload: Path, *, threads: int = 1, device: str = "auto") -> Engine:
+    """Load a network into its document's engine.
+
+    Raises:
+        InvalidInput, UnknownName, MissingDependency: see `open_function`.
+    """
+    silence_libraries()
+    try:
+        return _engine(document, payload, threads=threads, device=device)
+    except ModuleNotFoundError as error:
+        raise _missing(error) from error
+
+
+def _missing(error: ModuleNotFoundError) -> MissingDependency:
+    extra = "huggingface" if error.name == "transformers" else "infer"
+    return MissingDependency(f"{error.name} is not installed; install it with: pip install 'valerie[{extra}]'")
 
 
 def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> Engine:

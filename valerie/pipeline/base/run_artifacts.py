@@ -14,6 +14,11 @@ from valerie.storage.keys import run_key
 SUMMARY: Final = "summary.json"
 #: One HTML file.
 REPORT: Final = "report.html"
+#: The long table.
+TABLE_PARQUET: Final = "evaluations.parquet"
+TABLE_CSV: Final = "evaluations.csv"
+#: Software of the process that wrote the results, as JSON.
+ENVIRONMENT: Final = "environment.json"
 
 
 def artifact_key(context: Context, run_id: str, name: str) -> str:
@@ -21,12 +26,12 @@ def artifact_key(context: Context, run_id: str, name: str) -> str:
 
     Raises:
         NotFound: no such run.
-        Conflict: the run has not ended.
+        Conflict: the run has not completed, or the artifact is gone.
     """
     key = run_key(run_id, name)
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
     if not context.store.exists(key):
         what = name.partition(".")[0]
-        raise Conflict(f"run {run_id} is {run.state}; it has a {what} when it has ended")
+        raise Conflict(f"run {run_id} is {run.state} and has no {what}; a run gets one when it completes")
     return key

@@ -8,11 +8,12 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-from valerie.datasets import cityscapes, coco
+from valerie.datasets import cityscapes, coco, openlabel
 from valerie.datasets.camera import CameraDocument, camera_document
 from valerie.datasets.cityscapes import labels_path
 from valerie.datasets.frame import LabelledFrame
 from valerie.datasets.index import IndexRow
+from valerie.datasets.openlabel import SequenceFrame
 from valerie.datasets.polygons import lost_pixels, polygons_document
 from valerie.errors import Conflict
 from valerie.measures import OF_PERSON, names_from
@@ -52,13 +53,29 @@ class CocoFragment(BaseModel):
     segments: list[dict[str, Any]]
 
 
+class OpenLabelFragment(BaseModel):
+    """A frame's part of the OpenLABEL document of its sequence.
+
+    Attributes:
+        sequence: path of the document below its folder, without suffix.
+        number: of the frame in the sequence.
+        camera: entries of the camera.
+        frame: picture and objects.
+    """
+
+    sequence: str
+    number: int
+    camera: dict[str, Any]
+    frame: SequenceFrame
+
+
 class Fragment(BaseModel):
     """The entries of one frame in the documents that list all frames.
 
     Attributes:
         name: of the frame.
         split: that it belongs to.
-        coco: None where that format is not asked for.
+        coco, openlabel: None where that format is not asked for.
         rows: of the index, one per person; empty where that format is not asked for.
         lost: `lost_pixels` of the frame's polygons; empty where none are asked for.
     """
@@ -66,6 +83,7 @@ class Fragment(BaseModel):
     name: str
     split: str
     coco: CocoFragment | None = None
+    openlabel: OpenLabelFragment | None = None
     rows: list[IndexRow] = []
     lost: dict[str, tuple[int, int]] = {}
 
@@ -112,13 +130,18 @@ class FrameWriter:
         for function, predictions in plan.predictions.items():
             prediction = self._reader.prediction(predictions[frame.key].digest)
             cityscapes.write_prediction(root, split, name, function, prediction)
+        instances = coco.instance_annotations(labelled) if {"coco", "openlabel"} & set(formats) else []
         if "coco" in formats:
-            fragment.coco = self._coco(root, labelled, split, picture)
+            fragment.coco = self._coco(root, labelled, split, picture, instances)
+        if "openlabel" in formats:
+            fragment.openlabel = _openlabel(labelled, picture, instances)
         if "parquet" in formats:
             fragment.rows = self._rows(frame, labelled, split, picture)
         return fragment
 
-    def _coco(self, root: Path, labelled: LabelledFrame, split: str, picture: Path) -> CocoFragment:
+    def _coco(
+        self, root: Path, labelled: LabelledFrame, split: str, picture: Path, instances: list[dict[str, Any]]
+    ) -> CocoFragment:
         """Write the panoptic picture; return the frame's entries."""
         height, width = labelled.class_map.shape
         ids = coco.panoptic_ids(labelled)
@@ -128,7 +151,7 @@ class FrameWriter:
             width=width,
             height=height,
             file_name=picture.relative_to(Path("leftImg8bit", split)).as_posix(),
-            annotations=coco.instance_annotations(labelled),
+            annotations=instances,
             panoptic_name=panoptic,
             segments=[dict(segment) for segment in coco.panoptic_segments(ids)],
         )
@@ -178,7 +201,9 @@ class FrameWriter:
             picture=capture.picture(self._reader),
             class_map=truth.class_map,
             instance_map=truth.instance_map,
-            camera=self._camera(frame, capture) if "cityscapes" in self._plan.settings.formats else None,
+            camera=self._camera(frame, capture)
+            if {"cityscapes", "openlabel"} & set(self._plan.settings.formats)
+            else None,
             amodal={person.instance_id: person.amodal for person in truth.persons},
             persons={number: {name: row[name] for name in _OF_PERSON} for number, row in rows.items() if number},
             key_points=points,
@@ -192,3 +217,15 @@ class FrameWriter:
         camera = scene.cameras[run.resolved.cameras[frame.key.camera]]
         zoomed = replace(camera, focal_length_mm=camera.focal_length_mm * capture.zoom(size.width, size.height))
         return camera_document(zoomed, size.width, size.height)
+
+
+def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[dict[str, Any]]) -> OpenLabelFragment:
+    name = labelled.name
+    assert labelled.camera is not None, "this format asks for the camera"
+    height, width = labelled.class_map.shape
+    return OpenLabelFragment(
+        sequence=f"{name.city}/{name.city}_{name.sequence}",
+        number=int(name.frame),
+        camera=openlabel.camera_entries(labelled.camera, width, height),
+        frame=SequenceFrame(picture.as_posix(), openlabel.labelled_objects(instances)),
+    )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,10 +15,10 @@ import pyarrow.compute
 from sqlalchemy import Engine
 
 from valerie.analysis.table import PARAMETER_COLUMNS
-from valerie.datasets import coco
+from valerie.datasets import coco, openlabel
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.pipeline.export.folder import FRAGMENTS
-from valerie.pipeline.export.frame_files import CocoFragment, Fragment
+from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
 from valerie.pipeline.export.plan import ExportPlan
 from valerie.pipeline.reading.tables import read_table
 from valerie.rendering.annotations.joints import LIMBS
@@ -45,6 +47,10 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> dict[str,
             fragments = (one for one in _fragments(plan, folder) if one.split == split)
             entries = (fragment.coco for fragment in fragments if fragment.coco is not None)
             _write_coco(folder / "coco", split, entries, description)
+    if "openlabel" in settings.formats:
+        for split in counts:
+            labels = (one.openlabel for one in _fragments(plan, folder) if one.split == split)
+            _write_openlabel(folder / "openlabel" / split, (one for one in labels if one is not None), description)
     if "parquet" in settings.formats:
         types = {d.path: _plain(PARAMETER_COLUMNS[d.type.value]) for d in resolved.definitions}
         rows = (row for fragment in _fragments(plan, folder) for row in fragment.rows)
@@ -96,6 +102,17 @@ def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], des
     for name, entries in (("instances", instances), ("panoptic", panoptic)):
         document = coco.assemble(images, entries, description, key_points=JOINTS, limbs=LIMBS)
         (folder / f"{name}_{split}.json").write_text(json.dumps(document))
+
+
+def _write_openlabel(folder: Path, fragments: Iterable[OpenLabelFragment], description: str) -> None:
+    """Write one document per sequence; the frames of a sequence follow one another."""
+    for sequence, members in groupby(fragments, attrgetter("sequence")):
+        frames = list(members)
+        numbered = {fragment.number: fragment.frame for fragment in frames}
+        document = openlabel.assemble(numbered, frames[0].camera, description)
+        path = folder / f"{sequence}_openlabel.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(document))
 
 
 def _write_evaluations(engine: Engine, plan: ExportPlan, path: Path) -> None:

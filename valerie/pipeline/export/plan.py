@@ -28,8 +28,8 @@ from valerie.pipeline.reading.selection import (
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey
 
-Format = Literal["cityscapes", "coco", "parquet"]
-FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "parquet")
+Format = Literal["cityscapes", "coco", "openlabel", "parquet"]
+FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "openlabel", "parquet")
 FORMAT_NAME: Final = "valerie-dataset/1"
 #: Bytes per pixel, rounded up: a picture's PNG, labels and colours, a prediction.
 _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1

@@ -21,6 +21,7 @@ import valerie
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.loading import load_document
 from valerie.perception.documents.function import PAYLOADS, FunctionDocument, parse_function
+from valerie.perception.running.choice import uses_gpu
 from valerie.pipeline.functions.import_job import (
     Conversion,
     ImportAnswer,
@@ -108,6 +109,8 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
         return ImportedFunction(document, None, Trial(skipped=f"nothing to open: kind {document.kind}"))
     if "kind" in entries and entries["kind"] not in PAYLOADS:
         raise InvalidInput(f"kind {entries['kind']} takes no file", field="payload", value=request.filename)
+    # A lower precision belongs to one engine's numbers; a graphics card is faster than any processor.
+    choose = "engine" not in entries and "precision" not in entries and not uses_gpu(settings.infer_device)
     limit = settings.max_function_mb << 20
     size = request.path.stat().st_size
     if size > limit:
@@ -129,6 +132,7 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
         memory_mb=settings.import_memory_mb,
         seconds=settings.import_seconds,
         device=settings.infer_device,
+        choose_engine=choose,
     )
     imported = _run_child(job, settings)
     converted = conversion in ("checkpoint", "program")

@@ -18,6 +18,7 @@ import numpy as np
 
 from valerie.errors import InvalidInput, MissingDependency, ValerieError
 from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.running.choice import agreeing_choice
 from valerie.perception.running.limits import limit_memory
 from valerie.perception.running.opening import open_function
 from valerie.pipeline.functions.import_job import (
@@ -54,6 +55,8 @@ def _bound(job: ImportJob) -> None:
 def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     try:
         document, path = _function(job)
+        if job.choose_engine:
+            document = _with_fastest_engine(document, path)
         trial = _try_out(document, path, device=job.device)
     except ValerieError as error:
         return ImportFailure(message=str(error), missing_dependency=isinstance(error, MissingDependency))
@@ -63,6 +66,13 @@ def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     # The document's own entry wins: the layout of a checkpoint says more, and an exported document keeps what it has.
     provenance = {"checked": "opened and run" if trial.skipped is None else "not opened", **document.provenance}
     return ImportedFile(document=document.model_copy(update={"provenance": provenance}), payload=path.name, trial=trial)
+
+
+def _with_fastest_engine(document: FunctionDocument, path: Path) -> FunctionDocument:
+    try:
+        return agreeing_choice(document, path).applied(document)
+    except ValerieError:
+        return document  # the trial says why
 
 
 def _function(job: ImportJob) -> tuple[FunctionDocument, Path]:

@@ -30,6 +30,7 @@ class ImportJob(_Document):
         memory_mb: private memory of the child; 0 sets no limit.
         seconds: wall time of the child; 0 sets no limit.
         device: of the engine torch.
+        choose_engine: the owner states no engine: take the fastest that agrees with the reference.
     """
 
     entries: dict[str, JsonValue]
@@ -40,6 +41,7 @@ class ImportJob(_Document):
     memory_mb: int
     seconds: float
     device: str
+    choose_engine: bool
 
 
 class Trial(_Document):

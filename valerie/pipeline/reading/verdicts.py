@@ -38,7 +38,7 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
             for person in (evaluated_persons(connection, run) if regional else ())
         ]
         lost = list(_lost_rows(connection, run))
-    inside = np.array(held, np.bool_).reshape(-1, len(regional))
+    inside = np.array(held, np.bool_).reshape(len(held), len(regional))
     return judge_requirements(
         resolved.requirements,
         table,

@@ -1,11 +1,10 @@
-"""The end of a run: its long table, the summary of the paper's section 6.2, and the report are stored."""
+"""The end of a run: its long table, the summary of the paper's section 6.2, the report and the environment are stored."""
 
 from __future__ import annotations
 
 import io
 from collections import defaultdict
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 import orjson
 import structlog
@@ -22,9 +21,10 @@ from valerie.db.runs import RunRow
 from valerie.errors import NotFound, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.environment import environment, software
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY
+from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
@@ -81,7 +81,7 @@ def finish_run(context: Context, run_id: str) -> None:
 
 
 def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
-    """Write table (Parquet, CSV), summary and report."""
+    """Write table (Parquet, CSV), summary, report and environment."""
     stored = resolve_stored(run, context.settings)
     resolved = stored.resolved
     cards = tuple(pinned_card(stored.pins, name) for name in resolved.spec.functions)
@@ -96,13 +96,14 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         spec=resolved.spec,
     )
     verdicts = read_verdicts(context, stored, table)
-    for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
+    for name, write in ((TABLE_PARQUET, table.to_parquet), (TABLE_CSV, table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
     context.store.put(run_key(run.id, SUMMARY), summary_json(analysis, verdicts), replace=True)
     html = build_report(_report_input(context, run, stored, cards, table, analysis, verdicts, failures))
     context.store.put(run_key(run.id, REPORT), html.encode(), replace=True)
+    context.store.put(run_key(run.id, ENVIRONMENT), orjson.dumps(environment()), replace=True)
 
 
 def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> bytes:
@@ -143,7 +144,7 @@ def _report_input(
         resolution=(spec.resolution.width, spec.resolution.height),
         numeric_classes=classes,
         functions=cards,
-        software=_version(),
+        software=software(),
         submitted=run.created_at,
         finished=runs.now_utc(),
         more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
@@ -196,13 +197,6 @@ def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
         Failure(stage=stage, error=message, attempts=attempts, count=len(frames), example=frames[0])
         for (stage, message, attempts), frames in sorted(groups.items(), key=lambda item: -len(item[1]))
     )
-
-
-def _version() -> str:
-    try:
-        return f"valerie {version('valerie')}"
-    except PackageNotFoundError:
-        return "valerie (not installed)"
 
 
 def _renderer(resolved: ResolvedRun, revision: int) -> str:

@@ -34,6 +34,7 @@ _GAMMA: Final = 2.2
 #: Texels per side of the shadow map. It covers the whole scene.
 _SHADOW_MAP: Final = 4096
 _BACKGROUNDS: Final = 4
+_MIRROR: Final = np.diag([-1.0, 1.0, 1.0, 1.0])
 #: GL_LINEAR.
 _LINEAR: Final = 9729
 
@@ -132,8 +133,10 @@ class PyrenderRenderer:
             for mesh in item.meshes:
                 if mesh.faces.size:
                     material = material_of(scene, mesh, item.node.path)
-                    used.add((id(mesh), material))
-                    node = self._node(mesh=self._mesh(mesh, material, scene), matrix=item.world)
+                    mirrored = bool(np.linalg.det(item.world[:3, :3]) < 0)
+                    used.add((id(mesh), material, mirrored))
+                    world = item.world @ _MIRROR if mirrored else item.world
+                    node = self._node(mesh=self._mesh(mesh, material, scene, mirrored=mirrored), matrix=world)
                     node.serial = len(target.mesh_nodes)
                     target.add_node(node)
         focal = camera.focal_length_px(view.width)
@@ -158,20 +161,21 @@ class PyrenderRenderer:
         require_image(pixels, engine=self.name)
         return pixels
 
-    def _mesh(self, mesh: Mesh, material: Material, scene: Scene) -> Any:
-        """Return the library's mesh, cached by identity for the next frame."""
-        key = (id(mesh), material)
+    def _mesh(self, mesh: Mesh, material: Material, scene: Scene, *, mirrored: bool) -> Any:
+        """Return the library's mesh, cached by identity for the next frame; the library's nodes cannot mirror one."""
+        key = (id(mesh), material, mirrored)
         entry = self._meshes.get(key)
         if entry is None:
             # The library's shader reads roughness and metallic from the first two channels.
             color = self._texture(scene, material.base_color_texture, (0, 1, 2), material.alpha_cutoff)
             rough = self._texture(scene, material.roughness_texture, (1, 2, 0))
+            flip = np.diag(_MIRROR[:3, :3]).astype(np.float32) if mirrored else np.ones(3, np.float32)
             primitive = self._library.Primitive(
-                positions=mesh.positions,
-                normals=mesh.normals,
+                positions=mesh.positions * flip,
+                normals=mesh.normals * flip,
                 # The library uploads textures with the bottom row first.
                 texcoord_0=np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1) if color or rough else None,
-                indices=mesh.faces,
+                indices=np.ascontiguousarray(mesh.faces[:, ::-1]) if mirrored else mesh.faces,
                 material=self._library.MetallicRoughnessMaterial(
                     baseColorFactor=(*material.base_color, 1.0),
                     baseColorTexture=color,

@@ -44,14 +44,14 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
             for mesh in node.meshes:
                 yield from _mesh_findings(path, mesh, scene)
         determinant = float(np.linalg.det(node.transform[:3, :3]))
-        if determinant <= 0.0:
+        if abs(determinant) < 1e-12:
             yield Finding(
                 Severity.WARNING,
-                "mirrored",
+                "flat",
                 path,
-                "mirrored or flat: its surfaces face inwards; apply the scale before exporting",
+                "scaled to nothing in a direction: what is below it has no volume",
                 f"determinant {determinant:.3g}",
-                "above 0",
+                "not 0",
             )
     yield from _triangles(scene)
     boxes = object_boxes(scene)

@@ -17,8 +17,9 @@ EXTRAS_KEY: Final = "valerie"
 LIGHTS: Final = "KHR_lights_punctual"
 SPECULAR: Final = "KHR_materials_specular"
 EMISSIVE_STRENGTH: Final = "KHR_materials_emissive_strength"
+TRANSMISSION: Final = "KHR_materials_transmission"
 #: Extensions that a file may require.
-SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH})
+SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH, TRANSMISSION})
 
 #: Limits, checked before anything of that size is allocated.
 MAX_NODES: Final = 100_000

@@ -9,7 +9,7 @@ import numpy as np
 import pygltflib
 
 from valerie.errors import InvalidInput
-from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, own_extras
+from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, TRANSMISSION, own_extras
 from valerie.scene.graph.model import Material
 
 TextureIndex = Callable[[str], int]
@@ -99,6 +99,9 @@ def read_material(
     extensions = source.extensions or {}
     extras = own_extras(source.extras)
     specular = extensions.get(SPECULAR) or {}
+    panes = extensions.get(TRANSMISSION) or {}
+    if panes.get("transmissionTexture") is not None:
+        notes.append(f"material {name}: its transmission texture is ignored")
     strength = _one((extensions.get(EMISSIVE_STRENGTH) or {}).get("emissiveStrength"), 1.0)
     emissive = (
         [strength * c for c in _three(source.emissiveFactor, 0.0)] if source.emissiveTexture is None else [0.0] * 3
@@ -117,7 +120,9 @@ def read_material(
         emissive=_in_range(_three(extras.get("emissive", emissive), 0.0), f"{name}.emissive", 1e6),
         alpha_cutoff=cutoff,
         double_sided=bool(source.doubleSided),
-        transmission=_in_range([_one(extras.get("transmission"), 0.0)], f"{name}.transmission", 1.0)[0],
+        transmission=_in_range(
+            [_one(extras.get("transmission"), _one(panes.get("transmissionFactor"), 0.0))], f"{name}.transmission", 1.0
+        )[0],
     )
 
 

@@ -7,6 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 from cityscapesscripts.evaluation.evalPanopticSemanticLabeling import pq_compute_single_core
 from cityscapesscripts.preparation.createPanopticImgs import convert2panoptic
+from jsonschema import Draft7Validator
+from vcd.schema import openlabel_schema
 
 from tests.world.blank import Pipeline, completed_run
 from valerie.analysis.table import EvaluationTable
@@ -262,3 +264,26 @@ def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(r
     assert by_digest.scores.as_document() == by_name.scores.as_document()
     with pytest.raises(UnknownName, match="blank@000000"):
         run_side(pipeline.context, run_id, "blank@000000")
+
+
+def test_openlabel_documents_fit_the_schema_and_name_pictures_that_are_there(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    out = tmp_path / "set"
+    export_run(pipeline.context, run_id, out, ExportSettings(formats=("openlabel",)))
+    documents = [
+        json.loads(path.read_text())["openlabel"] for path in (out / "openlabel/val").rglob("*_openlabel.json")
+    ]
+    assert len(documents) == 24  # 12 variants, two cameras, one frame each
+    pictures = set()
+    for content in documents:
+        Draft7Validator(openlabel_schema).validate({"openlabel": content})
+        (frame,) = content["frames"].values()
+        pictures.add(out / frame["frame_properties"]["streams"]["camera"]["uri"])
+        (person,) = frame["objects"].values()
+        assert [entry["val"][2:] for entry in person["object_data"]["bbox"]] == [[32, 18], [32, 18]]
+        measures = {entry["name"]: entry["val"] for entry in person["object_data"]["num"]}
+        assert measures["distance_m"] > 0
+    assert pictures == set((out / "leftImg8bit").rglob("*.png"))
+    assert not (out / "gtFine").exists()

@@ -115,12 +115,11 @@ def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: t
     assert folder != training_folder(other, settings, "name")
 
 
-def test_an_asset_without_seeds_has_no_fresh_streets(
-    drawn: tuple[Context, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("valerie.scene.assets.asset.is_generated", lambda name: False)
+def test_an_asset_without_seeds_has_no_fresh_streets(tmp_path: Path) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+    run_id = world.work(spec("boxes", functions=["semantic-fpn-small"]))
     with pytest.raises(InvalidInput, match="fresh streets"):
-        find_weakness(*drawn, FAR, "semantic-fpn-small")
+        find_weakness(world.context, run_id, FAR, "semantic-fpn-small")
 
 
 @pytest.mark.gl

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from sqlalchemy import Connection, event
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db.products import Finished, Job
 from valerie.pipeline.work.stages import run_stage
 from valerie.runs.states import Stage, stage_of

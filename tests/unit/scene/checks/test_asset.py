@@ -160,10 +160,15 @@ def test_an_origin_beside_the_body_is_suspected(tmp_path: Path) -> None:
     assert only(asset_findings(written(tmp_path, nodes)), "origin").value == "2.00 m aside"
 
 
-def test_a_mirrored_node_is_suspected(tmp_path: Path) -> None:
-    nodes = dict(BASE.nodes)
-    nodes["scene.building-1"] = replace(nodes["scene.building-1"], transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
-    assert only(asset_findings(written(tmp_path, nodes)), "mirrored").where == "scene.building-1"
+def test_a_flat_node_is_suspected_and_a_mirrored_one_is_not(tmp_path: Path) -> None:
+    def scaled(across: float) -> list[str]:
+        nodes = dict(BASE.nodes)
+        nodes["scene.building-1"] = replace(nodes["scene.building-1"], transform=np.diag([across, 1.0, 1.0, 1.0]))
+        found = asset_findings(written(tmp_path, nodes))
+        return [finding.where for finding in found if finding.code in {"flat", "mirrored"}]
+
+    assert scaled(0.0) == ["scene.building-1"]
+    assert scaled(-1.0) == []
 
 
 def test_an_object_of_very_many_triangles_is_suspected_with_those_of_all_its_meshes(

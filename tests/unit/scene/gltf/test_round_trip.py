@@ -374,6 +374,18 @@ def test_a_strip_or_fan_is_the_same_surface_as_its_triangles(mode: int) -> None:
     assert areas.sum() == pytest.approx(1.5 * math.sqrt(3))
 
 
+def test_the_transmission_that_others_write_is_read(written: Path) -> None:
+    document, binary = chunks_of(written)
+    name = document["materials"][0]["name"]
+    document["materials"][0].setdefault("extensions", {})["KHR_materials_transmission"] = {
+        "transmissionFactor": 0.6, "transmissionTexture": {"index": 0},
+    }  # fmt: skip
+    document["extensionsRequired"] = ["KHR_materials_transmission"]
+    part = read_gltf(embedded(written, document, binary))
+    assert part.materials[name].transmission == 0.6
+    assert f"material {name}: its transmission texture is ignored" in part.notes
+
+
 def test_lines_are_left_out_and_noted(written: Path) -> None:
     document, binary = chunks_of(written)
     document["meshes"][0]["primitives"][0]["mode"] = 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,15 @@ class Engine(Protocol):
     @property
     def batch_size(self) -> int:
         """Best number of pieces at once."""
+        ...
+
+    def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
+        """Return what the network answers to one piece (h, w, 3) uint8, to compare engines.
+
+        Returns:
+            Logits or probabilities (C, rows, columns) float32 in the network's resolution. A network that answers labels, or
+            has one class, may give ids (h, w) instead.
+        """
         ...
 
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:

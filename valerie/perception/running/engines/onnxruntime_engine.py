@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import onnxruntime
@@ -45,6 +45,12 @@ class OnnxRuntimeEngine:
     def numeric_class(self) -> str:
         """E.g. ``onnxruntime-1.31.1-cpu-fp32-avx512-vnni-t2``."""
         return f"onnxruntime-{onnxruntime.__version__}-cpu-fp32-{instruction_set()}-t{self._threads}"
+
+    def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
+        """See `Engine`."""
+        size = Size(*piece.shape[:2])
+        answer: NDArray[Any] = self._compiled.get(size, size).run(None, {PICTURES: piece[None]})[0][0]
+        return answer
 
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""

@@ -55,6 +55,12 @@ class OpenVinoEngine:
         version = openvino.get_version().partition("-")[0]
         return f"openvino-{version}-cpu-{self.precision}-{instruction_set()}-t{self._threads}"
 
+    def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
+        """See `Engine`."""
+        size = Size(*piece.shape[:2])
+        answer: NDArray[Any] = self._compiled.get(size, size).infer([piece[None]])[0][0]
+        return answer
+
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         request = self._compiled.get(Size(*pieces.shape[1:3]), labels)

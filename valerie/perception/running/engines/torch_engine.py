@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -70,20 +70,29 @@ class TorchEngine:
             kernels = f"{kernels}-{instruction_set()}"
         return f"torch-{version}-cpu-{self.precision}-{kernels}-t{torch.get_num_threads()}"
 
+    def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
+        """See `Engine`."""
+        with torch.inference_mode():
+            logits: NDArray[Any] = self._logits(piece[None])[0].float().cpu().numpy()
+        return logits
+
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         count = len(pieces)
         if count < self.batch_size:
             pieces = np.concatenate([pieces, np.repeat(pieces[-1:], self.batch_size - count, axis=0)])
         with torch.inference_mode():
-            batch = torch.from_numpy(pieces).to(self._device)
-            if self._input.channel_order == "bgr":
-                batch = batch.flip(-1)
-            values = normalised(batch, self._mean, self._std, self._input.value_range)
-            logits = self._module(values.to(_TYPES[self.precision]))
-            ids = self._ids(logits, labels)[:count].cpu()
+            ids = self._ids(self._logits(pieces), labels)[:count].cpu()
         answer: NDArray[np.uint8] = ids.numpy()
         return answer
+
+    def _logits(self, pieces: NDArray[np.uint8]) -> torch.Tensor:
+        batch = torch.from_numpy(np.ascontiguousarray(pieces)).to(self._device)
+        if self._input.channel_order == "bgr":
+            batch = batch.flip(-1)
+        values = normalised(batch, self._mean, self._std, self._input.value_range)
+        logits: torch.Tensor = self._module(values.to(_TYPES[self.precision]))
+        return logits
 
     def _ids(self, logits: torch.Tensor, labels: Size) -> torch.Tensor:
         if len(self._output.classes) > 1:

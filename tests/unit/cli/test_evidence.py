@@ -1,0 +1,52 @@
+"""`valerie evidence`: export, verify and key, over a run of the blank engine."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from valerie.cli.main import app
+from valerie.cli.shell import Exit
+
+
+def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_when_it_changed(
+    invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told(*arguments: str, code: int = Exit.OK) -> str:
+        result = invoke.invoke(app, ["evidence", *arguments], catch_exceptions=False)
+        assert result.exit_code == code, result.output
+        return result.stdout
+
+    run_id = deployed[1]
+    shutil.copytree(deployed[0] / "data", tmp_path / "data")
+    summary = tmp_path / "data/artifacts/runs" / run_id / "summary.json"
+    document = json.loads(summary.read_text())
+    document["findings"]["items"] = [{"example": {"frame_id": f"{run_id}.5.1.0", "function": "blank"}}]
+    summary.write_text(json.dumps(document))
+    key, folder = tmp_path / "key", tmp_path / "evidence"
+    key_id = told("key", "new", str(key)).split()[2].rstrip(";")
+    data = ("--data-dir", str(tmp_path / "data"))
+    exported = json.loads(told("export", run_id, "--out", str(folder), "--key", str(key), "--json", *data))
+    assert exported["signer"] == key_id
+    assert exported["folder"] == str(folder)
+    monkeypatch.setenv("VALERIE_DATA_DIR", str(tmp_path / "nothing"))
+    assert f"signed by key {key_id}" in told("verify", str(folder), "--key", f"{key}.pub")
+    assert "files are consistent, signer unknown" in told("verify", str(folder))
+    verified = json.loads(told("verify", str(folder), "--replay", "1", "--json"))
+    assert (verified["root"], verified["signer"], verified["problems"]) == (exported["root"], None, [])
+    assert [picture["verdict"] for picture in verified["replayed"]] == ["equal"] * 3
+    assert told("verify", str(folder), "--replay", "1").count(": equal\n") == 3
+    assert not (tmp_path / "nothing").exists()
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path))
+    assert "cannot be made here" in told("verify", str(folder), "--replay", "1", code=Exit.ENVIRONMENT)
+    (folder / "spec.json").write_text("{}")
+    assert told("verify", str(folder), code=Exit.COMPLETED_WITH_FAILURES).splitlines() == [
+        f"{folder}: refused",
+        "  spec.json: changed",
+    ]
+    refused = json.loads(told("verify", str(folder), "--json", code=Exit.COMPLETED_WITH_FAILURES))
+    assert refused == {"problems": ["spec.json: changed"]}

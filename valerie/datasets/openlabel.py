@@ -1,0 +1,161 @@
+"""Labels of a sequence as ASAM OpenLABEL 1.0 (https://www.asam.net/standards/detail/openlabel/).
+
+An object is an instance of an evaluated class. Its boxes are ``visible`` and, for persons, ``amodal``: x and y of the centre,
+width and height, in pixels. Its masks are COCO's compressed run-length codes. Pixel centres count from 0, and the camera's
+place and direction are those of `valerie.datasets.camera`; its own axes are x right, y down, z ahead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any, Final
+
+import numpy as np
+
+from valerie.datasets.camera import CameraDocument
+from valerie.labels import BY_ID
+
+CAMERA: Final = "camera"
+VEHICLE: Final = "vehicle-iso8855"
+_CLASSES: Final = "https://www.cityscapes-dataset.com/dataset-overview/#class-definitions"
+_IN_PICTURE: Final = {"coordinate_system": CAMERA}
+#: Entries of an annotation that are written as masks and boxes, or not at all.
+_SHAPES: Final = frozenset(
+    {"category_id", "iscrowd", "instance_id", "segmentation", "bbox", "area", "keypoints", "num_keypoints"}
+    | {f"{side}_{key}" for side in "ai" for key in ("segm", "bbox", "area")}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceFrame:
+    """One frame of a sequence.
+
+    Attributes:
+        picture: path below the data set.
+        objects: instance id to ``name``, ``type`` and ``object_data``.
+    """
+
+    picture: str
+    objects: dict[str, dict[str, Any]]
+
+
+def labelled_objects(annotations: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the objects of a frame.
+
+    Args:
+        annotations: as `valerie.datasets.coco.instance_annotations` returns them.
+    """
+    objects: dict[str, dict[str, Any]] = {}
+    for annotation in annotations:
+        kind = BY_ID[annotation["category_id"]].name
+        shapes = {"visible": (annotation["bbox"], annotation["segmentation"])}
+        if annotation.get("a_area"):
+            shapes["amodal"] = (annotation["a_bbox"], annotation["a_segm"])
+        data: dict[str, list[dict[str, Any]]] = {
+            "bbox": [{"name": name, "val": _centred(box), **_IN_PICTURE} for name, (box, _) in shapes.items()],
+            "binary": [
+                {
+                    "name": name,
+                    "val": mask["counts"],
+                    "encoding": "COCO run lengths",
+                    "data_type": "mask",
+                    "attributes": {"vec": [{"name": "height, width", "val": mask["size"]}]},
+                    **_IN_PICTURE,
+                }
+                for name, (_, mask) in shapes.items()
+            ],
+        }
+        for name, value in annotation.items():
+            if name not in _SHAPES and value is not None:
+                data.setdefault(_type_of(value), []).append({"name": name, "val": value})
+        number = str(annotation["instance_id"])
+        objects[number] = {"name": f"{kind} {number}", "type": kind, "object_data": data}
+    return objects
+
+
+def camera_entries(camera: CameraDocument, width: int, height: int) -> dict[str, Any]:
+    """Return what a document says of the camera: its coordinate system and its stream.
+
+    Args:
+        camera: place, direction and focal length.
+        width, height: of the pictures.
+    """
+    inner = camera["intrinsic"]
+    matrix = [inner["fx"], 0, inner["u0"], 0, 0, inner["fy"], inner["v0"], 0, 0, 0, 1, 0]
+    pinhole = {"camera_matrix": matrix, "distortion_coeffs": [0.0] * 5, "width_px": width, "height_px": height}
+    return {
+        "coordinate_systems": {
+            VEHICLE: {"type": "local_cs", "parent": "", "children": [CAMERA]},
+            CAMERA: {"type": "sensor_cs", "parent": VEHICLE, "children": [], "pose_wrt_parent": _pose(camera)},
+        },
+        "streams": {CAMERA: {"type": "camera", "stream_properties": {"intrinsics_pinhole": pinhole}}},
+    }
+
+
+def assemble(frames: Mapping[int, SequenceFrame], camera: Mapping[str, Any], description: str) -> dict[str, Any]:
+    """Return the OpenLABEL document of a sequence.
+
+    Args:
+        frames: number to frame, in order.
+        camera: `camera_entries` of the one that took all of them.
+        description: of the data.
+    """
+    objects: dict[str, dict[str, Any]] = {}
+    intervals: list[dict[str, int]] = []
+    for number, frame in frames.items():
+        _extend(intervals, number)
+        for uid, entry in frame.objects.items():
+            fixed = {"name": entry["name"], "type": entry["type"], "ontology_uid": "0", "frame_intervals": []}
+            _extend(objects.setdefault(uid, fixed)["frame_intervals"], number)
+    return {
+        "openlabel": {
+            "metadata": {"schema_version": "1.0.0", "name": description},
+            "ontologies": {"0": _CLASSES},
+            **camera,
+            "frame_intervals": intervals,
+            "objects": objects,
+            "frames": {
+                str(number): {
+                    "frame_properties": {"streams": {CAMERA: {"uri": frame.picture}}},
+                    "objects": {uid: {"object_data": entry["object_data"]} for uid, entry in frame.objects.items()},
+                }
+                for number, frame in frames.items()
+            },
+        }
+    }
+
+
+def _centred(box: Sequence[int]) -> list[float]:
+    """Return a box by its centre; ``box`` begins with the first column and row that it holds."""
+    x, y, width, height = box
+    return [x + (width - 1) / 2, y + (height - 1) / 2, width, height]
+
+
+def _type_of(value: object) -> str:
+    if isinstance(value, bool):
+        return "boolean"
+    return "text" if isinstance(value, str) else "num"
+
+
+def _extend(intervals: list[dict[str, int]], number: int) -> None:
+    """Add a frame to intervals of consecutive frames."""
+    if intervals and intervals[-1]["frame_end"] == number - 1:
+        intervals[-1]["frame_end"] = number
+    else:
+        intervals.append({"frame_start": number, "frame_end": number})
+
+
+def _pose(camera: CameraDocument) -> dict[str, list[float]]:
+    """Return the transform from the axes of the camera to those of the vehicle, row by row."""
+    outer = camera["extrinsic"]
+    cy, sy, cp, sp, cr, sr = (f(outer[angle]) for angle in ("yaw", "pitch", "roll") for f in (cos, sin))
+    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    axes = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # columns: right, down, ahead
+    pose = np.eye(4)
+    pose[:3, :3] = yaw @ pitch @ roll @ axes
+    pose[:3, 3] = outer["x"], outer["y"], outer["z"]
+    return {"matrix4x4": pose.ravel().tolist()}

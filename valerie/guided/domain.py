@@ -1,0 +1,146 @@
+"""The operational domain: parameters with the distributions in which they occur, as a map to the unit cube and back.
+
+A point of the unit cube holds one quantile per parameter, so that the operational density is uniform there and distances
+are shares of the domain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.blocks import Variation
+from valerie.parameters.definitions import TURN, ParameterDefinition, ParameterType, Value
+from valerie.parameters.distributions import Choice, Constant, Homogeneous
+from valerie.parameters.samplers import UnitPoints
+
+_BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
+
+
+class Axis(StrEnum):
+    """The kind of a parameter's values."""
+
+    #: Any number of a range.
+    CONTINUOUS = "continuous"
+    #: Some numbers of a range.
+    STEPPED = "stepped"
+    #: Values without a distance between them.
+    UNORDERED = "unordered"
+
+
+class Domain:
+    """The operational domain.
+
+    Args:
+        definitions: of the asset.
+        variations: the varied parameters by path or name, one for each dimension of the unit cube.
+
+    Attributes:
+        definitions: one for each dimension.
+        variations: see above.
+
+    Raises:
+        InvalidInput, UnknownName: the field begins with ``vary``.
+    """
+
+    def __init__(self, definitions: Sequence[ParameterDefinition], variations: Sequence[Variation]) -> None:
+        by_name = {key: definition for definition in definitions for key in (definition.name, definition.path)}
+        chosen: list[ParameterDefinition] = []
+        for i, variation in enumerate(variations):
+            if variation.path not in by_name:
+                raise UnknownName("parameter", variation.path, by_name, field=f"vary.{i}")
+            definition = by_name[variation.path]
+            if definition in chosen:
+                raise InvalidInput("the parameter is varied twice", field=f"vary.{i}", value=variation.path)
+            variation.distribution.check(definition)
+            chosen.append(definition)
+        if not chosen:
+            raise InvalidInput("a domain needs a parameter", field="vary", limit=">= 1")
+        self.definitions, self.variations = tuple(chosen), tuple(variations)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(definition.name for definition in self.definitions)
+
+    @property
+    def dimensions(self) -> int:
+        """Number of parameters."""
+        return len(self.definitions)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Kind of each parameter."""
+        return tuple(
+            Axis.UNORDERED
+            if isinstance(variation.distribution, Choice | Constant)
+            else Axis.CONTINUOUS
+            if variation.distribution.continuous and definition.type is not ParameterType.INT
+            else Axis.STEPPED
+            for definition, variation in zip(self.definitions, self.variations, strict=True)
+        )
+
+    @property
+    def periodic(self) -> NDArray[np.bool_]:
+        """(dimensions,) True for an ANGLE whose values go round a full turn, so that 0 and 1 are neighbours."""
+        return np.array([self._goes_round(dimension) for dimension in range(self.dimensions)])
+
+    def _goes_round(self, dimension: int) -> bool:
+        definition, distribution = self.definitions[dimension], self.variations[dimension].distribution
+        if definition.type is not ParameterType.ANGLE or self.axes[dimension] is Axis.UNORDERED:
+            return False
+        first, last = (float(distribution.quantile(u, definition)) for u in (0.0, _BELOW_ONE))
+        step = distribution.step if isinstance(distribution, Homogeneous) else 0.0
+        return abs(math.remainder(first - last - step, TURN)) < 1e-6
+
+    def values(self, point: ArrayLike) -> dict[str, Value]:
+        """Return the values at a point, (dimensions,) in [0, 1], by path."""
+        return {
+            definition.path: variation.distribution.quantile(u, definition)
+            for definition, variation, u in zip(
+                self.definitions, self.variations, _inside(np.asarray(point, np.float64)).tolist(), strict=True
+            )
+        }
+
+    def point(self, values: Mapping[str, Value]) -> UnitPoints:
+        """Return the point, (dimensions,) in [0, 1), of values by path or name.
+
+        A value that many points have is placed in the middle of them.
+
+        Raises:
+            InvalidInput: a parameter has no value, or its distribution does not have this value.
+        """
+        quantiles = []
+        for definition, variation in zip(self.definitions, self.variations, strict=True):
+            name = definition.path if definition.path in values else definition.name
+            if name not in values:
+                raise InvalidInput("the parameter has no value", field=definition.name)
+            quantiles.append(variation.distribution.unit(values[name], definition))
+        return _inside(np.array(quantiles))
+
+    def snapped(self, points: UnitPoints) -> UnitPoints:
+        """Return points with the same values, alike wherever the values of a parameter with steps or choices are alike."""
+        points = _inside(points.copy())
+        for dimension, axis in enumerate(self.axes):
+            if axis is not Axis.CONTINUOUS:
+                distribution, definition = self.variations[dimension].distribution, self.definitions[dimension]
+                points[:, dimension] = [
+                    distribution.unit(distribution.quantile(u, definition), definition)
+                    for u in points[:, dimension].tolist()
+                ]
+        return points
+
+    def steps(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+        """Return the ways from ``start`` to ``end``, (…, dimensions); the shorter way round for a periodic parameter."""
+        ways = np.asarray(end, np.float64) - np.asarray(start, np.float64)
+        return np.where(self.periodic, ways - np.round(ways), ways)
+
+
+def _inside(points: UnitPoints) -> UnitPoints:
+    return np.clip(points, 0.0, _BELOW_ONE)

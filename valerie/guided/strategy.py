@@ -1,0 +1,94 @@
+"""The interface of a strategy: it proposes points of the unit cube, and learns their outcomes.
+
+A *score* is a number; a *failure* is a score below the strategy's bound. NaN stands for an undefined score: an outcome of
+its own that neither passes nor fails. A variant without any outcome, because a worker died, is evaluated again and never
+told.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from valerie.errors import InvalidInput
+from valerie.parameters.samplers import UnitPoints
+
+#: (n,) float64 scores; NaN where a score is undefined.
+Scores = NDArray[np.float64]
+
+
+class Strategy(Protocol):
+    """A strategy. Its proposals follow from its arguments and the history of `ask` and `tell` alone."""
+
+    def ask(self, count: int) -> UnitPoints:
+        """Return the next batch, (n, dimensions) with n ≤ ``count``.
+
+        An empty batch says that nothing is wanted before the next `tell`, or nothing more at all if no batch is open.
+        """
+        ...
+
+    def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
+        """Take the scores, (n,), of the oldest batch that has none.
+
+        Raises:
+            InvalidInput: these are other points, or not one score for each.
+        """
+        ...
+
+
+class OpenBatches:
+    """The batches of a strategy that have no outcomes yet, oldest first."""
+
+    def __init__(self) -> None:
+        self._batches: deque[UnitPoints] = deque()
+
+    def __len__(self) -> int:
+        return len(self._batches)
+
+    def add(self, points: UnitPoints) -> UnitPoints:
+        """Return the points; a batch of them is open from now on, unless it is empty."""
+        if len(points):
+            self._batches.append(points.copy())
+        return points
+
+    def close(self, points: UnitPoints, scores: ArrayLike) -> Scores:
+        """Return the checked scores of the oldest batch, which is no longer open.
+
+        Raises:
+            InvalidInput: these are other points, not one score for each, or an infinite score.
+        """
+        if not self._batches or not np.array_equal(self._batches[0], points):
+            raise InvalidInput("not the points of the oldest batch without scores", field="points", value=len(points))
+        values = np.asarray(scores, np.float64)
+        if values.shape != (len(points),):
+            raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=(len(points),))
+        if np.isinf(values).any():
+            raise InvalidInput("a score is finite, or NaN where it is undefined", field="scores", value="infinite")
+        self._batches.popleft()
+        return values
+
+
+def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, budget: int, batch: int) -> int:
+    """Ask, measure and tell until the strategy wants nothing more or the budget is spent.
+
+    Args:
+        strategy: any.
+        measure: (n, dimensions) points to (n,) scores, NaN where undefined.
+        budget: largest number of evaluations.
+        batch: largest number of points at a time.
+
+    Returns:
+        The number of evaluations.
+    """
+    spent = 0
+    while spent < budget:
+        points = strategy.ask(min(batch, budget - spent))
+        if not len(points):
+            break
+        strategy.tell(points, measure(points))
+        spent += len(points)
+    return spent

@@ -1,0 +1,28 @@
+"""The software of this process: VALERIE, Python and all installed packages."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, distributions, version
+
+from valerie.spelling import package_name
+
+
+def software() -> str:
+    """Return the name and version of this program."""
+    try:
+        return f"valerie {version('valerie')}"
+    except PackageNotFoundError:
+        return "valerie (not installed)"
+
+
+def environment() -> dict[str, object]:
+    """Return the versions of this program, Python and all installed packages, and the kind of machine, as JSON values."""
+    packages = {package_name(package.name): package.version for package in distributions()}
+    return {
+        "software": software(),
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "packages": dict(sorted(packages.items())),
+    }

@@ -1,0 +1,128 @@
+"""The documents of an evidence folder that say where its numbers come from, and the names of its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from valerie.parameters.definitions import Value
+from valerie.runs.frames import FrameKey
+
+SPEC: Final = "spec.json"
+RUN: Final = "run.json"
+PINS: Final = "pins.json"
+FRAMES: Final = "frames.json"
+#: Folder of the pictures.
+PICTURES: Final = "frames"
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ResultDigests(_Document):
+    """SHA-256, hex, of what every execution of a spec in equal numeric classes repeats; no run's id is part of them.
+
+    Attributes:
+        frames: Merkle root over the pictures.
+        table: of ``evaluations.csv`` without the columns ``run_id`` and ``frame_id``.
+        verdicts: of the verdicts as JSON with sorted keys, indented by two.
+    """
+
+    frames: str
+    table: str
+    verdicts: str
+
+
+class RunFacts(_Document):
+    """The run that the evidence is about.
+
+    Attributes:
+        id, name: of the run.
+        state: in which it ended.
+        spec_digest, asset_digest: of its spec and its asset.
+        parent_run, iteration: of a refinement.
+        created_at, started_at, finished_at: with time zone.
+        results: digests of its results.
+    """
+
+    id: str = Field(max_length=32)
+    name: str
+    state: str
+    spec_digest: str
+    asset_digest: str
+    parent_run: str | None
+    iteration: int
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    results: ResultDigests
+
+
+class FrameEntry(_Document):
+    """A frame through one sensor setting, with its pictures.
+
+    Attributes:
+        variant, camera, time: indices in the run.
+        sensor: index in the sensors of the spec.
+        functions: indices in its functions, of those whose predictions are shown.
+        assignment: path to value of the variant.
+    """
+
+    variant: int = Field(ge=0)
+    camera: int = Field(ge=0)
+    time: int = Field(ge=0)
+    sensor: int = Field(ge=0)
+    functions: tuple[int, ...]
+    assignment: dict[str, Value]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Kind of picture to path: ``picture``, ``truth``, and ``prediction-0`` … by function."""
+        kinds = ["picture", "truth", *(f"prediction-{function}" for function in self.functions)]
+        stem = f"{PICTURES}/{self.variant}.{self.camera}.{self.time}/sensor-{self.sensor}"
+        return {kind: f"{stem}-{kind}.png" for kind in kinds}
+
+
+class FrameList(_Document):
+    """The frames of the folder, in order."""
+
+    frames: tuple[FrameEntry, ...]
+
+
+@dataclass(slots=True)
+class NamedFrame:
+    """A frame through one sensor setting that findings or verdicts name, with the functions that looked."""
+
+    key: FrameKey
+    sensor: str | None
+    functions: set[str] = field(default_factory=set)
+
+
+def named_frames(document: object) -> list[NamedFrame]:
+    """Return the frames that a document of results names, sorted.
+
+    An object names a frame by ``frame_id``; its ``sensor`` and ``function`` say what is shown of it.
+    """
+    named: dict[tuple[FrameKey, str], NamedFrame] = {}
+    for view in _views(document):
+        key, sensor, function = FrameKey.parse(view["frame_id"]), view.get("sensor"), view.get("function")
+        frame = named.setdefault((key, sensor or ""), NamedFrame(key, sensor))
+        if function:
+            frame.functions.add(function)
+    return [frame for _, frame in sorted(named.items(), key=lambda item: item[0])]
+
+
+def _views(document: object) -> Iterator[Mapping[str, Any]]:
+    if isinstance(document, Mapping):
+        if isinstance(document.get("frame_id"), str):
+            yield document
+        for value in document.values():
+            yield from _views(value)
+    elif isinstance(document, list):
+        for value in document:
+            yield from _views(value)

@@ -1,0 +1,221 @@
+"""A run's evidence as one folder: spec, results, environment, and the frames that findings and verdicts name."""
+
+from __future__ import annotations
+
+import errno
+import io
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+import orjson
+import pyarrow as pa
+
+from valerie.analysis.table import EvaluationTable
+from valerie.db import frames, runs
+from valerie.db.engine import reading
+from valerie.db.runs import RunRow
+from valerie.errors import StorageFull, StorageUnavailable
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
+from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET, artifact_key
+from valerie.pipeline.evidence.contents import (
+    FRAMES,
+    PICTURES,
+    PINS,
+    RUN,
+    SPEC,
+    FrameEntry,
+    FrameList,
+    NamedFrame,
+    ResultDigests,
+    RunFacts,
+    named_frames,
+)
+from valerie.pipeline.evidence.crate import write_crate
+from valerie.pipeline.evidence.manifest import (
+    MANIFEST,
+    SIGNED,
+    document_bytes,
+    manifest_of,
+    plain_files,
+    sha256_of,
+    tree_root,
+)
+from valerie.pipeline.evidence.signing import read_private_key, sign
+from valerie.pipeline.export.folder import require_free_name, require_room
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.painting import png
+from valerie.pipeline.reading.selection import function_index, sensor_index
+from valerie.runs.moments import in_utc
+
+#: Bytes per pixel of a picture, and of a painted map of classes, as PNG; rounded up.
+_PICTURE_BYTES, _MAP_BYTES = 2.5, 0.3
+#: Artifacts of the end of a run, each with its description.
+_RESULTS: Final = {
+    TABLE_PARQUET: "Long table: one row per person in each evaluation",
+    TABLE_CSV: "Long table as CSV",
+    SUMMARY: "Summary, findings and verdicts",
+    REPORT: "Report for people",
+    ENVIRONMENT: "Python, machine and package versions of the process that wrote the results",
+}
+_DOCUMENTS: Final = {
+    SPEC: "The exact spec of the run",
+    RUN: "The run: state, dates, digests of spec, asset and results",
+    PINS: "Numeric classes, revisions and file digests that the run pinned, with the cards of its functions",
+    **_RESULTS,
+    FRAMES: "The frames that findings and verdicts name: variant, camera, time, sensor, functions",
+    MANIFEST: "SHA-256 of each file and the root over them",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedEvidence:
+    """The result of an export.
+
+    Attributes:
+        folder: that was made.
+        files: number of files in its manifest.
+        frames: number of frames, each through one sensor setting.
+        root: Merkle root over the files, hex.
+        signer: id of the key; None where the folder is not signed.
+    """
+
+    folder: Path
+    files: int
+    frames: int
+    root: str
+    signer: str | None
+
+
+def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | None = None) -> ExportedEvidence:
+    """Write the evidence of an ended run. A second export has equal bytes.
+
+    Args:
+        context: database and artifact store.
+        run_id: of the run.
+        out: folder to make; must not exist, or be empty.
+        key: file of a private Ed25519 key; None: the folder is not signed.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: the run has not ended, ``out`` holds something, or the products of a named frame are gone.
+        MissingInput: the object of a named frame is gone.
+        InvalidInput: not a private key.
+        Refused: the files are too many or too large (`valerie.pipeline.evidence.manifest`).
+        StorageFull, StorageUnavailable: ``out`` cannot be written.
+    """
+    signer = None if key is None else read_private_key(key)
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+    results = {name: context.store.get(artifact_key(context, run_id, name)) for name in _RESULTS}
+    stored = resolve_stored(run, context.settings)
+    summary = orjson.loads(results[SUMMARY])
+    named = named_frames([summary["findings"], summary["verdicts"]])
+    require_free_name(out)
+    _require_room(context, stored, out, named, sum(map(len, results.values())))
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        for name, data in results.items():
+            (partial / name).write_bytes(data)
+        descriptions = dict(_DOCUMENTS)
+        entries = []
+        for frame in named:
+            entry = _write_frame(context, stored, frame, partial)
+            entries.append(entry)
+            descriptions |= {path: f"{kind} of frame {frame.key}" for kind, path in entry.files.items()}
+        listed = FrameList(frames=tuple(entries))
+        facts = _facts(run, partial, table=results[TABLE_PARQUET], verdicts=summary["verdicts"])
+        for name, document in (
+            (SPEC, run.spec.model_dump(mode="json")),
+            (RUN, facts.model_dump(mode="json")),
+            (PINS, stored.pins.model_dump(mode="json")),
+            (FRAMES, listed.model_dump(mode="json")),
+        ):
+            (partial / name).write_bytes(document_bytes(document))
+        (partial / MANIFEST).touch()  # so that the description may name it
+        write_crate(partial, facts, descriptions)
+        manifest = manifest_of(partial)
+        payload = manifest.to_bytes()
+        (partial / MANIFEST).write_bytes(payload)
+        if signer is not None:
+            (partial / SIGNED).write_bytes(sign(payload, signer))
+        if out.exists():
+            out.rmdir()
+        partial.rename(out)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise StorageFull(f"no space left for {out}") from error
+        raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    signer_id = None if signer is None else str(signer.public_key.keyid)
+    return ExportedEvidence(out, len(manifest.subject), len(entries), manifest.predicate.root, signer_id)
+
+
+def _require_room(context: Context, stored: StoredRun, out: Path, named: list[NamedFrame], results: int) -> None:
+    size = stored.resolved.spec.resolution
+    maps = sum(1 + len(frame.functions) for frame in named)
+    pictures = size.width * size.height * (len(named) * _PICTURE_BYTES + maps * _MAP_BYTES)
+    require_room(out, results + pictures, f"the evidence with {len(named):,} frames", context.settings.min_free_mb)
+
+
+def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder: Path) -> FrameEntry:
+    """Write the pictures of a frame; return its entry."""
+    resolved = stored.resolved
+    functions = {function_index(name, resolved): name for name in sorted(frame.functions)}
+    with reading(context.engine) as connection:
+        assignment = frames.get(connection, frame.key).assignment
+    entry = FrameEntry(
+        variant=frame.key.variant,
+        camera=frame.key.camera,
+        time=frame.key.time,
+        sensor=sensor_index(frame.sensor, resolved),
+        functions=tuple(sorted(functions)),
+        assignment=dict(assignment),
+    )
+    for shown, path in entry.files.items():
+        kind, _, function = shown.partition("-")
+        source = find_picture(
+            context, frame.key, kind=kind, sensor=frame.sensor, function=functions[int(function)] if function else None
+        )
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(png(paint_picture(context, source)))
+    return entry
+
+
+def _facts(run: RunRow, folder: Path, *, table: bytes, verdicts: object) -> RunFacts:
+    pictures = {name: sha256_of(folder / name) for name in _pictures(folder)}
+    results = ResultDigests(
+        frames=tree_root(pictures),
+        table=_table_digest(EvaluationTable.from_parquet(pa.BufferReader(table))),
+        verdicts=sha256(document_bytes(verdicts)).hexdigest(),
+    )
+    return RunFacts(
+        id=run.id,
+        name=run.name,
+        state=run.state,
+        spec_digest=run.spec_digest,
+        asset_digest=run.asset_digest,
+        parent_run=run.parent_run,
+        iteration=run.iteration,
+        created_at=in_utc(run.created_at),
+        started_at=None if run.started_at is None else in_utc(run.started_at),
+        finished_at=None if run.finished_at is None else in_utc(run.finished_at),
+        results=results,
+    )
+
+
+def _pictures(folder: Path) -> Iterator[str]:
+    return (name for name in plain_files(folder) if name.startswith(f"{PICTURES}/"))
+
+
+def _table_digest(table: EvaluationTable) -> str:
+    anonymous = io.BytesIO()
+    table.to_csv(anonymous, without=("run_id", "frame_id"))
+    return sha256(anonymous.getvalue()).hexdigest()

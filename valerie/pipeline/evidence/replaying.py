@@ -1,0 +1,209 @@
+"""Making frames of an evidence folder again, from its spec and pins alone, and comparing the pixels."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from random import SystemRandom
+from tempfile import TemporaryDirectory
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydantic import BaseModel, ValidationError
+
+from valerie.db import runs
+from valerie.db.engine import writing
+from valerie.db.links import StoredFrame
+from valerie.db.migrate import migrate
+from valerie.db.products import Job, Look
+from valerie.db.runs import SubmittedRun
+from valerie.errors import ValerieError
+from valerie.pipeline.base.context import Context, open_context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run, resolve_new
+from valerie.pipeline.evidence.contents import FRAMES, PINS, RUN, SPEC, FrameEntry, FrameList, RunFacts
+from valerie.pipeline.evidence.manifest import MAX_BYTES, Refused, read_document
+from valerie.pipeline.reading.capture import capture_of
+from valerie.pipeline.reading.painting import FramePainter
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.work.makers.inference import InferMaker
+from valerie.pipeline.work.makers.rendering import RenderMaker
+from valerie.runs.frames import FrameKey
+from valerie.runs.inputs import FrameDigests, ProductInputs
+from valerie.runs.pins import Pins
+from valerie.runs.spec import parse
+from valerie.runs.states import ProductKind, RunState
+from valerie.settings import Settings
+
+EQUAL: Final = "equal"
+DIFFERS: Final = "differs"
+Document = TypeVar("Document", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedPicture:
+    """A picture of the folder, made again.
+
+    Attributes:
+        file: its path; empty where no picture could be made.
+        verdict: ``equal``, ``differs``, or why it cannot be made here.
+    """
+
+    file: str
+    verdict: str
+
+
+def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture]:
+    """Make some frames of a verified folder again, chosen by chance, and compare their pictures.
+
+    It needs the run's asset, engine and functions in the numeric classes that the run pinned. Functions that were
+    registered, and uploaded predictions, are not in the folder.
+
+    Args:
+        folder: that `valerie.pipeline.evidence.verifying.verify` accepted.
+        count: number of frames; all, where there are fewer.
+        settings: of this machine: assets, engines, bounds of functions.
+
+    Raises:
+        Refused: a document of the folder is not what it should be.
+    """
+    entries = _document(folder, FRAMES, FrameList).frames
+    chosen = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
+    if not chosen:
+        return []
+    try:
+        with _deployment(folder, settings) as (context, run):
+            frames = _Frames(context, run)
+            return [picture for entry in chosen for picture in frames.compare(folder, entry)]
+    except Refused:
+        raise
+    except ValerieError as error:
+        return [ReplayedPicture("", f"cannot be made here: {error}")]
+
+
+@contextmanager
+def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, StoredRun]]:
+    """Open an empty deployment in a temporary folder that knows the run, and nothing else of it.
+
+    Raises:
+        ValerieError: the run's asset, engine or functions are not here, or the asset changed.
+    """
+    facts, pins = _document(folder, RUN, RunFacts), _document(folder, PINS, Pins)
+    spec = parse(read_document(folder, SPEC))
+    if spec.digest != facts.spec_digest:
+        raise Refused([f"{RUN}: its digest of the spec is not that of {SPEC}"])
+    resolved = resolve_new(
+        spec, settings, registered=[name for name, pin in pins.functions.items() if pin.kind is not None]
+    )
+    with TemporaryDirectory(prefix="valerie-evidence-") as place:
+        update = {"data_dir": Path(place), "database_url": f"sqlite:///{place}/run.sqlite3", "artifacts_url": place}
+        context = open_context(settings.model_copy(update=update))
+        try:
+            migrate(context.engine)
+            row = SubmittedRun(
+                id=facts.id,
+                name=facts.name,
+                state=RunState.COMPLETED,
+                reason=None,
+                spec=spec,
+                spec_digest=facts.spec_digest,
+                asset_digest=facts.asset_digest,
+                pins=pins,
+                parent_run=None,
+                iteration=facts.iteration,
+                variant_count=resolved.space.size,
+                created_at=facts.created_at,
+            )
+            with writing(context.engine) as connection:
+                runs.create(connection, row)
+            yield context, read_run(context, facts.id)
+        finally:
+            context.engine.dispose()
+
+
+class _Frames:
+    """Makes frames of one run into the store of a deployment."""
+
+    def __init__(self, context: Context, run: StoredRun) -> None:
+        self._run, self._reader = run, ProductReader(context.store)
+        self._render, self._infer = RenderMaker(context), InferMaker(context)
+        self._inputs = ProductInputs(run.resolved, asset_digest=run.resolved.asset_digest, pins=run.pins)
+
+    def compare(self, folder: Path, entry: FrameEntry) -> Iterator[ReplayedPicture]:
+        """Yield the pictures of a frame: rendered ones first."""
+        frame, digests = self._frame(entry)
+        looks = {
+            e.function_index: Look(e.sensor_index, e.function_index, e.prediction)
+            for e in digests.evaluations
+            if e.sensor_index == entry.sensor
+        }
+        try:
+            self._make_frame(frame, digests)
+        except ValerieError as error:
+            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for file in entry.files.values())
+            return
+        capture = capture_of(self._run.resolved, frame, entry.sensor)
+        painter = FramePainter(self._reader)
+        for shown, file in entry.files.items():
+            kind, _, function = shown.partition("-")
+            try:
+                prediction = None
+                if function:
+                    look = looks[int(function)]
+                    self._infer.make(Job(look.prediction, ProductKind.PREDICTION, 1, frame, look))
+                    prediction = look.prediction
+                pixels = painter.paint(kind, capture=capture, prediction=prediction)
+            except ValerieError as error:
+                yield ReplayedPicture(file, f"cannot be made here: {error}")
+                continue
+            yield ReplayedPicture(file, EQUAL if _shows(folder, file, pixels) else DIFFERS)
+
+    def _frame(self, entry: FrameEntry) -> tuple[StoredFrame, FrameDigests]:
+        resolved = self._run.resolved
+        known = (
+            entry.variant < resolved.space.size
+            and entry.camera < len(resolved.cameras)
+            and entry.time < len(resolved.times.elapsed)
+            and entry.sensor < len(resolved.spec.sensors)
+            and all(0 <= function < len(resolved.spec.functions) for function in entry.functions)
+        )
+        if not known:
+            raise Refused([f"{FRAMES}: {entry.variant}.{entry.camera}.{entry.time} is no frame of the spec"])
+        ((_, assignment),) = resolved.space.values(entry.variant, entry.variant + 1)
+        digests = self._inputs.frame(
+            resolved.at(assignment, entry.time), entry.camera, near=partial(resolved.near, assignment, entry.time)
+        )
+        key = FrameKey(self._run.id, entry.variant, entry.camera, entry.time)
+        return StoredFrame(key, digests.products, dict(assignment)), digests
+
+    def _make_frame(self, frame: StoredFrame, digests: FrameDigests) -> None:
+        kinds = (ProductKind.BACKGROUND, ProductKind.LAYER, ProductKind.TRUTH)
+        for kind, digest in zip(kinds, frame.products.required, strict=True):
+            self._render.make(Job(digest, kind, 1, frame))
+        for kind, digest, _ in digests.annotations:
+            if kind is ProductKind.VELOCITY:
+                self._render.make(Job(digest, kind, 1, frame))
+
+
+def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
+    """Return whether a PNG file holds exactly these pixels, (H, W, 3)."""
+    data = read_document(folder, file, max_bytes=MAX_BYTES)
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+            height, width = pixels.shape[:2]
+            return image.size == (width, height) and np.array_equal(np.asarray(image), pixels)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise Refused([f"{file}: not a PNG picture ({error})"]) from None
+
+
+def _document(folder: Path, name: str, model: type[Document]) -> Document:
+    try:
+        return model.model_validate_json(read_document(folder, name))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise Refused([f"{name}: {'.'.join(map(str, first['loc']))}: {first['msg']}"]) from None

@@ -1,0 +1,72 @@
+"""Checking an evidence folder: it needs neither data folder nor server, and executes nothing from the folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from valerie.errors import InvalidInput
+from valerie.pipeline.evidence.manifest import (
+    MANIFEST,
+    SIGNED,
+    Refused,
+    plain_files,
+    read_document,
+    read_manifest,
+    sha256_of,
+)
+from valerie.pipeline.evidence.signing import read_public_key, require_envelope, require_signature
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """A folder whose files are those of its manifest.
+
+    Attributes:
+        files: number of files that the manifest covers.
+        root: Merkle root over them, hex.
+        signed: whether there is a signature.
+        signer: id of the key that signed; None where no key was given.
+    """
+
+    files: int
+    root: str
+    signed: bool
+    signer: str | None
+
+
+def verify(folder: Path, *, key: Path | None = None) -> Verified:
+    """Check names, sizes and digests of all files, and with ``key`` the signature.
+
+    Without a key nothing shows who made the folder.
+
+    Raises:
+        InvalidInput: no such folder, or not a public key.
+        Refused: a file is missing, changed, not listed, a link, or beyond the limits; or the signature does not fit.
+    """
+    public = None if key is None else read_public_key(key)
+    if not folder.is_dir():
+        raise InvalidInput("not a folder", field="FOLDER", value=str(folder))
+    present = set(plain_files(folder))
+    if MANIFEST not in present:
+        raise Refused([f"{MANIFEST}: missing"])
+    data = read_document(folder, MANIFEST)
+    manifest = read_manifest(data)
+    expected = manifest.digests
+    problems = [f"{name}: missing" for name in expected if name not in present]
+    problems += [f"{name}: not in the manifest" for name in sorted(present - {*expected, MANIFEST, SIGNED})]
+    problems += [
+        f"{name}: changed"
+        for name, digest in expected.items()
+        if name in present and sha256_of(folder / name) != digest
+    ]
+    if problems:
+        raise Refused(problems)
+    signer = None
+    if SIGNED in present:
+        envelope = require_envelope(read_document(folder, SIGNED), data)
+        if public is not None:
+            signer = require_signature(envelope, public)
+    elif public is not None:
+        raise Refused([f"{SIGNED}: missing; the folder is not signed"])
+    return Verified(len(expected), manifest.predicate.root, SIGNED in present, signer)
