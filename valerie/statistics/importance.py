@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from scipy.stats import rankdata, t
 
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, MissingDependency
 from valerie.statistics.confirmation import holm
 from valerie.statistics.observations import Observations, dense
 
@@ -169,6 +169,7 @@ def measured_importance(
 
     Raises:
         InvalidInput: lengths differ, or a number is not finite.
+        MissingDependency: scikit-learn is not installed.
     """
     scores, numbers, place = _checked(values, places, columns)
     generator = np.random.default_rng(seed)
@@ -235,8 +236,10 @@ def _fit(x: Floats, scores: Floats) -> Callable[[Floats], Floats]:
     The additive model is piecewise linear in each of its columns, which are added one by one while Schwarz's criterion falls
     (1978, doi:10.1214/aos/1176344136). Trees alone share an effect out among columns that go together.
     """
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
+    try:
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    except ModuleNotFoundError as error:
+        raise MissingDependency("importance needs scikit-learn: install valerie[report]") from error
     basis = _basis(x)
     gram, product = basis.T @ basis, basis.T @ scores
 
