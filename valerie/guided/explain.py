@@ -86,6 +86,8 @@ class Explain:
         ends = np.array([np.asarray(failing, np.float64), np.asarray(passing, np.float64)])
         if ends.shape != (2, domain.dimensions):
             raise InvalidInput("not of this domain", field="failing", value=ends.shape[1:], limit=domain.dimensions)
+        self._failing: UnitPoints
+        self._passing: UnitPoints
         self._failing, self._passing = domain.snapped(ends)
         if not self._changed(self._failing):
             raise InvalidInput("the failing and the passing variant do not differ", field="failing")
@@ -173,15 +175,15 @@ class Explain:
 
     def _wrapped(self, failing: UnitPoints, ways: NDArray[np.float64]) -> UnitPoints:
         points = np.where(self._numbers, self._passing, failing) + ways
-        return np.where(self.domain.periodic, points % 1.0, points)
+        return np.asarray(np.where(self.domain.periodic, points % 1.0, points))
 
     def _with(self, changes: list[int]) -> UnitPoints:
-        point = self._passing.copy()
+        point = np.array(self._passing)
         point[changes] = self._failing[changes]
         return point
 
     def _changed(self, point: UnitPoints) -> list[int]:
-        return np.flatnonzero(point != self._passing).tolist()
+        return [int(dimension) for dimension in np.flatnonzero(point != self._passing)]
 
     def _evaluate(self, points: list[UnitPoints]) -> _Evaluating:
         """Have the verdicts of points that have none."""
