@@ -83,7 +83,7 @@ def cube(dimensions: int) -> Domain:
 
 def pair_evaluations(planted: planted_scores.Planted, seed: int) -> int:
     """Return the number of evaluations of a minimal pair."""
-    points = np.random.default_rng([seed, 2]).random((SOUGHT, planted.dimensions))
+    points = np.random.default_rng([seed, 1, 2]).random((SOUGHT, planted.dimensions))
     scores = planted.score(points)
     failing, passing = points[scores < planted_scores.AT_LEAST][0], points[scores >= planted_scores.AT_LEAST][0]
     strategy = Explain(cube(planted.dimensions), failing, passing, at_least=planted_scores.AT_LEAST)
@@ -106,7 +106,7 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
         known = strategy.rate()
         spent += time.process_time() - started
         batches += len(strategy.draws)
-        draws = np.random.default_rng([seed + repetition, 3]).random((budget, planted.dimensions))
+        draws = np.random.default_rng([seed + repetition, 1, 3]).random((budget, planted.dimensions))
         failing = planted.score(draws) < planted_scores.AT_LEAST
         plain = mean_interval(failing, sampling_units("random", np.arange(budget)))
         for name, interval in zip(held, (known.assumption_free, known.assisted, plain), strict=True):

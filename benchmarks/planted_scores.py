@@ -55,7 +55,7 @@ def plant(family: str, seed: int, rate: float) -> Planted:
     """Return the score of a family that follows from the seed."""
     rng = np.random.default_rng([seed, crc32(family.encode())])
     dimensions = int(rng.integers(6, 13))
-    cube = np.random.default_rng([seed, 1]).random((_TRUTH_POINTS, dimensions))
+    cube = np.random.default_rng([seed, 1, 1]).random((_TRUTH_POINTS, dimensions))
     margin = MARGINS[family](rng, dimensions, cube, rate)
     edge = rng.integers(dimensions) if family == "partly undefined" else None
 
