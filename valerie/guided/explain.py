@@ -86,6 +86,8 @@ class Explain:
         ends = np.array([np.asarray(failing, np.float64), np.asarray(passing, np.float64)])
         if ends.shape != (2, domain.dimensions):
             raise InvalidInput("not of this domain", field="failing", value=ends.shape[1:], limit=domain.dimensions)
+        self._failing: UnitPoints
+        self._passing: UnitPoints
         self._failing, self._passing = domain.snapped(ends)
         if not self._changed(self._failing):
             raise InvalidInput("the failing and the passing variant do not differ", field="failing")
@@ -181,7 +183,7 @@ class Explain:
         return point
 
     def _changed(self, point: UnitPoints) -> list[int]:
-        return np.flatnonzero(point != self._passing).tolist()
+        return [int(dimension) for dimension in np.flatnonzero(point != self._passing)]
 
     def _evaluate(self, points: list[UnitPoints]) -> _Evaluating:
         """Have the verdicts of points that have none."""

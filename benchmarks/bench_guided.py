@@ -1,0 +1,177 @@
+"""Measure guided validation on planted scores, beside plain Monte Carlo.
+
+``make bench-guided``, or ``python -m benchmarks.bench_guided [--seed S --repetitions N --rate P --budget N --batch N]``.
+The planted scores (`benchmarks.planted_scores`) follow from the seed, and every repetition has another one. For each family:
+
+- *explain*: evaluations of minimal pairs from one failing and one passing point;
+- *estimate*: coverage of both intervals, width in units of plain Monte Carlo's (its coverage, by the same number of points,
+  stands beside), the share of repetitions in which the model-assisted number may be used, and its coverage there.
+
+A line is marked where a coverage is below 94 % by a one-sided binomial test at 0.1 %, or the width is above 1.5.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Final
+
+import numpy as np
+from scipy.stats import binomtest
+
+from benchmarks import planted_scores, results
+from valerie.guided.domain import Domain
+from valerie.guided.estimate import Estimate
+from valerie.guided.explain import Explain
+from valerie.guided.strategy import pursue
+from valerie.parameters.blocks import Variation
+from valerie.parameters.definitions import ParameterDefinition
+from valerie.parameters.distributions import Uniform
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.units import sampling_units
+
+GOAL: Final = 0.94
+SIGNIFICANCE: Final = 0.001
+WIDEST: Final = 1.5
+#: Points among which a failing and a passing one are sought for a minimal pair.
+SOUGHT: Final = 2**14
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Figures of one family.
+
+    Attributes:
+        family: of planted scores.
+        repetitions: number of planted scores.
+        pair_evaluations: median and largest number of evaluations of a minimal pair.
+        coverage_free, coverage_assisted, coverage_plain: of the two intervals, and of plain Monte Carlo's.
+        width_free, width_assisted: mean widths in units of plain Monte Carlo's.
+        calibrated: share of repetitions in which the rule allows the model-assisted number.
+        coverage_calibrated: of the model-assisted interval there; None without any.
+        overhead: CPU seconds of a batch, without the evaluations.
+        failures: the goals that are missed.
+    """
+
+    family: str
+    repetitions: int
+    pair_evaluations: tuple[float, float]
+    coverage_free: float
+    coverage_assisted: float
+    coverage_plain: float
+    width_free: float
+    width_assisted: float
+    calibrated: float
+    coverage_calibrated: float | None
+    overhead: float
+    failures: tuple[str, ...]
+
+
+def cube(dimensions: int) -> Domain:
+    """Return a domain of uniform numbers in 0…1."""
+    definitions = [
+        ParameterDefinition.model_validate(
+            {"path": f"scene.x{i}", "type": "FLOAT", "minimum": 0, "maximum": 1, "default": 0, "affects": "geometry"}
+        )
+        for i in range(dimensions)
+    ]
+    return Domain(definitions, [Variation(definition.path, Uniform()) for definition in definitions])
+
+
+def pair_evaluations(planted: planted_scores.Planted, seed: int) -> int:
+    """Return the number of evaluations of a minimal pair."""
+    points = np.random.default_rng([seed, 1, 2]).random((SOUGHT, planted.dimensions))
+    scores = planted.score(points)
+    failing, passing = points[scores < planted_scores.AT_LEAST][0], points[scores >= planted_scores.AT_LEAST][0]
+    strategy = Explain(cube(planted.dimensions), failing, passing, at_least=planted_scores.AT_LEAST)
+    return pursue(strategy, planted.score, budget=1000, batch=1)
+
+
+def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: int, batch: int) -> Row:
+    """Measure one family."""
+    pairs: list[int] = []
+    held: dict[str, list[bool]] = {"assumption-free": [], "assisted": [], "plain": []}
+    widths: dict[str, list[float]] = {"assumption-free": [], "assisted": [], "plain": []}
+    calibrated: list[bool] = []
+    spent, batches = 0.0, 0
+    for repetition in range(repetitions):
+        planted = planted_scores.plant(family, seed + repetition, rate)
+        pairs.append(pair_evaluations(planted, seed + repetition))
+        strategy = Estimate(planted.dimensions, at_least=planted_scores.AT_LEAST, seed=seed + repetition)
+        started = time.process_time()
+        pursue(strategy, planted.score, budget=budget, batch=batch)
+        known = strategy.rate()
+        spent += time.process_time() - started
+        batches += len(strategy.draws)
+        draws = np.random.default_rng([seed + repetition, 1, 3]).random((budget, planted.dimensions))
+        failing = planted.score(draws) < planted_scores.AT_LEAST
+        plain = mean_interval(failing, sampling_units("random", np.arange(budget)))
+        for name, interval in zip(held, (known.assumption_free, known.assisted, plain), strict=True):
+            assert isinstance(interval, Interval), "there are enough points"
+            held[name].append(interval.low <= planted.rate <= interval.high)
+            widths[name].append(interval.high - interval.low)
+        calibrated.append(known.calibrated)
+    of_calibrated = [hit for hit, allowed in zip(held["assisted"], calibrated, strict=True) if allowed]
+    width = float(np.mean(widths["plain"]))
+    assisted = float(np.mean(widths["assisted"])) / width
+    failures = {
+        "assumption-free coverage": low(held["assumption-free"]),
+        "assisted coverage": low(held["assisted"]),
+        "calibrated coverage": low(of_calibrated),
+        "width": assisted > WIDEST,
+    }
+    return Row(
+        family,
+        repetitions,
+        (float(np.median(pairs)), float(max(pairs))),
+        float(np.mean(held["assumption-free"])),
+        float(np.mean(held["assisted"])),
+        float(np.mean(held["plain"])),
+        float(np.mean(widths["assumption-free"])) / width,
+        assisted,
+        float(np.mean(calibrated)),
+        float(np.mean(of_calibrated)) if of_calibrated else None,
+        spent / batches,
+        tuple(name for name, missed in failures.items() if missed),
+    )
+
+
+def low(hits: Sequence[bool]) -> bool:
+    """Return True if the test rejects the goal's coverage."""
+    return bool(hits) and binomtest(sum(hits), len(hits), GOAL, alternative="less").pvalue < SIGNIFICANCE
+
+
+def show(rows: Sequence[Row]) -> None:
+    print(
+        f"{'':18}{'pair: median, most':>20}{'free':>14}{'assisted':>14}{'plain':>7}"
+        f"{'calibrated: share, coverage':>29}{'CPU s/batch':>13}"
+    )
+    for row in rows:
+        calibrated = "–" if row.coverage_calibrated is None else f"{100 * row.coverage_calibrated:.1f}"
+        print(
+            f"{row.family:18}{row.pair_evaluations[0]:12.0f}{row.pair_evaluations[1]:8.0f}"
+            f"{100 * row.coverage_free:8.1f} ×{row.width_free:4.2f}{100 * row.coverage_assisted:8.1f} ×"
+            f"{row.width_assisted:4.2f}{100 * row.coverage_plain:7.1f}{100 * row.calibrated:20.0f} %{calibrated:>7}"
+            f"{row.overhead:13.2f}  {', '.join(row.failures)}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "0")))
+    parser.add_argument("--repetitions", type=int, default=300)
+    parser.add_argument("--rate", type=float, default=1e-2)
+    parser.add_argument("--budget", type=int, default=1024)
+    parser.add_argument("--batch", type=int, default=128)
+    arguments = vars(parser.parse_args())
+    rows = [measure(family, **arguments) for family in planted_scores.FAMILIES]
+    print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
+    show(rows)
+    results.write("guided", {**arguments, "families": [asdict(row) for row in rows]})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Draw planted scores from a seed: functions of the unit cube with a known failure rate, for guided validation.
+
+================= ============================================================================
+family            scores fail where
+================= ============================================================================
+smooth            a rotated linear combination with a gentle bend is high
+disjoint          a point lies in one of four balls
+interaction-only  a product of pairs is high; no parameter matters alone
+discontinuous     a point lies in a box of three parameters; scores step elsewhere
+hidden mode       half as smooth, half in a ball around which scores say nothing of it
+partly undefined  as smooth; scores are undefined in a tenth of the cube
+================= ============================================================================
+
+A score is the logistic function of a margin, and fails below 0.5. The margin is shifted so that the failure rate is what was
+asked for, on 2^18 points that no repetition draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+Floats = NDArray[np.float64]
+Score = Callable[[Floats], Floats]
+
+FAMILIES: Final = ("smooth", "disjoint", "interaction-only", "discontinuous", "hidden mode", "partly undefined")
+AT_LEAST: Final = 0.5
+_TRUTH_POINTS: Final = 2**18
+
+
+@dataclass(frozen=True, slots=True)
+class Planted:
+    """A planted score.
+
+    Attributes:
+        family: one of `FAMILIES`.
+        dimensions: of the cube, 6 to 12.
+        score: (n, dimensions) points to (n,) scores in 0…1, NaN where undefined.
+        rate: the failure rate.
+    """
+
+    family: str
+    dimensions: int
+    score: Score
+    rate: float
+
+
+def plant(family: str, seed: int, rate: float) -> Planted:
+    """Return the score of a family that follows from the seed."""
+    rng = np.random.default_rng([seed, crc32(family.encode())])
+    dimensions = int(rng.integers(6, 13))
+    cube = np.random.default_rng([seed, 1, 1]).random((_TRUTH_POINTS, dimensions))
+    margin = MARGINS[family](rng, dimensions, cube, rate)
+    edge = rng.integers(dimensions) if family == "partly undefined" else None
+
+    def score(points: Floats) -> Floats:
+        scores = expit(margin(points))
+        if edge is not None:
+            scores = np.where(points[:, edge] > 0.9, np.nan, scores)
+        return np.asarray(scores)
+
+    return Planted(family, dimensions, score, float(np.mean(score(cube) < AT_LEAST)))
+
+
+Margin = Callable[[Floats], Floats]
+
+
+def _shifted(load: Margin, cube: Floats, rate: float) -> Margin:
+    """Return the margin that is below 0 for a share ``rate`` of the cube, with a standard deviation of 2."""
+    loads = load(cube)
+    bound, scale = float(np.quantile(loads, 1 - rate)), 2 / float(loads.std())
+    return lambda points: scale * (bound - load(points))
+
+
+def _smooth(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    weights, bend = rng.normal(size=dimensions), 0.5 * rng.normal(size=dimensions)
+    return _shifted(lambda x: (x - 0.5) @ weights + ((x - 0.5) @ bend) ** 2, cube, rate)
+
+
+def _disjoint(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    centres = rng.random((4, dimensions))
+    return _shifted(lambda x: -np.sqrt(((x[:, None] - centres) ** 2).sum(axis=2)).min(axis=1), cube, rate)
+
+
+def _interaction_only(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    order = rng.permutation(dimensions)[: dimensions // 2 * 2].reshape(-1, 2)
+    weights = rng.uniform(0.5, 1.5, len(order)) * rng.choice((-1, 1), len(order))
+    return _shifted(lambda x: ((x[:, order] - 0.5).prod(axis=2)) @ weights, cube, rate)
+
+
+def _discontinuous(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    chosen = rng.permutation(dimensions)
+    side = rate ** (1 / 3)
+    low = rng.uniform(0, 1 - side, 3)
+
+    def margin(points: Floats) -> Floats:
+        inside = ((points[:, chosen[:3]] >= low) & (points[:, chosen[:3]] < low + side)).all(axis=1)
+        return np.where(inside, -1.0, 0.5 + np.floor(3 * points[:, chosen[3]]) + points[:, chosen[4]])
+
+    del cube
+    return margin
+
+
+def _hidden_mode(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    smooth = _smooth(rng, dimensions, cube, rate / 2)
+    centre = rng.random(dimensions)
+
+    def distance(points: Floats) -> Floats:
+        return np.asarray(((points - centre) ** 2).sum(axis=1))
+
+    radius = float(np.quantile(distance(cube), rate / 2))
+    return lambda points: np.where(distance(points) < radius, -1.0, smooth(points))
+
+
+MARGINS: Final[dict[str, Callable[[np.random.Generator, int, Floats, float], Margin]]] = {
+    "smooth": _smooth,
+    "disjoint": _disjoint,
+    "interaction-only": _interaction_only,
+    "discontinuous": _discontinuous,
+    "hidden mode": _hidden_mode,
+    "partly undefined": _smooth,
+}

@@ -1,0 +1,329 @@
+"""A failure rate over the operational domain, with two intervals.
+
+The *assumption-free* number uses points that were drawn from the operational density alone, in a number fixed in advance:
+the interval of `valerie.statistics.intervals` for shares holds for it whatever the
+scores are.
+
+The *model-assisted* number uses all points. Later batches are drawn from a fresh pool of M points of the operational
+density by the mixture π = α/M + (1 − α) v/Σv, with v = √(g(1 − g)) and g the failure probability by a surrogate fitted to
+the earlier batches. With w = 1/(Mπ) and the indicator of failure I, a point contributes Y = λḡ + w(I − λg): importance
+weighting with a control variate (Owen and Zhou 2000, doi:10.1080/01621459.2000.10473909). λ is the regression coefficient
+in the earlier batches, and ḡ the mean of g over the pool. Batches are combined with weights ω ∝ n √(t + 1) that are fixed
+in advance, the first one halved. The interval is p̂ exp(± t √V / p̂).
+
+α follows ε, the weighted share of failures where g < `KNOWN`, as √ε / (√ε + 0.35).
+
+Where the term w(I − λg) of a single point is more than `HEAVIEST` of the sum, the interval is the gamma interval for
+weighted sums, with the largest weight that an unseen failure can have (Fay and Feuer 1997, *Statistics in Medicine* 16,
+791-801).
+
+A mode of failures that the surrogate does not know is seen by the operational share alone, so the model-assisted interval
+can miss it. `FailureRate.hidden_mode` bounds the probability of a mode that no operational point hit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaincinv, stdtrit
+
+from valerie.errors import InvalidInput
+from valerie.guided.strategy import OpenBatches, Scores
+from valerie.guided.surrogate import (
+    LEAST_POINTS,
+    Surrogate,
+    failure_probability,
+    held_out,
+    margins,
+    prediction_error,
+)
+from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.units import Estimand, sampling_units
+
+#: Range of the operational share α of guided batches; the first one has the least.
+SHARES: Final = (0.5, 0.9)
+#: Number of points in a pool.
+POOL: Final = 20_000
+#: Failures below which the proposal aims at more than the failures: at the points with the lowest scores.
+FEW: Final = 11
+#: Largest share of the estimate that one point may carry before the gamma interval is taken.
+HEAVIEST: Final = 0.1
+#: The surrogate knows a failure whose probability it gave as at least this.
+KNOWN: Final = 0.05
+#: Weighted share of failures unknown to the surrogate, above which its number is not to be relied on.
+MOST_UNKNOWN: Final = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class FailureRate:
+    """What is known of the failure rate.
+
+    Attributes:
+        assumption_free: from operational points alone. Intervals hold for a number of points fixed in advance; k planned
+            looks need the level 1 − 0.05 / k each.
+        assisted: from all points and the surrogate; None before the second batch.
+        undefined: rate of undefined scores, from operational points alone.
+        hidden_mode: largest probability of a mode of failures that no operational point hit, at 95 %: about 3 / n.
+        unknown: weighted share of the failures of guided batches to which the surrogate of their batch gave a probability
+            below `KNOWN`; NaN without failures.
+        evaluations: number of all points.
+    """
+
+    assumption_free: Interval
+    assisted: Interval | None
+    undefined: Interval
+    hidden_mode: float
+    unknown: float
+    evaluations: int
+
+    @property
+    def calibrated(self) -> bool:
+        """True where the failures were where the surrogate expected them (`MOST_UNKNOWN`), so ``assisted`` may be used."""
+        return self.assisted is not None and self.unknown <= MOST_UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """A batch as it was drawn.
+
+    Attributes:
+        number: t, 0 for the operational points at the beginning.
+        points: (n, dimensions).
+        weights: (n,) operational density over proposal density.
+        predicted: (n,) margins that the surrogate predicted; None without one.
+        expected: (n,) failure probabilities by the surrogate; 0 without one.
+        pool_mean: mean of that probability over the pool.
+        control: λ, the coefficient of the control variate.
+        share: α, the operational share of the mixture.
+        counted: number of points, from the first on, that are operational and count for the assumption-free number.
+    """
+
+    number: int
+    points: UnitPoints
+    weights: NDArray[np.float64]
+    predicted: NDArray[np.float64] | None
+    expected: NDArray[np.float64]
+    pool_mean: float
+    control: float
+    share: float
+    counted: int
+
+
+class Estimate:
+    """The strategy that estimates a failure rate.
+
+    Args:
+        dimensions: of the domain.
+        at_least: scores in [0, 1] below it fail.
+        seed: of all draws.
+        first: number of operational points at the beginning.
+        pool: number of points in a pool.
+
+    Attributes:
+        draws: every batch with its weights, oldest first.
+        scores: of the batches that were told, oldest first.
+
+    Raises:
+        InvalidInput: a bound outside 0…1, or too few points to fit a surrogate to.
+    """
+
+    def __init__(self, dimensions: int, *, at_least: float, seed: int, first: int = 256, pool: int = POOL) -> None:
+        if not 0 < at_least < 1:
+            raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
+        if first < LEAST_POINTS:
+            raise InvalidInput("too few points to fit a surrogate to", field="first", value=first, limit=LEAST_POINTS)
+        self.dimensions, self.at_least, self.seed, self.first, self.pool = dimensions, at_least, seed, first, pool
+        self.draws: list[Draws] = []
+        self.scores: list[Scores] = []
+        self._open = OpenBatches()
+        self._predicted: list[NDArray[np.float64]] = []
+
+    def ask(self, count: int) -> UnitPoints:
+        """Return the next batch; an empty one while the first points lack scores."""
+        rng = np.random.default_rng([self.seed, len(self.draws)])
+        missing = self.first - sum(len(draws.points) for draws in self.draws if draws.number == 0)
+        if missing:
+            draws = self._operational(rng, 0, min(count, missing))
+        elif sum(map(len, self.scores)) < self.first:
+            return np.empty((0, self.dimensions))
+        else:
+            draws = self._guided(rng, self.draws[-1].number + 1, count)
+        self.draws.append(draws)
+        return self._open.add(draws.points)
+
+    def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
+        """Take the scores of the oldest batch that has none.
+
+        Raises:
+            InvalidInput: these are other points, not one score for each, or a score outside 0…1.
+        """
+        values = np.asarray(scores, np.float64)
+        if ((values < 0) | (values > 1)).any():
+            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
+        self.scores.append(self._open.close(points, values))
+
+    def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
+        zeros = np.zeros(count)
+        return Draws(number, rng.random((count, self.dimensions)), zeros + 1, None, zeros, 0.0, 0.0, 1.0, count)
+
+    def _guided(self, rng: np.random.Generator, number: int, count: int) -> Draws:
+        told = self._told()
+        points, scores = np.concatenate([draws.points for draws, _ in told]), np.concatenate([s for _, s in told])
+        true, defined = margins(scores, self.at_least), ~np.isnan(scores)
+        predicted = self._predicted_before(told, true)
+        judged = defined & ~np.isnan(predicted)
+        if np.count_nonzero(judged) < LEAST_POINTS:
+            return self._operational(rng, number, count)
+        error = prediction_error(true[judged], predicted[judged])
+
+        surrogate = Surrogate(points[defined], true[defined])
+        pool = rng.random((max(self.pool, 20 * count), self.dimensions))
+        of_pool = surrogate.predict(pool)
+        expected = failure_probability(of_pool, error)
+        # With few failures, the proposal aims at a bound that more points lie below.
+        aim = np.sort(true[defined])[FEW - 1] if np.count_nonzero(scores < self.at_least) < FEW else 0.0
+        aimed = failure_probability(of_pool - max(aim, 0.0), error)
+        spread = np.sqrt(aimed * (1 - aimed)) + 1e-12
+
+        share = self._share(told)
+        operational = math.ceil(share * count)
+        share = operational / count
+        chosen = np.concatenate(
+            [
+                rng.choice(len(pool), operational, replace=False),
+                rng.choice(len(pool), count - operational, p=spread / spread.sum()),
+            ]
+        )
+        return Draws(
+            number,
+            pool[chosen],
+            1 / (share + (1 - share) * len(pool) * spread[chosen] / spread.sum()),
+            of_pool[chosen],
+            expected[chosen],
+            float(expected.mean()),
+            self._control(told, failure_probability(predicted, error)),
+            share,
+            math.ceil(SHARES[0] * count),
+        )
+
+    def _predicted_before(self, told: list[tuple[Draws, Scores]], true: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return predictions of the margins by surrogates that had not seen them; NaN where there is none."""
+        for draws, scores in told[len(self._predicted) :]:
+            self._predicted.append(np.full(len(scores), np.nan) if draws.predicted is None else draws.predicted)
+        predicted = np.concatenate(self._predicted)
+        # Operational batches had no surrogate: each of their points is predicted from the others.
+        unseen = np.isnan(predicted) & ~np.isnan(true)
+        if np.count_nonzero(unseen) >= LEAST_POINTS:
+            points = np.concatenate([draws.points for draws, _ in told])
+            predicted[unseen] = held_out(points[unseen], true[unseen])
+            self._predicted = np.split(predicted, np.cumsum([len(scores) for _, scores in told])[:-1])
+        return predicted
+
+    def _told(self) -> list[tuple[Draws, Scores]]:
+        return list(zip(self.draws, self.scores, strict=False))
+
+    def _share(self, told: list[tuple[Draws, Scores]]) -> float:
+        unknown = self._unknown(told)
+        return SHARES[0] if math.isnan(unknown) else float(np.clip(unknown**0.5 / (unknown**0.5 + 0.35), *SHARES))
+
+    def _unknown(self, told: list[tuple[Draws, Scores]]) -> float:
+        """Return ε, the weighted share of failures in guided batches that their surrogates did not expect."""
+        total = missed = 0.0
+        for draws, scores in told:
+            if draws.predicted is not None:
+                failing = draws.weights * (scores < self.at_least)
+                total += float(failing.sum())
+                missed += float(failing[draws.expected < KNOWN].sum())
+        return missed / total if total else math.nan
+
+    def _control(self, told: list[tuple[Draws, Scores]], expected: NDArray[np.float64]) -> float:
+        """Return λ, by regression of weighted failures on weighted expectations over all points so far."""
+        weights = np.concatenate([draws.weights for draws, _ in told])
+        failing = np.concatenate([scores < self.at_least for _, scores in told])
+        known = ~np.isnan(expected)
+        x, y = (weights * expected)[known], (weights * failing)[known]
+        variance = float(np.var(x)) if len(x) else 0.0
+        return float(np.clip(np.cov(x, y, bias=True)[0, 1] / variance, 0.0, 1.0)) if variance else 0.0
+
+    def rate(self, level: float = 0.95) -> FailureRate:
+        """Return the failure rate from all batches that were told.
+
+        Raises:
+            InvalidInput: the first points lack scores.
+        """
+        told = self._told()
+        evaluations = sum(len(scores) for _, scores in told)
+        if evaluations < self.first:
+            raise InvalidInput("the first points lack scores", field="scores", value=evaluations, limit=self.first)
+        counted = np.concatenate([scores[: draws.counted] for draws, scores in told])
+        return FailureRate(
+            _share_interval(counted < self.at_least, level),
+            self._assisted(told, level) if told[-1][0].number else None,
+            _share_interval(np.isnan(counted), level),
+            1 - 0.05 ** (1 / len(counted)),
+            self._unknown(told),
+            evaluations,
+        )
+
+    def _assisted(self, told: list[tuple[Draws, Scores]], level: float) -> Interval:
+        failing = np.concatenate([scores < self.at_least for _, scores in told])
+        weights = np.concatenate([draws.weights for draws, _ in told])
+        number = np.concatenate([np.full(len(scores), draws.number) for draws, scores in told])
+        terms = weights * failing
+        base = np.concatenate([np.full(len(scores), draws.control * draws.pool_mean) for draws, scores in told])
+        expected = np.concatenate([draws.control * draws.expected for draws, _ in told])
+        surprises = weights * (failing - expected)
+        controlled = base + surprises
+        sizes = np.bincount(number).astype(np.float64)
+        batch = sizes * np.sqrt(np.arange(len(sizes)) + 1)
+        batch[0] /= 2
+        batch /= batch.sum()
+        per_point = (batch / sizes)[number]
+        estimate = float(per_point @ controlled)
+
+        pooled = float(sum(batch[1:] ** 2)) / self.pool
+        tail = (1 - level) / 2
+        heaviest = float((per_point * np.abs(surprises)).max())
+        if estimate <= 0 or heaviest > HEAVIEST * estimate:
+            largest = max(batch[draws.number] / sizes[draws.number] / draws.share for draws, _ in told)
+            estimate = float(per_point @ terms)
+            variance = float(((per_point * terms) ** 2).sum()) + pooled * estimate
+            low, high = _gamma_interval(estimate, variance, largest, tail)
+            method = "Fay and Feuer"
+        else:
+            variance, noise = pooled * estimate * (1 - estimate), 0.0
+            for t, size in enumerate(sizes):
+                deviations = controlled[number == t] - controlled[number == t].mean()
+                square = float((deviations**2).sum() / (size - 1)) if size > 1 else 0.0
+                variance += batch[t] ** 2 * square / size
+                noise += (batch[t] ** 2 / size) ** 2 * (float((deviations**4).mean()) - square**2) / size
+            freedom = max(2 * variance**2 / noise, 4.0) if noise > 0 else 4.0
+            factor = math.exp(float(-stdtrit(freedom, tail)) * math.sqrt(variance) / estimate)
+            low, high = estimate / factor, estimate * factor
+            method = "Student's t on the logarithm"
+        return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
+
+
+def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:
+    interval = mean_interval(hits, sampling_units("random", np.arange(len(hits))), level=level)
+    assert isinstance(interval, Interval), "there are enough points"
+    return interval
+
+
+def _gamma_interval(estimate: float, variance: float, largest: float, tail: float) -> tuple[float, float]:
+    """Return Fay and Feuer's interval of a weighted sum of counts.
+
+    Args:
+        estimate: the sum.
+        variance: Σ of squared weights of the counted.
+        largest: the largest weight of one more.
+        tail: error of each side.
+    """
+    low = variance / estimate * float(gammaincinv(estimate**2 / variance, tail)) if estimate > 0 else 0.0
+    upper, spread = estimate + largest, variance + largest**2
+    return low, spread / upper * float(gammaincinv(upper**2 / spread, 1 - tail))
