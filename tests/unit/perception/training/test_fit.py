@@ -129,7 +129,7 @@ def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tm
     assert card.provenance["licence"] == "Apache-2.0"
     assert card.provenance["steps"] == "20"
     assert card.provenance["held-out-frames"] == "2"
-    function = load_function("semantic-fpn-small", folder=tmp_path)
+    function = load_function("semantic-fpn-small", folder=tmp_path, precision="fp32")
     from valerie.perception.running.engines.labelling import label_maps
 
     with torch.inference_mode():
