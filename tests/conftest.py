@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
@@ -25,7 +26,18 @@ for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.S
 settings.register_profile("valerie", deadline=None)
 settings.load_profile("valerie")
 
+#: A worker process keeps the bound of its functions until it ends; tests share one process.
+_MEMORY_LIMITS = resource.getrlimit(resource.RLIMIT_DATA)
+
 _ALLOWED = Path(__file__).with_name("allowed_skips.txt")
+
+
+@pytest.fixture(autouse=True)
+def memory_limit_of_no_function() -> Iterator[None]:
+    """Lift what functions of earlier tests have left behind."""
+    resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
+    yield
+    resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

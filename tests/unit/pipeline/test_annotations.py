@@ -173,7 +173,7 @@ def test_a_run_that_did_not_ask_has_no_such_picture(pipeline: Pipeline) -> None:
 def test_a_picture_of_what_is_not_made_yet_is_a_conflict(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.step()
-    with pytest.raises(Conflict, match="not there yet"):
+    with pytest.raises(Conflict, match="not available yet"):
         find_picture(pipeline.context, FrameKey(run, 0, 0), kind="normals")
 
 

@@ -106,29 +106,38 @@ class Noted(BlankFunction):
         self._book.append(f"close {self.card.name}")
 
 
-def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
-    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("count", [3, 6])
+def test_the_last_networks_stay_open_and_all_are_forgotten_before_there_are_too_many(
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     book: list[str] = []
     opened: list[weakref.ref[Noted]] = []
 
     def open_one(_: FunctionLoader, name: str, pin: Mapping[str, Any]) -> Noted:
-        assert all(one() is None for one in opened), "the one before still takes memory"
+        assert sum(one() is not None for one in opened) < 4, "closed ones still take memory"
         function = Noted(name, book)
         opened.append(weakref.ref(function))
         return function
 
     monkeypatch.setattr(FunctionLoader, "open", open_one)
-    for number, name in enumerate(("one", "two")):
-        text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
+    names = [f"f{number}" for number in range(count)]
+    for name in names:
+        text = f"{{name: {name}, kind: http, provenance: {{number: '{name}'}}, options: {{url: 'http://h:1/'}}}}"
         registry.register(pipeline.context, parse_function(text), None)
     pipeline.offer("i", HTTP)
-    run_id = pipeline.submit({**FOUR, "functions": ["one", "two", "blank"]})
+    run_id = pipeline.submit({**FOUR, "functions": names})
     assert pipeline.run(run_id) == "completed"
-    names = [entry.partition(" ")[2] for entry in book[::2]]
-    assert set(names) == {"one", "two", "blank"}
-    turns = [entry for name in names for entry in (f"open {name}", f"close {name}")]
-    assert book == turns[:-1], "each is closed before the next is opened, and the last one stays loaded"
+    assert {entry.partition(" ")[2] for entry in book} == set(names)
+    still_open: list[str] = []
+    for entry in book:
+        action, _, name = entry.partition(" ")
+        if action == "open":
+            still_open.append(name)
+        else:
+            assert name == still_open.pop(), "the newest is closed first"
+        assert len(still_open) <= 4
+    assert len(book) > count or count <= 4
+    assert len(book) == count or count > 4, "each stays open"
 
 
 class Ended(BaseException):

@@ -51,7 +51,7 @@ class TestAnUndisturbedRun:
         assert pipeline.made() == ALL
         assert len(rows(pipeline, run)) == 2 * FRAMES
         names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(run_prefix(run))}
-        assert names == {"report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
+        assert names == {"environment.json", "report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
         progress = pipeline.row(run).progress
         assert progress is not None
         assert {stage: done.done for stage, done in progress.stages.items()} == dict.fromkeys(Stage, FRAMES)

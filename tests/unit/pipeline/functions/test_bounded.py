@@ -36,13 +36,6 @@ def memory_limit() -> int:
     return resource.getrlimit(resource.RLIMIT_DATA)[0]
 
 
-@pytest.fixture(autouse=True)
-def _as_before() -> Iterator[None]:
-    before = resource.getrlimit(resource.RLIMIT_DATA)
-    yield
-    resource.setrlimit(resource.RLIMIT_DATA, before)
-
-
 def settings(**values: object) -> Settings:
     return load_settings({}, **{"infer_memory_mb": MANY_MB, **values})
 
