@@ -48,7 +48,7 @@ def test_it_declares_what_the_paper_varies_over_wide_ranges() -> None:
         assert MANIFEST.definition(f"scene.{person}.heading").type is ParameterType.ANGLE
         choices = MANIFEST.definition(f"scene.{person}.character").choices
         assert {"black-outfit", "yellow-shirt", "absent"} <= set(choices)
-        assert len(choices) == 13
+        assert len(choices) == 14  # thirteen characters, or nobody
     assert MANIFEST.persons == ("scene.person-1", "scene.person-2")
     assert MANIFEST.movable == (*MANIFEST.persons, *VEHICLES)
 
