@@ -342,7 +342,7 @@ def _difference(test: Difference, entry: Entry, table: EvaluationTable, rows: ND
         held, against = (low > 0, high < 0) if test.sign == ">" else (high < 0, low > 0)
     outcome = Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED if against else Outcome.UNDECIDED
     finding = (
-        f"{test.first} less {test.second}: {100 * contrast.estimate:+.1f} points "
+        f"{test.factor} {test.first} less {test.second}: {100 * contrast.estimate:+.1f} points "
         f"({100 * low:.1f} to {100 * high:.1f}; {contrast.matching}, {contrast.pairs:,} pairs)"
     )
     return replace(
@@ -365,7 +365,7 @@ def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.boo
     return replace(
         entry,
         outcome=Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED,
-        finding=f"the largest change from {test.second} to {test.first} alone is {100 * largest:+.1f} points "
+        finding=f"the largest change of {test.factor} alone, from {test.second} to {test.first}, is {100 * largest:+.1f} points "
         f"({contrast.pairs:,} pairs)",
         estimate=largest, rows=2 * contrast.pairs, places=contrast.places,
         frames=() if pair is None else tuple(frames.names[frames.index[row]] for row in pair),
