@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 _BOUNDS: Final = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<", "max_length": "at most", "min_length": "at least"}
 _MESSAGES: Final = {
@@ -38,6 +41,13 @@ _MESSAGES: Final = {
 }
 #: Problems with a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
+
+
+def problems_of(error: ValidationError, document: str = "") -> InvalidInputs:
+    """Convert all problems that pydantic found, each with its dotted place below the name of the document."""
+    first = (document,) if document else ()
+    details = error.errors(include_url=False)
+    return InvalidInputs([problem_of(detail, ".".join((*first, *map(str, detail["loc"])))) for detail in details])
 
 
 def problem_of(detail: Mapping[str, Any], field: str) -> InvalidInput:

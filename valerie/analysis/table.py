@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Self
@@ -326,6 +327,13 @@ def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
             raise UnknownName("parameter type", str(kind), PARAMETER_COLUMNS, field=path)
         fields.append(pa.field(path, PARAMETER_COLUMNS[str(kind)]))
     return pa.schema(fields)
+
+
+def encoded(table: pa.Table, suffix: str) -> bytes:
+    """Return a small table as a file: CSV for ``csv``, else Parquet."""
+    buffer = BytesIO()
+    (pa.csv.write_csv if suffix == "csv" else pa.parquet.write_table)(table, buffer)
+    return buffer.getvalue()
 
 
 def arrow_type(measure: Measure) -> pa.DataType:

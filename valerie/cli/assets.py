@@ -16,7 +16,7 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.parameters.definitions import ParameterDefinition, Value
+    from valerie.parameters.definitions import Value
     from valerie.scene.assets.asset import AssetArguments, AssetReference, SceneAsset
     from valerie.scene.variation.traverse import PathEntry
 
@@ -64,10 +64,10 @@ def show(
     reference, folder = _reference(asset, arguments)
     manifest, digest = asset_manifest(reference, asset_dir=folder)
     if declared:
-        from valerie.scene.variation.traverse import trajectory_parameters
+        from valerie.scene.variation.traverse import declared_entry, trajectory_parameters
 
         parameters = (*manifest.parameters, *trajectory_parameters(manifest))
-        entries = [_entry(parameter) for parameter in parameters]
+        entries = [declared_entry(parameter) for parameter in parameters]
         paths = [
             {**parameter.model_dump(mode="json"), "declared": True, "value": parameter.default}
             for parameter in parameters
@@ -247,23 +247,6 @@ class _Contents(NamedTuple):
             cameras=len(asset.base.cameras),
             parameters=len(asset.manifest.parameters),
         )
-
-
-def _entry(parameter: ParameterDefinition) -> PathEntry:
-    """Return a declared parameter as a path with its default."""
-    from valerie.scene.variation.traverse import PathEntry
-
-    return PathEntry(
-        path=parameter.path,
-        type=parameter.type,
-        unit=parameter.unit,
-        minimum=parameter.minimum,
-        maximum=parameter.maximum,
-        choices=parameter.choices,
-        value=parameter.default,
-        declared=True,
-        affects=parameter.affects,
-    )
 
 
 def _table(entries: Sequence[PathEntry], *, declared: bool) -> Table:

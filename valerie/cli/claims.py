@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, say
-from valerie.errors import InvalidInput, StorageUnavailable
+from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, write_output
+from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from valerie.analysis.claims import Claims, Entry
@@ -71,11 +70,7 @@ def show_ledger(
     run = run_reader(url, data_dir)(run_id)
     entries = write_ledger(statements, run.table, seed=run.spec.seed)
     if output is not None:
-        try:
-            output.write_bytes(_content(statements, entries, output.suffix))
-        except OSError as error:
-            raise StorageUnavailable(f"{output} cannot be written: {error.strerror}") from error
-        say(f"wrote {output}")
+        write_output(output, _content(statements, entries, output.suffix))
     if as_json:
         typer.echo(json.dumps(to_json(entries), ensure_ascii=False))
         return
@@ -98,15 +93,11 @@ def show_ledger(
 
 
 def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
-    import pyarrow.csv
-    import pyarrow.parquet
-
     from valerie.analysis.claims import ledger_table, ledger_text, to_json
+    from valerie.analysis.table import encoded
 
     if suffix == ".json":
         return json.dumps(to_json(entries), ensure_ascii=False, indent=1).encode()
     if suffix == ".md":
         return ledger_text(statements, entries).encode()
-    buffer = io.BytesIO()
-    (pyarrow.csv.write_csv if suffix == ".csv" else pyarrow.parquet.write_table)(ledger_table(entries), buffer)
-    return buffer.getvalue()
+    return encoded(ledger_table(entries), suffix[1:])

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, RunId, console, say, settings_of
-from valerie.errors import InvalidInput, StorageUnavailable
+from valerie.cli.shell import DataDir, Exit, Json, RunId, console, settings_of, write_output
+from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -69,9 +69,9 @@ def gate(
     other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
     result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
     if junit is not None:
-        _write(junit, junit_xml(result))
+        write_output(junit, junit_xml(result))
     if output is not None:
-        _write(output, _verdicts(result, output.suffix))
+        write_output(output, _verdicts(result, output.suffix))
     if as_json:
         typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
     else:
@@ -105,28 +105,12 @@ def renderables(result: GateResult) -> list[RenderableType]:
 
 
 def _verdicts(result: GateResult, suffix: str) -> bytes:
-    import io
-
-    import pyarrow.csv
-    import pyarrow.parquet
-
+    from valerie.analysis.table import encoded
     from valerie.analysis.verdicts import to_json, verdict_table
 
     if suffix == ".json":
         return json.dumps(to_json(result.verdicts), ensure_ascii=False, indent=1).encode()
-    buffer = io.BytesIO()
-    write = pyarrow.csv.write_csv if suffix == ".csv" else pyarrow.parquet.write_table
-    write(verdict_table(result.verdicts), buffer)
-    return buffer.getvalue()
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise StorageUnavailable(f"{path} cannot be written: {error.strerror}") from error
-    say(f"wrote {path}")
+    return encoded(verdict_table(result.verdicts), suffix[1:])
 
 
 def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:

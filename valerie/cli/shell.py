@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
 
 import typer
 
-from valerie.errors import InvalidInput, NotFound, ValerieError
+from valerie.errors import InvalidInput, NotFound, StorageUnavailable, ValerieError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -194,6 +194,20 @@ def command_name() -> str:
     if on_path is not None and Path(on_path).resolve() == program.resolve():
         return "valerie"
     return os.path.relpath(program) if program.is_relative_to(Path.cwd()) else str(program)
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Write a file that the user asked for, and say so.
+
+    Raises:
+        StorageUnavailable: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except OSError as error:
+        raise StorageUnavailable(f"{path} cannot be written: {error.strerror}") from error
+    say(f"wrote {path}")
 
 
 def read_spec(path: Path) -> bytes:

@@ -100,19 +100,23 @@ class LongRow:
         return (place[KEY.index(sort)] if sort in KEY else self.measures[sort], *place)
 
 
-def _select(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
-    """Return the SELECT of the evaluated part of a run: `COLUMNS` and the assignment.
+def _select(run_id: str, *, filters: Sequence[Filter] = (), lost: bool = False) -> Select[Any]:
+    """Return the SELECT of `COLUMNS` and the assignment: of the evaluated part of a run, or of the lost part.
 
     Raises:
         UnknownName: a filter names no column or comparison.
     """
+    if lost:
+        person = and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False))
+    else:
+        person = PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth)
     query = (
         select(*COLUMNS.values(), Variant.assignment)
         .select_from(Evaluation)
         .join(Frame, same_frame(Evaluation))
         .join(Variant, VARIANT_OF_FRAME)
-        .join(Score, Score.digest == Evaluation.scores)
-        .join(PersonView, PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth))
+        .join(Score, Score.digest == Evaluation.scores, isouter=lost)
+        .join(PersonView, person, isouter=lost)
         .outerjoin(Picture, Picture.prediction == Evaluation.prediction)
         .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
         .outerjoin(PersonLight, LIGHT_OF_PERSON)
@@ -122,6 +126,8 @@ def _select(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
         )
         .where(Evaluation.run_id == run_id)
     )
+    if lost:
+        query = query.where(Score.digest.is_(None))
     for condition in filters:
         query = query.where(_condition(condition))
     return query
@@ -171,23 +177,7 @@ def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
 
     There is one row per person where the truth is stored, else one row without any values of a person.
     """
-    query = (
-        select(*COLUMNS.values(), Variant.assignment)
-        .select_from(Evaluation)
-        .join(Frame, same_frame(Evaluation))
-        .join(Variant, VARIANT_OF_FRAME)
-        .outerjoin(Score, Score.digest == Evaluation.scores)
-        .outerjoin(PersonView, and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False)))
-        .outerjoin(Picture, Picture.prediction == Evaluation.prediction)
-        .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
-        .outerjoin(PersonLight, LIGHT_OF_PERSON)
-        .outerjoin(
-            PersonScore,
-            and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),
-        )
-        .where(Evaluation.run_id == run_id, Score.digest.is_(None))
-        .order_by(*(COLUMNS[name] for name in KEY))
-    )
+    query = _select(run_id, lost=True).order_by(*(COLUMNS[name] for name in KEY))
     for key, instance, measures, assignment in _cells(connection.execution_options(yield_per=5_000), run_id, query):
         yield LostRow(*key, instance, measures, assignment)
 

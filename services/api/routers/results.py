@@ -7,8 +7,6 @@ import math
 from typing import Annotated, Any, Literal
 
 import orjson
-import pyarrow.csv
-import pyarrow.parquet
 from fastapi import APIRouter, Query, Response
 
 from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
@@ -16,6 +14,7 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
+from valerie.analysis.table import encoded
 from valerie.analysis.verdicts import from_json, verdict_table
 from valerie.db import long_table
 from valerie.db.engine import reading
@@ -141,9 +140,7 @@ def verdicts(
     format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
 ) -> Response:
     stored = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    table, buffer = verdict_table(from_json(stored["verdicts"])), io.BytesIO()
-    (pyarrow.csv.write_csv if format_ == "csv" else pyarrow.parquet.write_table)(table, buffer)
-    return _file(buffer, f"{run_id}-verdicts", format_)
+    return _file(encoded(verdict_table(from_json(stored["verdicts"])), format_), f"{run_id}-verdicts", format_)
 
 
 @router.get(
@@ -171,12 +168,12 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
     table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    return _file(buffer, f"{run.id}-evaluations", format_)
+    return _file(buffer.getvalue(), f"{run.id}-evaluations", format_)
 
 
-def _file(buffer: io.BytesIO, stem: str, format_: str) -> Response:
+def _file(content: bytes, stem: str, format_: str) -> Response:
     name = f'attachment; filename="{stem}.{format_}"'
-    return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
+    return Response(content, media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 
 def _filter(text: str, resolved: ResolvedRun) -> long_table.Filter:

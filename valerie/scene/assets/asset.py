@@ -16,13 +16,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from valerie.entry_points import PluginKind
-from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import require_declared
 from valerie.scene.graph.model import Scene
-from valerie.validation import problem_of
+from valerie.validation import problems_of
 
 #: Arguments of an asset pack by name; the pack's ``Settings`` says which there are.
 AssetArguments = dict[str, Value]
@@ -179,12 +179,7 @@ def pack_settings(name: str, arguments: Mapping[str, Value]) -> PackSettings:
     try:
         return settings.model_validate(dict(arguments))
     except ValidationError as error:
-        raise InvalidInputs(
-            [
-                problem_of(detail, ".".join(("asset", *map(str, detail["loc"]))))
-                for detail in error.errors(include_url=False)
-            ]
-        ) from None
+        raise problems_of(error, "asset") from None
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
 
-from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import label_of_node_class
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
@@ -24,7 +24,7 @@ from valerie.scene.graph.naming import ROOT, is_node_name, parse_object_name
 from valerie.scene.graph.paints import Paint
 from valerie.scene.light.solar import ANGLES, CLOCK_PATHS
 from valerie.scene.motion.trajectory import Trajectory, check_keyframes
-from valerie.validation import problem_of
+from valerie.validation import problems_of
 
 Point = tuple[Coordinate, Coordinate]
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
@@ -302,12 +302,7 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     try:
         return Manifest.model_validate(data)
     except ValidationError as error:
-        raise InvalidInputs(
-            [
-                problem_of(detail, ".".join((source, *map(str, detail["loc"]))))
-                for detail in error.errors(include_url=False)
-            ]
-        ) from None
+        raise problems_of(error, source) from None
 
 
 def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:

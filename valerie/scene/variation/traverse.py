@@ -53,7 +53,7 @@ def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
         (SENSOR_ROOT, Target.SENSOR),
     ]
     entries = (entry for path, target in things for entry in _entries(asset, scene, path, target))
-    return (*entries, *(_of_trajectory(definition) for definition in trajectory_parameters(asset.manifest)))
+    return (*entries, *(declared_entry(definition) for definition in trajectory_parameters(asset.manifest)))
 
 
 def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iterator[PathEntry]:
@@ -71,7 +71,8 @@ def trajectory_parameters(manifest: Manifest) -> tuple[ParameterDefinition, ...]
     return Motion(manifest.trajectories, manifest.by_path).parameters if manifest.trajectories else ()
 
 
-def _of_trajectory(definition: ParameterDefinition) -> PathEntry:
+def declared_entry(definition: ParameterDefinition) -> PathEntry:
+    """Return a declared parameter as a path with its default."""
     return PathEntry(
         path=definition.path,
         type=definition.type,
