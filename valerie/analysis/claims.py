@@ -8,8 +8,8 @@ the band of a curve (`valerie.statistics.curves.departure`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from typing import Annotated, Final, Literal, Self
 
@@ -20,14 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from valerie.analysis.levels import Factor, factors_of
 from valerie.analysis.table import EvaluationTable
-from valerie.errors import InvalidInput, InvalidInputs, UnknownName
-from valerie.parameters.definitions import ParameterDefinition
+from valerie.errors import UnknownName
 from valerie.runs.where import compile_where
 from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
 from valerie.statistics.curves import Shape, departure, fit_curve
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
-from valerie.validation import problem_of
+from valerie.validation import problems_of
 
 #: Confidence of every interval of the ledger, each alone.
 LEVEL: Final = 0.95
@@ -185,25 +184,20 @@ def parse_claims(document: object) -> Claims:
     try:
         return Claims.model_validate(document)
     except ValidationError as error:
-        problems = [problem_of(item, ".".join(map(str, item["loc"]))) for item in error.errors(include_url=False)]
-        raise InvalidInputs(problems) from None
+        raise problems_of(error) from None
 
 
-def write_ledger(
-    claims: Claims, table: EvaluationTable, definitions: Iterable[ParameterDefinition] = (), *, seed: int = 0
-) -> tuple[Entry, ...]:
+def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tuple[Entry, ...]:
     """Test every claim on a run.
 
     Args:
         claims: the document.
         table: the run's evaluations.
-        definitions: of the run's parameters, which ``where`` may name.
         seed: of the curves.
 
     Raises:
         InvalidInput, UnknownName: a claim names a column, function or level that the run does not have, with its field.
     """
-    known = tuple(definitions)
     entries: list[Entry] = []
     for i, claim in enumerate(claims.claims):
         field = f"claims.{i}"
@@ -211,7 +205,7 @@ def write_ledger(
             outcome = Outcome.SLIP if claim.slip else Outcome.NOT_TESTABLE
             entries.append(Entry(claim.id, claim.source, claim.says, "", outcome, claim.slip or claim.untestable))
             continue
-        rows = _rows(claim, table, known, field)
+        rows = _rows(claim, table, field)
         names = table.codes("function").names
         for name in claim.functions:
             if name not in names:
@@ -228,12 +222,7 @@ def ledger_table(entries: Sequence[Entry]) -> pa.Table:
     """Return the ledger as a table, one row per entry."""
     return pa.Table.from_pylist(
         [{**asdict(entry), "outcome": str(entry.outcome), "frames": " ".join(entry.frames)} for entry in entries],
-        schema=pa.schema(
-            [
-                (name, _ARROW.get(name, pa.string()))
-                for name in (*_TEXTS[:3], "function", "outcome", "finding", *_ARROW, "frames")
-            ]
-        ),
+        schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(Entry)]),
     )
 
 
@@ -261,8 +250,7 @@ def from_json(documents: Sequence[Mapping[str, object]]) -> tuple[Entry, ...]:
     return TypeAdapter(tuple[Entry, ...]).validate_python(documents)
 
 
-_TEXTS: Final = ("id", "source", "says")
-_ARROW: Final = {
+_NUMBERS: Final = {
     "estimate": pa.float64(), "low": pa.float64(), "high": pa.float64(), "rows": pa.int64(), "places": pa.int64(),
 }  # fmt: skip
 
@@ -271,15 +259,11 @@ def _scored(column: str) -> bool:
     return bool(compile_where(f"{column} == {column}").scored)
 
 
-def _rows(
-    claim: Claim, table: EvaluationTable, definitions: tuple[ParameterDefinition, ...], field: str
-) -> NDArray[np.bool_]:
+def _rows(claim: Claim, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
     """Return (N,) bool: the rows that a claim is about."""
     if not claim.where:
         return np.ones(len(table), np.bool_)
-    where = compile_where(claim.where, definitions, field=f"{field}.where")
-    for name in sorted(where.names - set(table.arrow.column_names)):
-        raise InvalidInput("the run does not vary this parameter", field=f"{field}.where", value=name)
+    where = compile_where(claim.where, field=f"{field}.where")
     columns = table.arrow.select(sorted(where.names)).to_pylist()
     return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
 
@@ -327,7 +311,7 @@ def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArra
         outcome=outcome,
         finding=f"{test.statistic}({what}) is {estimate:.4g}; claimed {claimed}",
         estimate=estimate, low=low, high=high,
-        rows=int(np.count_nonzero(rows)), places=_count(table.places[rows]),
+        rows=int(np.count_nonzero(rows)), places=len(np.unique(table.places[rows])),
     )  # fmt: skip
 
 
@@ -384,12 +368,15 @@ def _contrast(
     values = np.where(rows, table.numbers("pacc"), np.nan)
     observations = observe(values, table.places, {name: each.codes for name, each in factors.items()})
     # Contrasts go from the lower level to the higher one.
-    change = Change(test.factor, min(before, after), max(before, after))
-    found = contrasts(observations, interactions=False, only=[(change,)])
-    if not found or found[0].degrees <= 0:
+    changes = contrasts(
+        observations, interactions=False, only=[(Change(test.factor, min(before, after), max(before, after)),)]
+    )
+    if not changes or changes[0].degrees <= 0:
         return None, observations
-    contrast = found[0]
-    return (contrast if before < after else replace(contrast, estimate=-contrast.estimate)), observations
+    contrast = changes[0]
+    if before > after:
+        contrast = replace(contrast, changes=(Change(test.factor, before, after),), estimate=-contrast.estimate)
+    return contrast, observations
 
 
 def _level(factor: Factor, name: str, field: str) -> int:
@@ -447,7 +434,3 @@ def _trend(test: Trend, entry: Entry, table: EvaluationTable, rows: NDArray[np.b
     ends = f"{100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at {curve.x[-1]:.3g}"
     finding = f"pACC over {test.over} is {curve.shape}: {ends}"
     return replace(entry, outcome=outcome, finding=finding, estimate=last - first, rows=curve.rows, places=curve.places)
-
-
-def _count(values: NDArray[np.int64]) -> int:
-    return len(np.unique(values))

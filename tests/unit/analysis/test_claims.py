@@ -78,6 +78,19 @@ def test_a_flip_names_the_two_frames(table):
     assert outcomes(table, flip={**COLOURS, "at_least": 0.6}, functions=["a-net"]) == [Outcome.NOT_REPRODUCED]
 
 
+def test_a_flip_reads_the_same_from_either_side(table):
+    reverse = {**COLOURS, "first": COLOURS["second"], "second": COLOURS["first"]}
+    (there,), (back,) = (
+        answers(table, flip={**side, "at_least": 0.15}, functions=["a-net"]) for side in (COLOURS, reverse)
+    )
+    assert there.estimate == pytest.approx(-back.estimate)
+    assert there.frames == back.frames[::-1]
+    own = table.codes("function").where("a-net")
+    frames = [table.codes("frame_id").names[k] for k in table.codes("frame_id").index[own]]
+    pacc = dict(zip(frames, table.numbers("pacc")[own].tolist(), strict=True))
+    assert there.estimate == pytest.approx(pacc[there.frames[1]] - pacc[there.frames[0]])
+
+
 def test_a_quantity_of_frames_is_computed_once_and_a_score_for_each_function(table):
     distances = table.numbers("distance_m")
     (entry,) = answers(table, quantity={"of": "distance_m", "statistic": "minimum", "low": 17, "high": 18})
