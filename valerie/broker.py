@@ -9,7 +9,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
+
+from valerie.plain import Keywords
 
 # A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
@@ -91,7 +93,7 @@ def create_app(settings: Settings) -> Celery:
 
 
 #: Options of every message. The readable texts in its header are constant: building them costs as much as the rest.
-_SENDING: Final[dict[str, Any]] = {
+_SENDING: Final[Keywords] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
     "retry_policy": {"max_retries": 1, "interval_start": 0.1, "interval_max": 0.2},
