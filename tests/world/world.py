@@ -33,6 +33,9 @@ from valerie.settings import Settings, load_settings
 
 _STAGES = (Stage.RENDER, Stage.INFER, Stage.EVAL)
 
+# Nobody gives signs of life for the workers of a world.
+processes.ALIVE_SECONDS = 1e9
+
 
 def settings_of(folder: Path, **values: Any) -> Settings:
     """Return the settings of a deployment in one folder; its broker does not answer unless ``values`` names another one."""
@@ -105,7 +108,7 @@ class World:
     def offer(self, worker: str, *offers: AnyOffer, stage: Stage = Stage.RENDER) -> None:
         """Register a worker that never dies."""
         now = time.time()
-        row = WorkerRow(worker, stage, "h", 1, offers, started_at=now, seen_at=now + 1e6)
+        row = WorkerRow(worker, stage, "h", 1, offers, started_at=now, seen_at=now)
         with writing(self.context.engine) as connection:
             processes.register_worker(connection, row)
 

@@ -6,15 +6,16 @@ step is one transaction. Another process, or the same one restarted, goes on whe
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 import structlog
 
 from valerie.db import processes, products, runs, sweeping, totals
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
@@ -38,18 +39,22 @@ _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
 
-    def __init__(self, context: Context) -> None:
+    Args:
+        context: of this process.
+        elapsed: seconds since any fixed moment, which no clock that is set moves; they say when to sweep, count and look.
+    """
+
+    def __init__(self, context: Context, *, elapsed: Callable[[], float] = time.monotonic) -> None:
         self._context = context
         self._settings = context.settings
+        self._elapsed = elapsed
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
         self._finish_sent: dict[str, float] = {}
-        self._next_sweep = 0.0
-        self._next_probe = 0.0
-        self._next_count = 0.0
+        self._next_sweep = self._next_probe = self._next_count = -math.inf
 
     def wake(self) -> None:
         """Begin the next round at once: something was submitted."""
@@ -84,10 +89,11 @@ class ControlLoop:
 
         With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
         """
-        now = time.time()
+        elapsed = self._elapsed()
         if everything:
-            self._next_count = self._next_sweep = self._next_probe = now
+            self._next_count = self._next_sweep = self._next_probe = elapsed
         with writing(self._context.engine) as connection:
+            now = database_time(connection)
             held = processes.hold_lease(
                 connection, ROLE, owner=self._context.owner, now=now, seconds=self._settings.lease_seconds
             )
@@ -101,21 +107,21 @@ class ControlLoop:
         running = [run for run in active if run.state is RunState.RUNNING]
         paused = [run for run in active if run.state is RunState.PAUSED]
         more = self._feed(running, now)
-        if now >= self._next_count:
+        if elapsed >= self._next_count:
             started = time.thread_time()
             for run in running:
                 self._count(run.id)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
-            self._next_count = time.time() + max(0.5, 10 * (time.thread_time() - started))
-        self._finish([run.id for run in active if run.state is RunState.FINISHING], now)
-        if now >= self._next_sweep:
+            self._next_count = self._elapsed() + max(0.5, 10 * (time.thread_time() - started))
+        self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
+        if elapsed >= self._next_sweep:
             self._sweep(now)
             fail_overdue(self._context, running, now)
-            self._next_sweep = now + self._settings.sweep_seconds
+            self._next_sweep = elapsed + self._settings.sweep_seconds
             self._guard_space()
-        if paused and now >= self._next_probe:
+        if paused and elapsed >= self._next_probe:
             self._resume_when_possible(paused)
-            self._next_probe = now + _PROBE_SECONDS
+            self._next_probe = elapsed + _PROBE_SECONDS
         self._feeders = {run.id: self._feeders[run.id] for run in running if run.id in self._feeders}
         return more
 
@@ -199,10 +205,10 @@ class ControlLoop:
             with writing(self._context.engine) as connection:
                 runs.change_state(connection, run_id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
 
-    def _finish(self, finishing: Collection[str], now: float) -> None:
+    def _finish(self, finishing: Collection[str], elapsed: float) -> None:
         for run_id in finishing:
-            if now - self._finish_sent.get(run_id, 0.0) > self._settings.resend_seconds:
-                self._finish_sent[run_id] = now
+            if elapsed - self._finish_sent.get(run_id, -math.inf) > self._settings.resend_seconds:
+                self._finish_sent[run_id] = elapsed
                 try:
                     self._context.broker.send_finish(run_id)
                 except TransientError as error:
@@ -214,6 +220,7 @@ class ControlLoop:
     def _sweep(self, now: float) -> None:
         """Take back what the dead held, send lost messages again, pass failures on."""
         with writing(self._context.engine) as connection:
+            sweeping.bound_times(connection, now=now, lease_seconds=self._settings.lease_seconds)
             expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
             sweeping.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -12,7 +11,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from sqlalchemy import text
 
 from valerie.db import processes, runs, totals
-from valerie.db.engine import reading
+from valerie.db.engine import database_time, reading
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.states import EVAL_QUEUE, ProductState, Stage
@@ -75,10 +74,9 @@ def queues(context: Context) -> list[Queue]:
     Raises:
         TransientError: the database does not answer.
     """
-    now = time.time()
     with reading(context.engine) as connection:
         backlog = totals.backlog(connection)
-        alive = processes.workers(connection, now=now)
+        alive = processes.workers(connection, now=database_time(connection))
     serving: Counter[str] = Counter()
     for worker in alive:
         serving.update(
@@ -115,11 +113,10 @@ class _Collector:
 
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of this moment."""
-        now = time.time()
         with reading(self._context.engine) as connection:
             unfinished = totals.backlog(connection)
             kinds = totals.totals(connection)
-            alive = processes.workers(connection, now=now)
+            alive = processes.workers(connection, now=database_time(connection))
             states = runs.count_by_state(connection)
         backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
         for route, state, count in unfinished:

@@ -15,7 +15,7 @@ from typing import Final, Protocol, runtime_checkable
 import structlog
 
 from valerie.db import products
-from valerie.db.engine import writing
+from valerie.db.engine import database_time, writing
 from valerie.db.products import Finished, Job
 from valerie.errors import (
     MissingInput,
@@ -74,9 +74,8 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     """Make those of ``digests`` that are still wanted; record what became of each."""
     settings = context.settings
     with writing(context.engine) as connection:
-        jobs = products.claim(
-            connection, digests, owner=context.owner, now=time.time(), lease_seconds=settings.lease_seconds
-        )
+        now = database_time(connection)
+        jobs = products.claim(connection, digests, owner=context.owner, now=now, lease_seconds=settings.lease_seconds)
     if not jobs:
         return
     batch = _Batch(context, jobs)
@@ -172,8 +171,8 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
 
 
 def _publish(context: Context, finished: Sequence[Finished]) -> None:
-    now = time.time()
     with writing(context.engine) as connection:
+        now = database_time(connection)
         published = products.publish(connection, finished, owner=context.owner, now=now)
     lost = {product.digest for product in finished} - set(published)
     if lost:
@@ -193,7 +192,8 @@ def _fail(context: Context, job: Job, error: BaseException) -> None:
     )
     log.error("stage.failed", digest=job.digest, **dict(fault))
     with writing(context.engine) as connection:
-        products.fail(connection, job.digest, owner=context.owner, error=fault, now=time.time())
+        now = database_time(connection)
+        products.fail(connection, job.digest, owner=context.owner, error=fault, now=now)
 
 
 def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
@@ -212,7 +212,7 @@ def _give_back(context: Context, digests: Collection[str], *, seconds: float, co
             connection,
             digests,
             owner=context.owner,
-            not_before=time.time() + seconds - context.settings.resend_seconds,
+            not_before=database_time(connection) + seconds - context.settings.resend_seconds,
             count_attempt=count_attempt,
         )
 
@@ -223,12 +223,11 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
         _fail(context, job, error)
         return
     log.warning("stage.input_lost", digest=job.digest, input=error.digest)
-    now = time.time()
     context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be taken for the new one
     with writing(context.engine) as connection:
         products.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
-        ready = products.promote(connection, [error.digest], now)
+        ready = products.promote(connection, [error.digest], database_time(connection))
     send_ready(context, ready)
 
 
@@ -247,7 +246,7 @@ def _heartbeat(context: Context, batch: _Batch) -> Iterator[None]:
                         connection,
                         held,
                         owner=context.owner,
-                        until=time.time() + context.settings.lease_seconds,
+                        until=database_time(connection) + context.settings.lease_seconds,
                     )
             except TransientError as error:
                 log.warning("stage.heartbeat", reason=str(error))
