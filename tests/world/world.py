@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -61,8 +61,10 @@ class RecordingBroker:
             raise TransientError("the broker does not answer")
         self.finish.append(run_id)
 
-    def queue_length(self, route: str) -> int:
-        return sum(1 for item in self.ready if item.route == route)
+    def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
+        if self.down:
+            raise TransientError("the broker does not answer")
+        return {route: sum(1 for item in self.ready if item.route == route) for route in routes}
 
 
 class Watched:

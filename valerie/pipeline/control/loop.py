@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import structlog
@@ -39,17 +39,11 @@ _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
 
-    Args:
-        context: of this process.
-        elapsed: seconds since any fixed moment, which no clock that is set moves; they say when to sweep, count and look.
-    """
-
-    def __init__(self, context: Context, *, elapsed: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, context: Context) -> None:
         self._context = context
         self._settings = context.settings
-        self._elapsed = elapsed
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
@@ -89,7 +83,7 @@ class ControlLoop:
 
         With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
         """
-        elapsed = self._elapsed()
+        elapsed = self._context.elapsed()
         if everything:
             self._next_count = self._next_sweep = self._next_probe = elapsed
         with writing(self._context.engine) as connection:
@@ -112,7 +106,7 @@ class ControlLoop:
             for run in running:
                 self._count(run.id)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
-            self._next_count = self._elapsed() + max(0.5, 10 * (time.thread_time() - started))
+            self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
         self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
         if elapsed >= self._next_sweep:
             self._sweep(now)
@@ -227,14 +221,22 @@ class ControlLoop:
         with reading(self._context.engine) as connection:
             stale = sweeping.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
         # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
-        empty = {route: self._context.broker.queue_length(route) == 0 for route in {ready.route for ready in stale}}
-        lost = [ready for ready in stale if empty[ready.route]]
+        waiting = self._waiting({ready.route for ready in stale}) if stale else {}
+        lost = [ready for ready in stale if waiting.get(ready.route) == 0]
         if lost:
             with writing(self._context.engine) as connection:
                 sweeping.mark_sent(connection, [ready.digest for ready in lost], now)
         if expired or late or lost:
             log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
         send_ready(self._context, [*expired, *late, *lost])
+
+    def _waiting(self, routes: Collection[str]) -> dict[str, int]:
+        """Return the number of messages in each queue; nothing while the broker does not answer."""
+        try:
+            return self._context.broker.queue_lengths(routes)
+        except TransientError as error:
+            log.warning("control.broker", reason=str(error))
+            return {}
 
     def _guard_space(self) -> None:
         """Pause the runs before the last megabyte is gone: the database and the logs need space, too."""

@@ -7,9 +7,8 @@ stored but not published is stored again with equal bytes, what was claimed come
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
 from typing import Final, Protocol, runtime_checkable
 
 import structlog
@@ -83,7 +82,7 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
         maker.expect(jobs)
     if isinstance(maker, MayEnd):
         maker.before_end(batch.end)
-    with _heartbeat(context, batch):
+    with _renewing(context, batch):
         for job in jobs:
             batch.begin(job)
             batch.settle(job, _attempt(context, maker, job))
@@ -102,7 +101,7 @@ class _Batch:
         self._current = jobs[0]
         self._held = {job.digest for job in jobs}
         self._finished: list[Finished] = []
-        self._published_at = time.monotonic()
+        self._published_at = context.elapsed()
 
     @property
     def held(self) -> list[str]:
@@ -122,7 +121,7 @@ class _Batch:
                 self._held.discard(job.digest)
             else:
                 self._finished.append(product)
-            if time.monotonic() - self._published_at > _PUBLISH_SECONDS:
+            if self._context.elapsed() - self._published_at > _PUBLISH_SECONDS:
                 self.publish()
 
     def publish(self) -> None:
@@ -132,7 +131,7 @@ class _Batch:
                 _publish(self._context, self._finished)
                 self._held.difference_update(product.digest for product in self._finished)
                 self._finished = []
-            self._published_at = time.monotonic()
+            self._published_at = self._context.elapsed()
 
     def end(self, reason: str) -> None:
         """Publish the finished products and give the others back: this process ends, for ``reason``, in the middle of one."""
@@ -231,30 +230,17 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
     send_ready(context, ready)
 
 
-@contextmanager
-def _heartbeat(context: Context, batch: _Batch) -> Iterator[None]:
+def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
     """Renew the leases of a batch while the body computes."""
-    stop = threading.Event()
 
     def beat() -> None:
-        while not stop.wait(context.settings.heartbeat_seconds):
-            # Before the transaction: whoever holds the batch may be waiting for the database.
-            held = batch.held
-            try:
-                with writing(context.engine) as connection:
-                    products.renew(
-                        connection,
-                        held,
-                        owner=context.owner,
-                        until=database_time(connection) + context.settings.lease_seconds,
-                    )
-            except TransientError as error:
-                log.warning("stage.heartbeat", reason=str(error))
+        # Before the transaction: whoever holds the batch may be waiting for the database.
+        held = batch.held
+        try:
+            with writing(context.engine) as connection:
+                until = database_time(connection) + context.settings.lease_seconds
+                products.renew(connection, held, owner=context.owner, until=until)
+        except TransientError as error:
+            log.warning("stage.heartbeat", reason=str(error))
 
-    thread = threading.Thread(target=beat, name="heartbeat", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(timeout=5)
+    return context.beating(context.settings.heartbeat_seconds, beat)

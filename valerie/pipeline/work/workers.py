@@ -7,6 +7,7 @@ only supervises, so that a crash of a driver costs a child, not the worker.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -25,6 +26,7 @@ from valerie.db.engine import database_time, open_engine, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
 from valerie.errors import MissingDependency, TransientError
+from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.child import Child
@@ -183,6 +185,7 @@ def serve(
     child = register(app)
 
     def open_child(**_: object) -> None:
+        end_with_parent(signal.SIGKILL)  # a child in the middle of a product would work on for nobody
         context = open_context(settings)
         child.open(context, open_maker(context))
 
