@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks import planted_scores, results
-from valerie.guided.domain import Domain
+from valerie.guided.domain import Cube, Domain
 from valerie.guided.estimate import Estimate
 from valerie.guided.explain import Explain
 from valerie.guided.strategy import pursue
@@ -111,7 +111,7 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
         if repetition % DRAWS == 0:
             planted = planted_scores.plant(family, seed + repetition, rate)
             pairs.append(pair_evaluations(planted, seed + repetition))
-        strategy = Estimate(planted.dimensions, at_least=planted_scores.AT_LEAST, seed=seed + repetition)
+        strategy = Estimate(Cube(planted.dimensions), at_least=planted_scores.AT_LEAST, seed=seed + repetition)
         started = time.process_time()
         pursue(strategy, planted.score, budget=budget, batch=batch)
         known = strategy.rate()
