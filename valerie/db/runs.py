@@ -235,6 +235,7 @@ def linked_digests(connection: Connection, run_id: str, states: Collection[Produ
         select(FrameAnnotation.product).where(FrameAnnotation.run_id == run_id),
         select(Evaluation.prediction).where(Evaluation.run_id == run_id),
         select(Evaluation.scores).where(Evaluation.run_id == run_id),
+        select(Evaluation.empty).where(Evaluation.run_id == run_id),
     ).subquery()
     return list(
         connection.scalars(
