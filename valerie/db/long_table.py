@@ -99,7 +99,7 @@ class _Row:
 class LostRow(_Row):
     """A row that the long table lacks because its evaluation has no scores.
 
-    ``instance_id`` is None where the truth is not stored either: then nobody knows who is seen.
+    ``instance_id`` is None where the truth is not stored either, so that the visible persons are unknown.
     """
 
     instance_id: int | None
