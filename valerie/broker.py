@@ -11,7 +11,9 @@ import os
 import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
+
+from valerie.plain import Keywords
 
 # A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
@@ -106,7 +108,7 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
 
 
 #: Options of every message. The readable texts in its header are constant: building them costs as much as the rest.
-_SENDING: Final[dict[str, Any]] = {
+_SENDING: Final[Keywords] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
     "retry_policy": {"max_retries": 1, "interval_start": 0.1, "interval_max": 0.2},

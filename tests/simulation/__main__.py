@@ -38,7 +38,9 @@ def main() -> int:
             print("\n".join(outcome.trace), *outcome.violations, sep="\n")
             return int(bool(outcome.violations))
         seeds = range(arguments.first, arguments.first + arguments.schedules)
-        return many(seeds, faults, calm, until_failure=arguments.until_failure)
+        command = "python -m tests.simulation" + "".join(f" --fault '{fault}'" for fault in arguments.fault or ())
+        command += f" --bug {arguments.bug}" if arguments.bug else ""
+        return many(seeds, faults, calm, command, until_failure=arguments.until_failure)
 
 
 def judged(outcome: Outcome, calm: Outcome) -> Outcome:
@@ -49,8 +51,8 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
     return Outcome(**{**vars(outcome), "violations": (text,)})
 
 
-def many(seeds: range, faults: Sequence[str], calm: Outcome, *, until_failure: bool) -> int:
-    """Try seeds; print those that fail, and figures."""
+def many(seeds: range, faults: Sequence[str], calm: Outcome, command: str, *, until_failure: bool) -> int:
+    """Try seeds; print those that fail with the ``command`` that repeats them, and figures."""
     started, failed, worst, steps, tried, disturbed = time.process_time(), 0, (0.0, 0), 0, 0, 0
     for seed in seeds:
         outcome = judged(Simulation(seed, faults).run(), calm)
@@ -58,7 +60,7 @@ def many(seeds: range, faults: Sequence[str], calm: Outcome, *, until_failure: b
         tried, steps, disturbed = tried + 1, steps + outcome.steps, disturbed + outcome.faults
         if outcome.violations:
             failed += 1
-            print(f"seed {seed}: {outcome.violations[0]}\n  python -m tests.simulation --seed {seed}", flush=True)
+            print(f"seed {seed}: {outcome.violations[0]}\n  {command} --seed {seed}", flush=True)
             if until_failure:
                 break
     print(

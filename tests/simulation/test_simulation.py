@@ -33,4 +33,4 @@ def test_no_schedule_of_faults_violates_an_invariant() -> None:
 def test_a_planted_bug_is_found(bug: str, fault: str) -> None:
     done = simulate("--bug", bug, "--fault", fault, "--schedules", "20", "--until-failure")
     assert (done.returncode, done.stderr) == (1, "")
-    assert "python -m tests.simulation --seed" in done.stdout
+    assert f"python -m tests.simulation --fault '{fault}' --bug {bug} --seed" in done.stdout

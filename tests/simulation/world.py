@@ -6,6 +6,7 @@ import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -120,6 +121,18 @@ def _template() -> tuple[Any, Engine, tuple[str, ...]]:
     return pipeline, pipeline.context.engine, names
 
 
+class _AtOnce(Executor):
+    """Calls in the thread of the caller: the simulation has no other."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
 class Simulation:
     """See `tests.simulation`."""
 
@@ -192,7 +205,7 @@ class Simulation:
         self._schedule.spawn(process, lambda: body(process, context))
 
     def _control(self, process: Process, context: Context) -> None:
-        loop = ControlLoop(context)
+        loop = ControlLoop(context, proposer=_AtOnce())
         while True:
             try:
                 loop.tick(everything=True)

@@ -14,6 +14,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
+from valerie.plain import Keywords
 
 #: How long a writer waits for its turn: with eight writing processes SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
@@ -21,7 +22,7 @@ _BUSY_TIMEOUT_MS = 30_000
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
-_OPTIONS: dict[str, Any] = {
+_OPTIONS: Keywords = {
     "hide_parameters": True,  # thousands of rows do not belong in a log
     # `valerie.db.documents` reads and writes JSON text itself.
     "json_serializer": lambda text: text,

@@ -104,6 +104,7 @@ def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
             " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE empty = p.digest)"
             " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
         ),
         {"limit": limit},

@@ -10,6 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Collection, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Final
 
@@ -28,6 +29,7 @@ from valerie.pipeline.control import feeding
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress import ProgressBook
+from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.pins import Offer
 from valerie.runs.states import RunState
@@ -40,14 +42,23 @@ _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
 
-    def __init__(self, context: Context) -> None:
+    Args:
+        context: of this process.
+        proposer: advances studies (default: a thread).
+    """
+
+    def __init__(self, context: Context, *, proposer: Executor | None = None) -> None:
         self._context = context
         self._settings = context.settings
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
+        # A strategy may compute for seconds, and the lease must be prolonged meanwhile.
+        self._proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
+        self._studies = StudyKeeper(context)
+        self._advancing: Future[None] | None = None
         self._finish_sent: dict[str, float] = {}
         self._next_sweep = self._next_probe = self._next_count = -math.inf
 
@@ -73,6 +84,7 @@ class ControlLoop:
             if not busy:
                 self._wake.wait(timeout=pause)
                 self._wake.clear()
+        self._proposer.shutdown()
         try:
             with writing(self._context.engine) as connection:
                 processes.release_lease(connection, ROLE, owner=self._context.owner)
@@ -95,6 +107,7 @@ class ControlLoop:
         if not held:
             self._book.forget()
             self._feeders.clear()
+            self._studies = StudyKeeper(self._context)
             return False
         self._pin_submitted(now)
         with reading(self._context.engine) as connection:
@@ -106,6 +119,7 @@ class ControlLoop:
             started = time.thread_time()
             for run in running:
                 self._count(run.id)
+            self._advance_studies(wait=everything)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
             self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
         self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
@@ -217,6 +231,14 @@ class ControlLoop:
                 except TransientError as error:
                     log.warning("control.broker", reason=str(error))
         self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in finishing}
+
+    def _advance_studies(self, *, wait: bool) -> None:
+        if self._advancing is None or self._advancing.done():
+            last, self._advancing = self._advancing, self._proposer.submit(self._studies.advance)
+            if last is not None:
+                last.result()
+        if wait:
+            self._advancing.result()
 
     # -- sweeping --------------------------------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ import errno
 import io
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from typing import Final
 
 import orjson
@@ -15,7 +16,7 @@ from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.report import build_report
 from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict, to_json
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
 from valerie.db.results import FailedLink
@@ -137,9 +138,9 @@ def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> 
     """Return the numbers of a run as JSON."""
     return orjson.dumps(
         {
-            "summary": analysis.summary.to_json(),
-            "findings": analysis.findings.to_json(),
-            "verdicts": to_json(verdicts),
+            "summary": asdict(analysis.summary),
+            "findings": asdict(analysis.findings),
+            "verdicts": list(map(asdict, verdicts)),
         },
         option=orjson.OPT_SERIALIZE_NUMPY,
     )
