@@ -44,6 +44,15 @@ def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool)
         moves: True if the run has a sequence, time or trajectories.
     """
     for sensor, need in zip(spec.sensors, needs, strict=True):
+        if need.scan:
+            yield (
+                f"sensor {sensor.name}: a rolling shutter "
+                + (
+                    "renders each frame in slices, whose number follows from the motion: at most one per line"
+                    if moves
+                    else "changes nothing: the run has no sequence, time or trajectories"
+                )
+            )
         if need.velocity is not None and not moves:
             yield (
                 f"sensor {sensor.name}: {need.velocity} changes nothing: the run has no sequence, time or trajectories"

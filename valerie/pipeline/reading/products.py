@@ -16,10 +16,18 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
+from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.runs.frames import FrameProducts
 from valerie.storage import codecs
-from valerie.storage.annotations import Annotation, decode_boxes, decode_flow, decode_joints, decode_normals
+from valerie.storage.annotations import (
+    Annotation,
+    decode_boxes,
+    decode_flow,
+    decode_joints,
+    decode_normals,
+    decode_scan,
+)
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -66,6 +74,7 @@ class ProductReader:
             AnnotationKind.JOINTS: self.joints,
             AnnotationKind.FLOW: self.flow,
             AnnotationKind.VELOCITY: self.velocity,
+            AnnotationKind.SCAN: self.scan,
         }
         return readers[kind](digest)
 
@@ -88,6 +97,10 @@ class ProductReader:
     def velocity(self, digest: str) -> FlowMap:
         """Read the velocities in a frame."""
         return self._read("velocity", digest, partial(decode_flow, kind=AnnotationKind.VELOCITY))
+
+    def scan(self, digest: str) -> Scan:
+        """Read what changes when a frame is read line by line."""
+        return self._read("scan", digest, decode_scan)
 
     def prediction(self, digest: str) -> NDArray[np.uint8]:
         """Read a prediction: (H, W) uint8 train ids."""
