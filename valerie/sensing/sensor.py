@@ -16,6 +16,7 @@ same table.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -32,7 +33,7 @@ from valerie.sensing.defocus import circle_of_confusion, defocus
 from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
-from valerie.sensing.metering import metered_ev
+from valerie.sensing.metering import LONGEST_EV, metered_ev
 from valerie.sensing.motion import Movement, collect_light
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
@@ -59,6 +60,7 @@ class Shot:
         velocity: (H, W, 2) float32, pixels per second to the right and down.
         run_seed: seed of the run.
         content: digests of the linear image, which give every image its own noise.
+        metered_ev: what automatic exposure adds (`valerie.sensing.metering.metered_ev`); None meters the linear image itself.
     """
 
     focal_length_mm: float | None = None
@@ -66,6 +68,7 @@ class Shot:
     velocity: NDArray[np.float32] | None = None
     run_seed: int = 0
     content: tuple[str, ...] = ()
+    metered_ev: float | None = None
 
 
 def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | None = None) -> NDArray[np.uint8]:
@@ -86,7 +89,7 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
         layout = f"{linear.dtype} {linear.shape}"
         raise InvalidInput("not a linear image", field="linear", value=layout, limit="(H, W, 3) float16")
     if setting.auto_exposure:
-        setting = setting.model_copy(update={"exposure_ev": setting.exposure_ev + metered_ev(linear)})
+        setting = _metered(setting, shot.metered_ev if shot is not None else None, linear)
     balance = white_balance_gains(setting.white_balance.temperature_k, setting.white_balance.tint)
     factor = 2.0**setting.exposure_ev
     if setting.gain_db:
@@ -101,6 +104,14 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
         factor = 1.0
     picture = _shown(values, [factor * gain for gain in balance], setting)
     return through_jpeg(picture, setting.jpeg_quality) if setting.jpeg_quality else picture
+
+
+def _metered(setting: SensorSetting, metered: float | None, linear: NDArray[np.float16]) -> SensorSetting:
+    """Return the setting with the metered exposure: by time as far as it reaches, then by gain."""
+    stops = metered_ev(linear) if metered is None else metered
+    by_time = min(stops, LONGEST_EV)
+    gain_db = setting.gain_db + 20.0 * math.log10(2.0) * (stops - by_time)
+    return setting.model_copy(update={"exposure_ev": setting.exposure_ev + by_time, "gain_db": gain_db})
 
 
 def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.float64]:

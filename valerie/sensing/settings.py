@@ -161,7 +161,9 @@ class SensorSetting(BaseModel):
             idle += ["noise.full_well_electrons", "noise.headroom_ev"]
         if not self.needs_seed:
             idle += ["specimen"]
-        return {name: value for name, value in document.items() if name not in idle}
+        # The exposure follows from the background; other digests stay as they are.
+        metered = {"auto_exposure": "background"} if self.auto_exposure else {}
+        return {name: value for name, value in document.items() if name not in idle} | metered
 
     @property
     def counts_electrons(self) -> bool:

@@ -234,6 +234,19 @@ def test_labels_lean_with_the_image_of_a_rolling_shutter(pipeline: Pipeline) -> 
     assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
 
 
+def test_frames_that_differ_only_in_people_share_a_metered_exposure(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[{"name": "metered", "auto_exposure": True}]))
+    assert pipeline.run(run) == "completed"
+    pictures = [
+        paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, variant, 0), kind="picture"))
+        for variant in (0, 1)
+    ]
+    outside = np.ones(pictures[0].shape[:2], np.bool_)
+    outside[9:27, 16:48] = False  # the square of the blank engine, which differs
+    assert (pictures[0] != pictures[1]).any()
+    np.testing.assert_array_equal(pictures[0][outside], pictures[1][outside])
+
+
 def test_rolling_shutters_of_one_run_agree(pipeline: Pipeline) -> None:
     sensors = [{"name": str(time), "shutter": {"line_time_us": time}} for time in (0, 10, 20)]
     warnings = plan_run(pipeline.context, parse(small(**{**MOVING, "sensors": sensors[:2]}))).warnings

@@ -82,7 +82,8 @@ class Capture:
         elif self.setting.needs_velocity and self.products.velocity is not None:
             velocity = reader.velocity(self.products.velocity).vectors
         content = (self.products.background, self.products.layer)
-        shot = Shot(self.focal_length_mm, depth, velocity, self.run_seed, content)
+        metered = reader.metered_ev(self.products.background) if self.setting.auto_exposure else None
+        shot = Shot(self.focal_length_mm, depth, velocity, self.run_seed, content, metered)
         return develop(image.pixels, self.setting, shot)
 
     def seen_map(self, pixels: NDArray[Any]) -> NDArray[Any]:

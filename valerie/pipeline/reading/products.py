@@ -19,6 +19,7 @@ from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.runs.frames import FrameProducts
+from valerie.sensing.metering import metered_ev
 from valerie.storage import codecs
 from valerie.storage.annotations import (
     Annotation,
@@ -46,11 +47,19 @@ class ProductReader:
         self._store = store
         self._backgrounds: LRUCache[str, LinearImage] = LRUCache(_KEPT)
         self._statics: LRUCache[str, GroundTruth] = LRUCache(_KEPT)
+        self._metered: LRUCache[str, float] = LRUCache(_KEPT)
 
     def frame(self, products: FrameProducts) -> LinearImage:
         """Read the linear image of a frame."""
         layer = self._read("layer", products.layer, codecs.decode_layer)
         return layer.over(self._kept(self._backgrounds, "background", products.background, codecs.decode_image))
+
+    def metered_ev(self, background: str) -> float:
+        """Return the exposure that automatic exposure takes from a background."""
+        if background not in self._metered:
+            image = self._kept(self._backgrounds, "background", background, codecs.decode_image)
+            self._metered[background] = metered_ev(image.pixels)
+        return self._metered[background]
 
     def truth(self, digest: str) -> GroundTruth:
         """Read the ground truth of a frame."""
