@@ -16,6 +16,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
 from valerie.analysis.verdicts import RequirementVerdict
 from valerie.perception.base import FunctionCard
+from valerie.plain import JsonObject
 
 
 class PictureKind(StrEnum):
@@ -108,7 +109,7 @@ class ReportInput:
         beside: another run of the same scenes.
     """
 
-    document: Mapping[str, object]
+    document: JsonObject
     provenance: Provenance
     table: EvaluationTable
     summary: Summary

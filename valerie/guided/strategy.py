@@ -2,13 +2,14 @@
 
 A *score* is a number; a *failure* is a score below the strategy's bound. NaN stands for an undefined score: an outcome of
 its own that neither passes nor fails. A variant without any outcome, because a worker died, is evaluated again and never
-told.
+told. A rejected variant has no score either; the operational domain ends where variants are rejected (`Domain.legal`).
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,14 +22,42 @@ from valerie.parameters.samplers import UnitPoints
 Scores = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A batch that a strategy asks for.
+
+    Attributes:
+        points: (n, dimensions). None says that nothing is wanted before the next `tell`, or nothing more at all if no
+            batch is open.
+        reason: why these points, or why none, in one or two sentences for people.
+    """
+
+    points: UnitPoints
+    reason: str
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+class Result(Protocol):
+    """What a strategy knows. Its other fields are plain numbers, texts and points."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The result in words."""
+        ...
+
+
 class Strategy(Protocol):
     """A strategy. Its proposals follow from its arguments and the history of `ask` and `tell` alone."""
 
-    def ask(self, count: int) -> UnitPoints:
-        """Return the next batch, (n, dimensions) with n ≤ ``count``.
+    @property
+    def result(self) -> Result | None:
+        """What is known from the scores that were told; None while that is nothing."""
+        ...
 
-        An empty batch says that nothing is wanted before the next `tell`, or nothing more at all if no batch is open.
-        """
+    def ask(self, count: int) -> Proposal:
+        """Return the next batch, of at most ``count`` points."""
         ...
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -49,11 +78,11 @@ class OpenBatches:
     def __len__(self) -> int:
         return len(self._batches)
 
-    def add(self, points: UnitPoints) -> UnitPoints:
-        """Return the points; a batch of them is open from now on, unless it is empty."""
+    def add(self, points: UnitPoints, reason: str) -> Proposal:
+        """Return a proposal of the points; a batch of them is open from now on, unless it is empty."""
         if len(points):
             self._batches.append(points.copy())
-        return points
+        return Proposal(points, reason)
 
     def close(self, points: UnitPoints, scores: ArrayLike) -> Scores:
         """Return the checked scores of the oldest batch, which is no longer open.
@@ -86,7 +115,7 @@ def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, bu
     """
     spent = 0
     while spent < budget:
-        points = strategy.ask(min(batch, budget - spent))
+        points = strategy.ask(min(batch, budget - spent)).points
         if not len(points):
             break
         strategy.tell(points, measure(points))

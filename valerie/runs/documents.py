@@ -16,6 +16,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
+from valerie.plain import Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.statistic import parse_statistic
@@ -282,7 +283,7 @@ class RunSpec(Document):
         return self
 
 
-def engine_name(renderer: str | Mapping[str, Any]) -> str:
+def engine_name(renderer: str | Written) -> str:
     """Return the engine's name from either form of a spec's ``renderer``."""
     return renderer if isinstance(renderer, str) else str(renderer["name"])
 

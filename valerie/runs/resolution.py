@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -14,6 +14,7 @@ from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
+from valerie.plain import Keywords
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.backgrounds import few_backgrounds
 from valerie.runs.documents import BlockDocument, RunSpec
@@ -277,7 +278,7 @@ class _SpaceResolver:
 
     def _distribution(self, varied: Varied, definition: ParameterDefinition, place: str) -> Distribution:
         written = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
-        arguments: dict[str, Any] = {}
+        arguments: Keywords = {}
         for key, value in written.items():
             if key == "values":
                 arguments[key] = tuple(

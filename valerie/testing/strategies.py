@@ -35,7 +35,7 @@ class StrategyContract:
         """Return the batches of a strategy that is asked, told and asked again."""
         batches = []
         for _ in range(self.batches):
-            points = strategy.ask(self.size)
+            points = strategy.ask(self.size).points
             if not len(points):
                 break
             batches.append(points.copy())
@@ -61,14 +61,14 @@ class StrategyContract:
     def test_a_strategy_works_when_no_score_is_defined(self, build: Callable[[], Strategy]) -> None:
         strategy = build()
         for _ in range(self.batches):
-            points = strategy.ask(self.size)
+            points = strategy.ask(self.size).points
             if not len(points):
                 break
             strategy.tell(points, np.full(len(points), np.nan))
 
     def test_scores_of_other_points_are_refused(self, build: Callable[[], Strategy]) -> None:
         strategy = build()
-        points = strategy.ask(self.size)
+        points = strategy.ask(self.size).points
         with pytest.raises(InvalidInput, match="points"):
             strategy.tell(points + 0.001, self.score(points))
         with pytest.raises(InvalidInput, match="scores"):

@@ -22,7 +22,7 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
-from valerie.errors import Conflict, ValerieError
+from valerie.errors import Conflict, TransientError, ValerieError
 from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
@@ -227,6 +227,8 @@ class _Pictures:
                 self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
             )
             painted = paint_picture(self._context, source)
+        except TransientError:
+            raise  # a report without this picture would stay so
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
