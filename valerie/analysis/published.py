@@ -132,7 +132,7 @@ def _example(
     functions = table.codes("function")
     shape = len(functions.names), len(down.levels), len(across.levels)
     order = np.argsort(view, kind="stable")
-    starts = np.flatnonzero(np.diff(view[order], prepend=-1))[1:] if len(order) else []
+    starts = np.flatnonzero(np.diff(view[order], prepend=-1))[1:]
     best: tuple[float, _Shown] | None = None
     count = 0
     for own in np.split(usable[order], starts):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,8 +46,12 @@ _KIND_OF_PICTURE = {
     PictureKind.TRUTH: "truth-overlay",
     PictureKind.PREDICTION: "overlay",
 }
-#: Fields of a spec that say nothing about its frames.
-_NAMES = frozenset({"name", "description", "requirements", "parent_run", "iteration", "detection_threshold"})
+#: Fields of a spec that change neither pictures nor scores.
+_WITHOUT_EFFECT = frozenset(
+    {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
+)
+#: Fields that say which scenes a run has; these are compared scene by scene.
+_SCENES = frozenset({"blocks", "constants", "parameters"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,13 +138,11 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
     with reading(context.engine) as connection:
         row = _ended_row(connection, other)
     there = resolve_stored(row, context.settings)
-    spec, other_spec = here.stored.resolved.spec, there.resolved.spec
-    before, after = (one.model_dump(mode="json") for one in (spec, other_spec))
-    differs = [
-        f"{name}: {_short(before[name])} here, {_short(after[name])} there"
-        for name in before
-        if name not in _NAMES and before[name] != after[name] and name not in ("blocks", "constants", "parameters")
-    ]
+    spec = here.stored.resolved.spec
+    before, after = (
+        one.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES}) for one in (spec, there.resolved.spec)
+    )
+    differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
     return put_beside(
         _side(here.run, here.stored, here.table),
         _side(row, there, read_table(context.engine, there)),
@@ -152,9 +154,22 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
     )
 
 
-def _short(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}…"
+def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
+    """Yield place and values of everything in which two JSON documents differ."""
+    one, other = _entries(before), _entries(after)
+    if one is None or other is None:
+        if before != after:
+            yield place, before, after
+        return
+    for key in dict.fromkeys((*one, *other)):
+        yield from _differing(one.get(key), other.get(key), f"{place}.{key}" if place else key)
+
+
+def _entries(value: object) -> dict[str, object] | None:
+    """Return the parts of a JSON object or list by their names; None of a plain value."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
 
 
 def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> Side:
