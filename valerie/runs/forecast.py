@@ -416,10 +416,10 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, list[str]] = {}
+    by_basis: dict[Basis, dict[str, None]] = {}
     for product in products:
         if product.needed:
-            by_basis.setdefault(product.basis, []).append(" ".join(filter(None, (product.kind.value, product.maker))))
+            by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
         Basis.RECORDED: "recorded here: {}",
         Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
