@@ -34,7 +34,7 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
     resolved = resolve_new(spec, context.settings, registered=names)
     pins, reason = choose_pins(spec, offers, registered)
     run = SubmittedRun(
-        id=new_run_id(now),
+        id=new_id("r", now),
         name=spec.name,
         state=RunState.SUBMITTED,
         reason=reason,
@@ -56,8 +56,8 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         return runs.create(connection, run, idempotency_key=idempotency_key)
 
 
-def new_run_id(now: float) -> str:
-    """Return a short id that sorts by time: seven characters of seconds, five of chance."""
+def new_id(prefix: str, now: float) -> str:
+    """Return a short id that sorts by time: the prefix, seven characters of seconds, five of chance."""
     seconds = int(now)
     stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
-    return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))
+    return prefix + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))
