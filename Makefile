@@ -68,7 +68,7 @@ format: setup-dev ## Format the code
 TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
 
 .PHONY: test
-test: setup-dev ## Run the tests (at most 20 minutes on two cores)
+test: setup-dev ## Run the tests (about 12 minutes on two quiet cores)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
 .PHONY: test-all

@@ -38,6 +38,10 @@ SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
 #: Points among which a failing and a passing one are sought for a minimal pair.
 SOUGHT: Final = 2**14
+#: Estimates of one planted score.
+DRAWS: Final = 5
+#: Failure rate, budget and batch of the cells.
+CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +50,9 @@ class Row:
 
     Attributes:
         family: of planted scores.
-        repetitions: number of planted scores.
+        rate, budget, batch: failure rate, number of evaluations, largest number of them at a time.
+        seed: of the first repetition.
+        repetitions: number of estimates, `DRAWS` of each planted score.
         pair_evaluations: median and largest number of evaluations of a minimal pair.
         coverage_free, coverage_assisted, coverage_plain: of the two intervals, and of plain Monte Carlo's.
         width_free, width_assisted: mean widths in units of plain Monte Carlo's.
@@ -57,6 +63,10 @@ class Row:
     """
 
     family: str
+    rate: float
+    budget: int
+    batch: int
+    seed: int
     repetitions: int
     pair_evaluations: tuple[float, float]
     coverage_free: float
@@ -98,8 +108,9 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     calibrated: list[bool] = []
     spent, batches = 0.0, 0
     for repetition in range(repetitions):
-        planted = planted_scores.plant(family, seed + repetition, rate)
-        pairs.append(pair_evaluations(planted, seed + repetition))
+        if repetition % DRAWS == 0:
+            planted = planted_scores.plant(family, seed + repetition, rate)
+            pairs.append(pair_evaluations(planted, seed + repetition))
         strategy = Estimate(Cube(planted.dimensions), at_least=planted_scores.AT_LEAST, seed=seed + repetition)
         started = time.process_time()
         pursue(strategy, planted.score, budget=budget, batch=batch)
@@ -125,6 +136,10 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     }
     return Row(
         family,
+        rate,
+        budget,
+        batch,
+        seed,
         repetitions,
         (float(np.median(pairs)), float(max(pairs))),
         float(np.mean(held["assumption-free"])),
@@ -163,14 +178,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "0")))
     parser.add_argument("--repetitions", type=int, default=300)
-    parser.add_argument("--rate", type=float, default=1e-2)
+    parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
-    arguments = vars(parser.parse_args())
-    rows = [measure(family, **arguments) for family in planted_scores.FAMILIES]
+    chosen = parser.parse_args()
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
-    show(rows)
-    results.write("guided", {**arguments, "families": [asdict(row) for row in rows]})
+    rows: list[Row] = []
+    for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:
+        print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
+        for family in planted_scores.FAMILIES:
+            rows.append(
+                measure(family, seed=chosen.seed, repetitions=chosen.repetitions, rate=rate, budget=budget, batch=batch)
+            )
+            show(rows[-1:])
+            results.write("guided", {"cells": [asdict(row) for row in rows]})
 
 
 if __name__ == "__main__":

@@ -183,6 +183,7 @@ def upgrade() -> None:
         sa.Column("tp", sa.Integer(), nullable=False),
         sa.Column("fn", sa.Integer(), nullable=False),
         sa.Column("pacc", sa.Float(), nullable=True),
+        sa.Column("pacc_empty", sa.Float(), nullable=True),
         sa.ForeignKeyConstraint(
             ["digest"], ["products.digest"], name=op.f("fk_person_scores_digest"), ondelete="CASCADE"
         ),
@@ -279,6 +280,7 @@ def upgrade() -> None:
         sa.Column("function_index", sa.Integer(), nullable=False),
         sa.Column("prediction", sa.String(length=32), nullable=False),
         sa.Column("scores", sa.String(length=32), nullable=False),
+        sa.Column("empty", sa.String(length=32), nullable=True),
         sa.Column("distorted", sa.Boolean(), nullable=False),
         sa.ForeignKeyConstraint(
             ["run_id", "variant_index", "camera_index", "time_index"],
@@ -299,6 +301,7 @@ def upgrade() -> None:
     with op.batch_alter_table("evaluations", schema=None) as batch_op:
         batch_op.create_index("ix_evaluations_prediction", ["prediction"], unique=False)
         batch_op.create_index("ix_evaluations_scores", ["scores"], unique=False)
+        batch_op.create_index("ix_evaluations_empty", ["empty"], unique=False)
 
     op.create_table(
         "frame_annotations",
@@ -360,6 +363,7 @@ def downgrade() -> None:
 
     op.drop_table("frame_annotations")
     with op.batch_alter_table("evaluations", schema=None) as batch_op:
+        batch_op.drop_index("ix_evaluations_empty")
         batch_op.drop_index("ix_evaluations_scores")
         batch_op.drop_index("ix_evaluations_prediction")
 

@@ -19,6 +19,7 @@ from valerie.analysis.frame_counts import characters, frame_counts, present
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.metrics.collection import CollectionScores
+from valerie.plain import JsonObject
 from valerie.statistics.gates import SliceComparison, compare_versions
 
 _DISTANCE_BIN_M: Final = 10.0
@@ -164,7 +165,7 @@ class Comparison:
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> JsonObject:
         """Return JSON values, with the changes of each later version."""
         return {
             "versions": list(self.versions),

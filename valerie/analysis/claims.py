@@ -16,7 +16,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from valerie.analysis.levels import Factor, factors_of
 from valerie.analysis.table import EvaluationTable
@@ -238,16 +238,6 @@ def ledger_text(claims: Claims, entries: Sequence[Entry]) -> str:
         cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
         lines.append(f"| {' | '.join(map(cell, cells))} |")
     return "\n".join(lines) + "\n"
-
-
-def to_json(entries: Sequence[Entry]) -> list[dict[str, object]]:
-    """Return the ledger as JSON values."""
-    return [asdict(entry) for entry in entries]
-
-
-def from_json(documents: Sequence[Mapping[str, object]]) -> tuple[Entry, ...]:
-    """Read the result of `to_json`, also after a round trip through JSON text."""
-    return TypeAdapter(tuple[Entry, ...]).validate_python(documents)
 
 
 _NUMBERS: Final = {

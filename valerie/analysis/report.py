@@ -35,6 +35,7 @@ from valerie.analysis.trends import AXES, Trend
 from valerie.errors import MissingDependency
 from valerie.labels import TRAIN_LABELS
 from valerie.measures import Measure, measure_of
+from valerie.plain import JsonObject
 from valerie.runs.moments import moment_text
 from valerie.statistics.intervals import Interval
 
@@ -72,7 +73,7 @@ def build_report(source: ReportInput) -> str:
         MissingDependency: plotly, matplotlib or scikit-learn is not installed.
     """
     scripts = (_plotly_source(), _own("report.js"))
-    figures: list[dict[str, Any]] = []
+    figures: list[JsonObject] = []
     names = characters(source.table)
     plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
@@ -167,7 +168,7 @@ def _drawn(source: ReportInput, axis: Measure) -> bool:
     return any(trend.column == axis.name for trend in source.trends.items)
 
 
-def _plots(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) -> Iterator[_Plot]:
+def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Iterator[_Plot]:
     """Draw pACC over one axis for each function and sensor, and add the interactive figures to ``figures``."""
     for (function, sensor), title in wording.setting_labels(settings(source.table)).items():
         panel = make_panel(source.table, source.trends, axis.name, function, sensor, seed=source.trends.seed)

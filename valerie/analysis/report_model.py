@@ -14,6 +14,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
 from valerie.analysis.verdicts import RequirementVerdict
 from valerie.perception.base import FunctionCard
+from valerie.plain import JsonObject
 
 
 class PictureKind(StrEnum):
@@ -104,7 +105,7 @@ class ReportInput:
         picture: reads the gallery's pictures; None for a report without gallery.
     """
 
-    document: Mapping[str, object]
+    document: JsonObject
     provenance: Provenance
     table: EvaluationTable
     summary: Summary

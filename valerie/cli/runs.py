@@ -234,7 +234,7 @@ def _say_state(run: Run) -> None:
 def _bind_to_parent(requested: bool) -> None:
     """End this command when its parent ends, e.g. ``make``, even if the parent is killed."""
     if requested:
-        from valerie.embedded.guard import end_with_parent
+        from valerie.parent import end_with_parent
 
         end_with_parent()
 

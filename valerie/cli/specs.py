@@ -199,7 +199,7 @@ def _show_products(plan: Plan) -> None:
     for product in plan.products:
         present = "unknown" if product.present is None else f"{product.present:,}"
         table.add_row(
-            str(product.kind),
+            f"{product.kind} of backgrounds" if product.empty else str(product.kind),
             product.maker,
             *((f"{product.needed:,}", present) if known else ()),
             f"{product.to_make:,}",

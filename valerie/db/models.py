@@ -229,6 +229,8 @@ class Evaluation(Base):
     function_index: Mapped[int] = mapped_column(primary_key=True)
     prediction: Mapped[str] = mapped_column(Digest)
     scores: Mapped[str] = mapped_column(Digest)
+    #: The prediction of the background without movables, for `pacc_empty`; None where it is not made.
+    empty: Mapped[str | None] = mapped_column(Digest)
     #: The sensor distorts: the rows of `PersonView` for its pictures name ``scores`` instead of the frame's truth.
     distorted: Mapped[bool] = mapped_column(default=False)
 
@@ -241,6 +243,7 @@ class Evaluation(Base):
         ),
         Index("ix_evaluations_prediction", "prediction"),
         Index("ix_evaluations_scores", "scores"),
+        Index("ix_evaluations_empty", "empty"),
     )
 
 

@@ -235,6 +235,7 @@ def links_of(run_id: str) -> Subquery:
         select(FrameAnnotation.product).where(FrameAnnotation.run_id == run_id),
         select(Evaluation.prediction).where(Evaluation.run_id == run_id),
         select(Evaluation.scores).where(Evaluation.run_id == run_id),
+        select(Evaluation.empty).where(Evaluation.run_id == run_id),
     ).subquery()
 
 

@@ -30,11 +30,12 @@ from lark.visitors import Transformer_NonRecursive
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterType, Value
+from valerie.plain import Row
 
 MAX_LENGTH: Final = 2000
 MAX_DEPTH: Final = 32
 
-_Evaluate = Callable[[Mapping[str, Any]], Any]
+_Evaluate = Callable[[Row], Any]
 
 _GRAMMAR: Final = r"""
 start: disjunction
@@ -139,7 +140,7 @@ class Constraint:
     paths: frozenset[str]
     _evaluate: _Evaluate
 
-    def holds(self, values: Mapping[str, Any]) -> bool:
+    def holds(self, values: Row) -> bool:
         """Return True if a variant meets the constraint.
 
         A division by zero does not meet it, nor does a comparison that depends on a missing value.

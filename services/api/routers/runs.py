@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
@@ -27,6 +27,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
+from valerie.plain import JsonObject
 from valerie.runs.forecast import Plan
 from valerie.runs.spec import RunSpec, parse
 from valerie.runs.states import RunState
@@ -34,7 +35,7 @@ from valerie.runs.states import RunState
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-_SPEC_BODY: dict[str, Any] = {
+_SPEC_BODY: JsonObject = {
     "requestBody": {
         "required": True,
         "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
@@ -45,7 +46,7 @@ _SPEC_BODY: dict[str, Any] = {
     }
 }
 #: The plan of `SPEC`.
-PLAN: Final[dict[str, Any]] = {
+PLAN: Final[JsonObject] = {
     "name": SPEC["name"],
     "asset": "urban-street",
     "spec_digest": DIGEST,

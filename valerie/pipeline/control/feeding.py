@@ -113,12 +113,15 @@ class Feeder:
                 for kind, product, inputs in frame.annotations:
                     want(product, Wanted(product, kind, truth_route, background, *inputs))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
-                for sensor, function, prediction, scores, third, distorted in frame.evaluations:
+                for sensor, function, prediction, scores, third, distorted, empty in frame.evaluations:
                     route, group, scores_group = targets[function]
                     want(prediction, Wanted(prediction, ProductKind.PREDICTION, route, group, layer, background, third))
-                    want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, prediction, truth))
+                    if empty is not None:
+                        want(empty, Wanted(empty, ProductKind.PREDICTION, route, group, background))
+                    parts = prediction, truth, empty
+                    want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, *parts))
                     rows.evaluations.append(
-                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted)
+                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted, empty)
                     )
         return rows
 
@@ -130,7 +133,7 @@ class _Rows:
     variants: list[tuple[str, int, int, str, str | None]] = field(default_factory=list)
     frames: list[tuple[str, int, int, int, str, str, str]] = field(default_factory=list)
     annotations: list[tuple[str, int, int, int, str, str]] = field(default_factory=list)
-    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool]] = field(default_factory=list)
+    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool, str | None]] = field(default_factory=list)
     wanted: dict[str, Wanted] = field(default_factory=dict)
     rejected: int = 0
 
@@ -139,4 +142,4 @@ _VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
 _KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
 _FRAME: Final = (*_KEY, "background", "layer", "truth")
 _ANNOTATION: Final = (*_KEY, "kind", "product")
-_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted")
+_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted", "empty")

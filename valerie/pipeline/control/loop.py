@@ -6,6 +6,7 @@ step is one transaction. Another process, or the same one restarted, goes on whe
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Collection, Sequence
@@ -15,7 +16,7 @@ from typing import Final
 import structlog
 
 from valerie.db import processes, products, runs, sweeping, totals
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
@@ -53,9 +54,7 @@ class ControlLoop:
         self._studies = StudyKeeper(context)
         self._advancing: Future[None] | None = None
         self._finish_sent: dict[str, float] = {}
-        self._next_sweep = 0.0
-        self._next_probe = 0.0
-        self._next_count = 0.0
+        self._next_sweep = self._next_probe = self._next_count = -math.inf
 
     def wake(self) -> None:
         """Begin the next round at once: something was submitted."""
@@ -91,10 +90,11 @@ class ControlLoop:
 
         With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
         """
-        now = time.time()
+        elapsed = self._context.elapsed()
         if everything:
-            self._next_count = self._next_sweep = self._next_probe = now
+            self._next_count = self._next_sweep = self._next_probe = elapsed
         with writing(self._context.engine) as connection:
+            now = database_time(connection)
             held = processes.hold_lease(
                 connection, ROLE, owner=self._context.owner, now=now, seconds=self._settings.lease_seconds
             )
@@ -109,22 +109,22 @@ class ControlLoop:
         running = [run for run in active if run.state is RunState.RUNNING]
         paused = [run for run in active if run.state is RunState.PAUSED]
         more = self._feed(running, now)
-        if now >= self._next_count:
+        if elapsed >= self._next_count:
             started = time.thread_time()
             for run in running:
                 self._count(run.id)
             self._advance_studies(wait=everything)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
-            self._next_count = time.time() + max(0.5, 10 * (time.thread_time() - started))
-        self._finish([run.id for run in active if run.state is RunState.FINISHING], now)
-        if now >= self._next_sweep:
+            self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
+        self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
+        if elapsed >= self._next_sweep:
             self._sweep(now)
             fail_overdue(self._context, running, now)
-            self._next_sweep = now + self._settings.sweep_seconds
+            self._next_sweep = elapsed + self._settings.sweep_seconds
             self._guard_space()
-        if paused and now >= self._next_probe:
+        if paused and elapsed >= self._next_probe:
             self._resume_when_possible(paused)
-            self._next_probe = now + _PROBE_SECONDS
+            self._next_probe = elapsed + _PROBE_SECONDS
         self._feeders = {run.id: self._feeders[run.id] for run in running if run.id in self._feeders}
         return more
 
@@ -208,10 +208,10 @@ class ControlLoop:
             with writing(self._context.engine) as connection:
                 runs.change_state(connection, run_id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
 
-    def _finish(self, finishing: Collection[str], now: float) -> None:
+    def _finish(self, finishing: Collection[str], elapsed: float) -> None:
         for run_id in finishing:
-            if now - self._finish_sent.get(run_id, 0.0) > self._settings.resend_seconds:
-                self._finish_sent[run_id] = now
+            if elapsed - self._finish_sent.get(run_id, -math.inf) > self._settings.resend_seconds:
+                self._finish_sent[run_id] = elapsed
                 try:
                     self._context.broker.send_finish(run_id)
                 except TransientError as error:
@@ -231,20 +231,29 @@ class ControlLoop:
     def _sweep(self, now: float) -> None:
         """Take back what the dead held, send lost messages again, pass failures on."""
         with writing(self._context.engine) as connection:
+            sweeping.bound_times(connection, now=now, lease_seconds=self._settings.lease_seconds)
             expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
             sweeping.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
             stale = sweeping.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
         # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
-        empty = {route: self._context.broker.queue_length(route) == 0 for route in {ready.route for ready in stale}}
-        lost = [ready for ready in stale if empty[ready.route]]
+        waiting = self._waiting({ready.route for ready in stale}) if stale else {}
+        lost = [ready for ready in stale if waiting.get(ready.route) == 0]
         if lost:
             with writing(self._context.engine) as connection:
                 sweeping.mark_sent(connection, [ready.digest for ready in lost], now)
         if expired or late or lost:
             log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
         send_ready(self._context, [*expired, *late, *lost])
+
+    def _waiting(self, routes: Collection[str]) -> dict[str, int]:
+        """Return the number of messages in each queue; nothing while the broker does not answer."""
+        try:
+            return self._context.broker.queue_lengths(routes)
+        except TransientError as error:
+            log.warning("control.broker", reason=str(error))
+            return {}
 
     def _guard_space(self) -> None:
         """Pause the runs before the last megabyte is gone: the database and the logs need space, too."""

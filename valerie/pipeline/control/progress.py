@@ -6,7 +6,6 @@ feeding window holds.
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Final
 from sqlalchemy import Engine
 
 from valerie.db import blocks, processes, runs, totals
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
@@ -64,8 +63,8 @@ class ProgressBook:
 
     def update(self, run_id: str) -> bool:
         """Count a run, finish its finished blocks and write its progress; return whether nothing is left to do."""
-        now = time.time()
         with reading(self._engine) as connection:
+            now = database_time(connection)
             run = runs.get(connection, run_id)
             counted = {
                 block.number: blocks.count_block(connection, run_id, block.first, block.last)
@@ -92,6 +91,8 @@ class ProgressBook:
     def _progress(self, look: _Look) -> Progress:
         run = look.run
         history = self._history.setdefault(run.id, deque())
+        if history and look.now < history[-1][0]:  # the clock was set back
+            history.clear()
         history.append((look.now, look.total))
         while len(history) > 2 and look.now - history[1][0] >= _RATE_LONGEST:
             history.popleft()

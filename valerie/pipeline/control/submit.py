@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import secrets
-import time
 
 from valerie.db import processes, runs
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
@@ -27,8 +26,8 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         Conflict: the idempotency key belongs to another spec.
         NotFound: ``parent_run`` does not exist.
     """
-    now = time.time()
     with reading(context.engine) as connection:
+        now = database_time(connection)
         offers = processes.offers(connection, now=now)
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)

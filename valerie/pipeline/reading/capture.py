@@ -78,6 +78,17 @@ class Capture:
         shot = Shot(self.focal_length_mm, depth, self._velocities(reader), self.run_seed, content)
         return develop(image.pixels, self.setting, shot)
 
+    def empty_picture(self, reader: ProductReader) -> NDArray[np.uint8]:
+        """Develop the background without movables: (H, W, 3) uint8 sRGB.
+
+        Raises:
+            MissingInput: an object is gone.
+            InvalidInput: the sensor needs depths or velocities, which are those of the whole frame.
+        """
+        background = self.products.background
+        shot = Shot(self.focal_length_mm, None, None, self.run_seed, (background,))
+        return develop(reader.background(background).pixels, self.setting, shot)
+
     def seen_from(self, reader: ProductReader, truth: GroundTruth) -> NDArray[np.intp]:
         """Return the flat index of the rendered pixel that each pixel of the picture shows, (H, W).
 

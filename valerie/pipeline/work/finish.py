@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Final
 
 import orjson
 import structlog
@@ -13,15 +16,16 @@ from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.report import build_report
 from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict, to_json
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
-from valerie.errors import NotFound, ValerieError
+from valerie.errors import NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment, software
+from valerie.pipeline.base.pausing import pause_for_storage
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET
@@ -44,10 +48,22 @@ _KIND_OF_PICTURE = {
 }
 
 
-def finish_run(context: Context, run_id: str) -> None:
+#: Errors of a disk that is full or cannot be written.
+_NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+#: Stores the results of a run, with what failed of it.
+Writer = Callable[[Context, RunRow, Sequence[FailedLink]], None]
+
+
+def finish_run(context: Context, run_id: str, *, write: Writer | None = None) -> None:
     """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run.
+    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run. Where they cannot be stored at
+    present, the run pauses as in the middle of its work; after another transient fault the control loop asks again.
+
+    Args:
+        context: of this process.
+        run_id: of a run; nothing happens unless it is finishing.
+        write: stores the results (default: `write_results`).
     """
     with reading(context.engine) as connection:
         try:
@@ -58,14 +74,26 @@ def finish_run(context: Context, run_id: str) -> None:
             return
         failures = results.failures(connection, run_id)
     try:
-        write_results(context, run, failures)
+        (write or write_results)(context, run, failures)
         state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
             state = RunState.COMPLETED_WITH_FAILURES
             products = "product" if len(roots) == 1 else "products"
             reason = f"{len(roots)} {products} failed for good; see the report or `valerie status`"
-    except ValerieError as error:
+    except (StorageFull, StorageUnavailable) as error:
+        log.warning("finish.storage", run=run_id, error=str(error))
+        pause_for_storage(context, error)
+        return
+    except TransientError as error:
+        log.warning("finish.waits", run=run_id, error=str(error))
+        return
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in _NO_ROOM:  # a library's temporary file
+            log.warning("finish.storage", run=run_id, error=str(error))
+            pause_for_storage(context, StorageFull(f"no space left for a temporary file: {error}"))
+            return
+        # A defect of ours must end the run too: asked again, it would fail again for ever.
         log.exception("finish.failed", run=run_id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
@@ -110,9 +138,9 @@ def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> 
     """Return the numbers of a run as JSON."""
     return orjson.dumps(
         {
-            "summary": analysis.summary.to_json(),
-            "findings": analysis.findings.to_json(),
-            "verdicts": to_json(verdicts),
+            "summary": asdict(analysis.summary),
+            "findings": asdict(analysis.findings),
+            "verdicts": list(map(asdict, verdicts)),
         },
         option=orjson.OPT_SERIALIZE_NUMPY,
     )
@@ -178,6 +206,8 @@ class _Pictures:
                 self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
             )
             painted = paint_picture(self._context, source)
+        except TransientError:
+            raise  # a report without this picture would stay so
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
