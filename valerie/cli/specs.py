@@ -76,7 +76,7 @@ def plan(
     if as_json:
         typer.echo(plan.model_dump_json(indent=1))
         return
-    _show(plan)
+    show_plan(plan)
 
 
 def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
@@ -134,7 +134,8 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
         return plan_run(context, spec)
 
 
-def _show(plan: Plan) -> None:
+def show_plan(plan: Plan) -> None:
+    """Print size and cost of a run."""
     from rich.table import Table
     from rich.text import Text
 

@@ -27,7 +27,6 @@ from valerie.validation import problem_of
 
 #: Fields of a spec that a study decides itself.
 _DECIDED: Final = ("blocks", "design", "count", "points", "requirements", "parent_run", "iteration")
-_LEAST_BATCH: Final = 1
 
 
 class StudyState(StrEnum):
@@ -141,7 +140,7 @@ class StudyDocument(Document):
     goal: Goal
     budget: Budget
     stop: StopRule = StopRule()
-    batch: Annotated[int, Field(strict=True, ge=_LEAST_BATCH, le=1000)] = 64
+    batch: Annotated[int, Field(strict=True, ge=1, le=1000)] = 64
     mode: Literal["automatic", "by hand"] = "automatic"
 
     @model_validator(mode="after")
@@ -221,6 +220,8 @@ def parse_study(source: str | bytes | dict[str, Any] | StudyDocument) -> StudyDo
         for key in _DECIDED
         if key in document
     ]
+    fields = {*_OWN, *RunSpec.model_fields, "vary"} - {*_DECIDED}
+    problems += [UnknownName("field", key, fields, field=key) for key in document if key not in {*fields, *_DECIDED}]
     own: dict[str, Any] = {key: value for key, value in document.items() if key in _OWN}
     if isinstance(own.get("goal"), str):
         own["goal"] = {"name": own["goal"]}
@@ -230,7 +231,7 @@ def parse_study(source: str | bytes | dict[str, Any] | StudyDocument) -> StudyDo
         del own["goal"]
     elif goal is None:
         problems.append(InvalidInput("a study needs a goal", field="goal", limit=", ".join(GOALS)))
-    rest = {key: value for key, value in document.items() if key not in _OWN and key not in _DECIDED}
+    rest = {key: value for key, value in document.items() if key in fields and key not in _OWN}
     spec: RunSpec | None = None
     try:
         spec = parse({**rest, "design": "random", "count": 1})

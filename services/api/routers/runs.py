@@ -46,7 +46,7 @@ _SPEC_BODY: JsonObject = {
     }
 }
 #: The plan of `SPEC`.
-_PLAN: Final[JsonObject] = {
+PLAN: Final[JsonObject] = {
     "name": SPEC["name"],
     "asset": "urban-street",
     "spec_digest": DIGEST,
@@ -84,11 +84,11 @@ _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
 
-async def _body(request: Request) -> bytes:
+async def body(request: Request) -> bytes:
     return await request.body()
 
 
-def _spec(body: Annotated[bytes, Depends(_body)]) -> RunSpec:
+def _spec(body: Annotated[bytes, Depends(body)]) -> RunSpec:
     # Runs in a thread, so that a large document does not hold up other requests.
     return parse(body)
 
@@ -99,7 +99,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 @router.post(
     "/plan",
     openapi_extra=_SPEC_BODY,
-    responses={**problems(413, 422), **example(_PLAN)},
+    responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
 def plan(spec: Spec, context: ContextDependency) -> Plan:

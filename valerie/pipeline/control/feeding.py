@@ -68,9 +68,16 @@ class Feeder:
         self._resolved, self._pins = stored.resolved, stored.pins
         self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
-    def feed(self, engine: Engine, first: int, now: float) -> Fed:
-        """Write the block that begins at variant ``first``, unless another process did or the run was stopped."""
-        rows = self._rows(first)
+    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> Fed:
+        """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
+
+        Args:
+            engine: database.
+            first: index of a variant.
+            now: Unix seconds.
+            part: of a whole block: runs that are fed at the same time share it.
+        """
+        rows = self._rows(first, part * BLOCK_PRODUCTS)
         following = first + len(rows.variants)
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
@@ -86,7 +93,7 @@ class Feeder:
             runs.set_values(connection, self._run_id, next_index=following, rejected_count=rejected)
         return Fed(len(rows.wanted), ready)
 
-    def _rows(self, first: int) -> _Rows:
+    def _rows(self, first: int, limit: float) -> _Rows:
         run_id, resolved = self._run_id, self._resolved
         places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
         engine_route, truth_route = self._pins.engine.route, self._pins.truth.route
@@ -95,7 +102,7 @@ class Feeder:
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
         for index, (block, assignment) in enumerate(resolved.space.values(first, last), start=first):
-            if len(rows.wanted) >= BLOCK_PRODUCTS:
+            if len(rows.wanted) >= limit:
                 break
             reason = resolved.rejection(assignment)
             rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
