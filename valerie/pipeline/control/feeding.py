@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final, NamedTuple
 
 import orjson
@@ -111,14 +110,15 @@ class Feeder:
                 continue
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
+                frame = self._inputs.frame(moment, camera, course=resolved.around(assignment, time))
                 background, layer, truth = frame.products.required
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))
                 want(truth, Wanted(truth, ProductKind.TRUTH, truth_route, background))
                 rows.frames.append((run_id, index, camera, time, background, layer, truth))
                 for kind, product, inputs in frame.annotations:
-                    want(product, Wanted(product, kind, truth_route, background, *inputs))
+                    route = engine_route if kind is ProductKind.SCAN else truth_route
+                    want(product, Wanted(product, kind, route, background, *inputs))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
                 for sensor, function, prediction, scores, third, distorted, empty in frame.evaluations:
                     route, group, scores_group = targets[function]
