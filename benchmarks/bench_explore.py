@@ -31,7 +31,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.pipeline.base.run_artifacts import TABLE_PARQUET
 from valerie.storage.keys import run_key
 
-BRUSHES = 40
+BRUSHES = 30
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-precise-memory-info"]
 _SHOWN = "() => performance.getEntriesByName('explore-shown').length"
 
@@ -72,7 +72,9 @@ def first_view(page: Page, address: str) -> float:
 def brush(page: Page, generator: np.random.Generator) -> float:
     """Drag over a histogram; return milliseconds from the release to all linked views."""
     page.wait_for_timeout(700)  # rates, which follow the views
-    box = page.locator(".histogram-canvas").nth(int(generator.integers(3))).bounding_box()
+    bars = page.locator(".histogram-canvas").nth(int(generator.integers(3)))
+    bars.scroll_into_view_if_needed()
+    box = bars.bounding_box()
     assert box is not None
     x, width = box["x"] + box["width"] * generator.uniform(0.05, 0.6), box["width"] * generator.uniform(0.1, 0.35)
     page.evaluate("() => { performance.clearMarks(); }")
@@ -104,6 +106,10 @@ def thumbnails(client: httpx.Client, run: str) -> dict[str, float]:
     return rates
 
 
+def _cpu_seconds(processes: list[psutil.Process]) -> float:
+    return sum(one.cpu_times().user + one.cpu_times().system for one in processes if one.is_running())
+
+
 def main() -> None:
     """Measure, print and write the figures."""
     rows = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
@@ -128,7 +134,10 @@ def main() -> None:
             page.goto("about:blank")
             warm = first_view(page, address)
             generator = np.random.default_rng(5)
+            browser_processes = [one for one in psutil.Process().children(recursive=True) if "chrom" in one.name()]
+            before = _cpu_seconds([psutil.Process(), *browser_processes])
             took = [brush(page, generator) for _ in range(BRUSHES)]
+            cpu = (_cpu_seconds([psutil.Process(), *browser_processes]) - before) / BRUSHES
             heap = page.evaluate("() => performance.memory.usedJSHeapSize") / 2**20
             renderers = [one for one in psutil.Process().children(recursive=True) if "--type=renderer" in one.cmdline()]
             tab = max(one.memory_full_info().uss for one in renderers) / 2**20
@@ -139,6 +148,7 @@ def main() -> None:
         "first_view_cold_s": round(cold, 2),
         "first_view_s": round(warm, 2),
         "brush_ms": {"p50": round(float(np.median(took))), "p95": round(float(np.quantile(took, 0.95)))},
+        "cpu_per_brush_ms": round(1000 * cpu),  # of server and browser together, rates and rows included
         "tab_mb": round(tab),
         "heap_mb": round(heap),
         "thumbnails_per_s": {name: round(rate) for name, rate in rates.items()},

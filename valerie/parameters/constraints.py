@@ -31,11 +31,12 @@ from lark.visitors import Transformer_NonRecursive
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterType, Value
+from valerie.plain import Row
 
 MAX_LENGTH: Final = 2000
 MAX_DEPTH: Final = 32
 
-_Evaluate = Callable[[Mapping[str, Any]], Any]
+_Evaluate = Callable[[Row], Any]
 
 _GRAMMAR: Final = r"""
 start: disjunction
@@ -166,7 +167,7 @@ class Constraint:
     sql: Sql
     _evaluate: _Evaluate
 
-    def holds(self, values: Mapping[str, Any]) -> bool:
+    def holds(self, values: Row) -> bool:
         """Return True if a variant meets the constraint.
 
         A comparison that depends on a missing value, or on a quotient by zero, does not meet it.
