@@ -174,9 +174,7 @@ def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[
 def assignments(connection: Connection, run_id: str) -> Iterator[tuple[int, Assignment]]:
     """Read index and assignment of the variants of a run that have frames, in their order."""
     query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
-    yield from (
-        tuple(row) for row in connection.execution_options(yield_per=_PIECE).execute(query.order_by(Variant.index))
-    )
+    yield from connection.execution_options(yield_per=_PIECE).execute(query.order_by(Variant.index)).tuples()
 
 
 def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Select[Any]) -> Iterator[R]:
