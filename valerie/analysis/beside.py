@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +22,7 @@ from valerie.analysis.findings import Finding
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import OF_FUNCTION, names_from
+from valerie.plain import JsonObject
 
 #: Pairs that are shown of those which differ most.
 _SHOWN_FLIPS: Final = 3
@@ -151,7 +152,7 @@ class Beside:
     functions: tuple[FunctionBeside, ...]
     conclusions: tuple[Conclusion, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> JsonObject:
         """Return JSON values."""
         agreements = [one.agreement for one in self.conclusions]
         document = asdict(self)

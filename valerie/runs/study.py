@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import yaml
 from pydantic import Field, JsonValue, ValidationError, field_validator, model_validator
@@ -18,6 +18,7 @@ from pydantic import Field, JsonValue, ValidationError, field_validator, model_v
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
+from valerie.plain import Written
 from valerie.runs.documents import RunSpec
 from valerie.runs.measure import parse_measure
 from valerie.runs.moments import in_utc
@@ -202,7 +203,7 @@ class StudyDocument(Document):
 _OWN: Final = frozenset(StudyDocument.model_fields) - {"spec", "schema_version"}
 
 
-def parse_study(source: str | bytes | dict[str, Any] | StudyDocument) -> StudyDocument:
+def parse_study(source: str | bytes | Written | StudyDocument) -> StudyDocument:
     """Read a study; both notations of a spec are understood.
 
     Args:
@@ -222,7 +223,7 @@ def parse_study(source: str | bytes | dict[str, Any] | StudyDocument) -> StudyDo
     ]
     fields = {*_OWN, *RunSpec.model_fields, "vary"} - {*_DECIDED}
     problems += [UnknownName("field", key, fields, field=key) for key in document if key not in {*fields, *_DECIDED}]
-    own: dict[str, Any] = {key: value for key, value in document.items() if key in _OWN}
+    own: Written = {key: value for key, value in document.items() if key in _OWN}
     if isinstance(own.get("goal"), str):
         own["goal"] = {"name": own["goal"]}
     goal = own.get("goal")

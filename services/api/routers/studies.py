@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 
@@ -33,6 +33,7 @@ from valerie.db.engine import reading
 from valerie.db.studies import StudyRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
+from valerie.plain import JsonObject
 from valerie.runs.study import StudyDocument, parse_study
 
 router = APIRouter(prefix="/v1", tags=["studies"])
@@ -45,7 +46,7 @@ measure: min(pacc) >= 0.5
 goal: estimate
 budget: {variants: 256}
 """
-_STUDY_BODY: dict[str, Any] = {
+_STUDY_BODY: JsonObject = {
     "requestBody": {
         "required": True,
         "description": "A study as JSON or YAML; `valerie study new` writes one with comments.",
@@ -55,7 +56,7 @@ _STUDY_BODY: dict[str, Any] = {
         },
     }
 }
-_NEXT: dict[str, Any] = {
+_NEXT: JsonObject = {
     "number": 0,
     "reason": REASON,
     "legal": 32,

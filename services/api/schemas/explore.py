@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
 
@@ -12,6 +12,7 @@ from valerie.measures import Cell
 from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
+from valerie.plain import JsonObject
 
 _ROW: Final = {"frame_id": f"{RUN_ID}.5.0.0", "function": FUNCTION, "pacc": 0.9041}
 
@@ -77,7 +78,7 @@ class RowsRead(Read):
     )
 
 
-_RATES: Final[dict[str, Any]] = {
+_RATES: Final[JsonObject] = {
     "persons": 30,
     "undefined": {"fully hidden": 2},
     "pacc": INTERVAL,

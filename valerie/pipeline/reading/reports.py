@@ -33,6 +33,7 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
+from valerie.plain import JsonObject
 from valerie.runs.frames import FrameKey
 from valerie.runs.products import Fault
 from valerie.runs.spec import ResolvedRun
@@ -165,7 +166,7 @@ def _differing(before: object, after: object, place: str = "") -> Iterator[tuple
         yield from _differing(one.get(key), other.get(key), f"{place}.{key}" if place else key)
 
 
-def _entries(value: object) -> dict[str, object] | None:
+def _entries(value: object) -> JsonObject | None:
     """Return the parts of a JSON object or list by their names; None of a plain value."""
     if isinstance(value, Mapping):
         return dict(value)
