@@ -9,7 +9,6 @@ from valerie.sensing.metering import BRIGHTEST_EV, DARKEST_EV, DAYLIGHT, LONGEST
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import Noise, SensorSetting
 
-
 #: Results are hundredths of a stop; a float16 is within 2⁻¹¹ of its value, 0.0007 stops.
 ROUNDING = 0.0057
 
