@@ -55,7 +55,8 @@ def test_a_walking_person_faces_its_way(x: float, y: float, heading: float) -> N
 
 
 def test_on_a_circle_position_and_heading_follow_it() -> None:
-    # With keyframes h = 2π/24 apart, the first and last tangents are off by R h²/3, and positions by at most 4/27 h of that: 4.4 mm.
+    # With keyframes h = 2π/24 apart, the first and last tangents are off by R h²/3, and positions by up to 4/27 h of that:
+    # 4.4 mm.
     for time in np.linspace(0.05, 9.95, 34).tolist():
         angle = 2 * math.pi * time / 10
         found = moment(circle(), time)
