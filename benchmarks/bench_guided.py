@@ -15,14 +15,15 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks import planted_scores, results
+from benchmarks import guided_goals, planted_modes, planted_scores, results
 from valerie.guided.domain import Cube, Domain
 from valerie.guided.estimate import Estimate
 from valerie.guided.explain import Explain
@@ -40,6 +41,7 @@ WIDEST: Final = 1.5
 SOUGHT: Final = 2**14
 #: Estimates of one planted score.
 DRAWS: Final = 5
+GOALS: Final = ("find", "map", "compare", "cascade", "estimate")
 #: Failure rate, budget and batch of the cells.
 CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512))
 
@@ -174,6 +176,45 @@ def show(rows: Sequence[Row]) -> None:
         )
 
 
+def measure_others(goals: Sequence[str], seed: int, repetitions: int) -> None:
+    """Measure the goals besides the estimates, a fifteenth as often where a repetition is dear; store each line."""
+    few = max(repetitions // 15, 2)
+    runs: list[Callable[[], Any]] = []
+    if "find" in goals:
+        for family in planted_modes.FAMILIES:
+            for budgets, batch, times in (((500, 2000), 64, few), ((10_000,), 256, max(few // 2, 1))):
+                runs.append(
+                    partial(
+                        guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=budgets, batch=batch
+                    )
+                )
+    if "map" in goals:
+        runs += [
+            partial(guided_goals.measure_map, family, seed=seed, repetitions=few) for family in planted_scores.FAMILIES
+        ]
+    if "compare" in goals:
+        runs += [
+            partial(guided_goals.measure_compare, case, seed=seed, repetitions=repetitions)
+            for case in guided_goals.COMPARE_CASES
+        ]
+    if "cascade" in goals:
+        runs += [
+            partial(guided_goals.measure_cascade, case, seed=seed, repetitions=repetitions)
+            for case in guided_goals.CASCADE_CASES
+        ]
+    rows: list[dict[str, Any]] = []
+    for run in runs:
+        rows.append(asdict(run()))
+        print(" · ".join(f"{name} {_shown(value)}" for name, value in rows[-1].items()), flush=True)
+        results.write("guided_goals", {"seed": seed, "rows": rows})
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " / ".join(map(_shown, value))
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "0")))
@@ -181,7 +222,13 @@ def main() -> None:
     parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
+    parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
     chosen = parser.parse_args()
+    others = [name for name in chosen.goals if name != "estimate"]
+    if others:
+        measure_others(others, chosen.seed, chosen.repetitions)
+    if "estimate" not in chosen.goals:
+        return
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
     rows: list[Row] = []
     for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:

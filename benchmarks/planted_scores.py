@@ -52,10 +52,11 @@ class Planted:
     rate: float
 
 
-def plant(family: str, seed: int, rate: float) -> Planted:
-    """Return the score of a family that follows from the seed."""
+def plant(family: str, seed: int, rate: float, dimensions: int | None = None) -> Planted:
+    """Return the score of a family that follows from the seed; by default, so does the number of dimensions."""
     rng = np.random.default_rng([seed, crc32(family.encode())])
-    dimensions = int(rng.integers(6, 13))
+    drawn = int(rng.integers(6, 13))
+    dimensions = drawn if dimensions is None else dimensions
     cube = np.random.default_rng([seed, 1, 1]).random(
         (_TRUTH_POINTS if rate >= 0.005 else _TRUTH_POINTS_OF_RARE, dimensions)
     )

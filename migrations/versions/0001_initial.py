@@ -51,6 +51,15 @@ def upgrade() -> None:
         batch_op.create_index("ix_functions_payload", ["payload"], unique=False)
 
     op.create_table(
+        "selections",
+        sa.Column("name", sa.String(length=120), nullable=False),
+        sa.Column("runs", DOCUMENT, nullable=False),
+        sa.Column("expression", sa.Text(), nullable=False),
+        sa.Column("view", sa.Text(), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.PrimaryKeyConstraint("name", name=op.f("pk_selections")),
+    )
+    op.create_table(
         "leases",
         sa.Column("name", sa.String(length=64), nullable=False),
         sa.Column("owner", sa.String(length=64), nullable=False),
@@ -416,6 +425,7 @@ def downgrade() -> None:
 
     op.drop_table("products")
     op.drop_table("leases")
+    op.drop_table("selections")
     with op.batch_alter_table("functions", schema=None) as batch_op:
         batch_op.drop_index("ix_functions_payload")
         batch_op.drop_index("ix_functions_digest")

@@ -201,6 +201,15 @@ class EvaluationTable:
     def __len__(self) -> int:
         return int(self.arrow.num_rows)
 
+    def is_number(self, name: str) -> bool:
+        """Return whether a column holds numbers.
+
+        Raises:
+            UnknownName: no such column.
+        """
+        kind = self._column(name).type
+        return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
+
     def numbers(self, name: str) -> NDArray[np.float64]:
         """Return a numeric or bool column: (N,) float64, NaN where empty; read-only.
 

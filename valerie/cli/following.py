@@ -152,7 +152,15 @@ def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
     Raises:
         StorageUnavailable: the file cannot be written.
     """
-    content = source.report(run_id)
+    return save(source.report(run_id), path)
+
+
+def save(content: bytes, path: Path) -> Path:
+    """Write a report to a file, and return its path as people would type it.
+
+    Raises:
+        StorageUnavailable: the file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

@@ -404,6 +404,21 @@ class Function(Base):
     )
 
 
+class SavedSelection(Base):
+    """Rows of runs under a name that people gave: what is selected, and what of it is shown."""
+
+    __tablename__ = "selections"
+
+    name: Mapped[str] = mapped_column(String(120), primary_key=True)
+    #: Ids of the runs; they may be deleted meanwhile.
+    runs: Mapped[tuple[str, ...]] = mapped_column(JsonDocument(tuple[str, ...]))
+    #: The expression; empty: all rows.
+    expression: Mapped[str] = mapped_column(Text)
+    #: The query of the page's address.
+    view: Mapped[str] = mapped_column(Text)
+    created_at: Mapped[datetime]
+
+
 class Worker(Base):
     """A worker process, and what it offers."""
 

@@ -179,6 +179,13 @@ class Job:
     look: Look | None = None
 
 
+def tried(connection: Connection, digests: Sequence[str]) -> list[str]:
+    """Return those of ``digests`` that were claimed before, in their order."""
+    condition = among(connection, Product.digest, digests)
+    before = set(connection.scalars(select(Product.digest).where(condition, Product.attempts > 0)))
+    return [digest for digest in digests if digest in before]
+
+
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
     """Lease those of ``digests`` that are ready; return them in the order of ``digests``.
 

@@ -23,6 +23,7 @@ from valerie.parameters.samplers import UnitPoints
 #: Smallest share of legal points that a domain may have: each draw takes this many tries at worst.
 LEAST_LEGAL: Final = 1e-4
 _TRIES: Final = 1000
+_TURN_RADIANS: Final = 2 * math.pi
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
 
@@ -53,6 +54,10 @@ class Cube:
         if self._accepts is None:
             return np.ones(len(points), np.bool_)
         return np.fromiter(map(self._accepts, points), np.bool_, len(points))
+
+    def features(self, points: UnitPoints) -> NDArray[np.float64]:
+        """Return coordinates, (n, k), in which like values are close: for models of scores."""
+        return points
 
     def draw(self, rng: np.random.Generator, count: int) -> UnitPoints:
         """Return ``count`` legal points, drawn from the operational density: uniform over the legal part.
@@ -149,6 +154,22 @@ class Domain(Cube):
         step = distribution.step if isinstance(distribution, Homogeneous) else 0.0
         return abs(math.remainder(first - last - step, TURN)) < 1e-6
 
+    def features(self, points: UnitPoints) -> NDArray[np.float64]:
+        """Return coordinates, (n, k): a circle for a periodic parameter, one for each value of an unordered one."""
+        columns: list[NDArray[np.float64]] = []
+        for dimension, (axis, goes_round) in enumerate(zip(self.axes, self.periodic, strict=True)):
+            quantiles = points[:, dimension]
+            if goes_round:
+                angles = _TURN_RADIANS * quantiles
+                columns += [np.cos(angles) / _TURN_RADIANS, np.sin(angles) / _TURN_RADIANS]
+            elif axis is Axis.UNORDERED:
+                count = self.variations[dimension].distribution.count(self.definitions[dimension]) or 1
+                chosen = np.minimum((quantiles * count).astype(np.int64), count - 1)
+                columns += list((chosen == np.arange(count)[:, None]) / math.sqrt(2))
+            else:
+                columns.append(quantiles)
+        return np.column_stack(columns)
+
     def values(self, point: ArrayLike) -> dict[str, Value]:
         """Return the values at a point, (dimensions,) in [0, 1], by path."""
         return {
@@ -194,3 +215,8 @@ class Domain(Cube):
 
 def _inside(points: UnitPoints) -> UnitPoints:
     return np.clip(points, 0.0, _BELOW_ONE)
+
+
+def shown(value: Value) -> str:
+    """Return a value for people, with four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
-from valerie.guided.domain import Axis, Domain
+from valerie.guided.domain import Axis, Domain, shown
 from valerie.guided.strategy import OpenBatches, Proposal
-from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import UnitPoints
 
 #: Largest distance of the failing variant from the boundary in any number, as a share of the domain.
@@ -153,7 +152,7 @@ class Explain:
         """Return what flips the verdict, in words."""
         before, after = list(self.domain.values(self._passing).values()), list(self.domain.values(failing).values())
         changes = [
-            f"{self.domain.names[dimension]} from {_shown(before[dimension])} to {_shown(after[dimension])}"
+            f"{self.domain.names[dimension]} from {shown(before[dimension])} to {shown(after[dimension])}"
             f"{self._unit(dimension)}"
             for dimension in self._changed(failing)
         ]
@@ -162,7 +161,7 @@ class Explain:
             return (flips,)
         last = list(self.domain.values(inner).values())
         still = [
-            f"{self.domain.names[dimension]} {_shown(last[dimension])}{self._unit(dimension)}"
+            f"{self.domain.names[dimension]} {shown(last[dimension])}{self._unit(dimension)}"
             for dimension in self._changed(failing)
             if last[dimension] != after[dimension]
         ]
@@ -231,7 +230,3 @@ class Explain:
 
     def _fails(self, point: UnitPoints) -> bool:
         return self._verdicts[point.tobytes()] is Verdict.FAIL
-
-
-def _shown(value: Value) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

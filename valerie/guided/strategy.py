@@ -28,12 +28,15 @@ class Proposal:
 
     Attributes:
         points: (n, dimensions). None says that nothing is wanted before the next `tell`, or nothing more at all if no
-            batch is open.
+            batch is open. A point that was asked before is evaluated under another seed of what is random, unless its
+            ``level`` differs.
         reason: why these points, or why none, in one or two sentences for people.
+        level: 0 for the usual render engine, 1 for the costly one.
     """
 
     points: UnitPoints
     reason: str
+    level: int = 0
 
     def __len__(self) -> int:
         return len(self.points)
@@ -61,7 +64,7 @@ class Strategy(Protocol):
         ...
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
-        """Take the scores, (n,), of the oldest batch that has none.
+        """Take the scores of the oldest batch that has none: (n,), or (n, k) for a strategy with ``columns`` = k.
 
         Raises:
             InvalidInput: these are other points, or not one score for each.
@@ -70,19 +73,24 @@ class Strategy(Protocol):
 
 
 class OpenBatches:
-    """The batches of a strategy that have no outcomes yet, oldest first."""
+    """The batches of a strategy that have no outcomes yet, oldest first.
 
-    def __init__(self) -> None:
+    Args:
+        columns: number of scores of each point.
+    """
+
+    def __init__(self, columns: int = 1) -> None:
+        self._columns = columns
         self._batches: deque[UnitPoints] = deque()
 
     def __len__(self) -> int:
         return len(self._batches)
 
-    def add(self, points: UnitPoints, reason: str) -> Proposal:
+    def add(self, points: UnitPoints, reason: str, level: int = 0) -> Proposal:
         """Return a proposal of the points; a batch of them is open from now on, unless it is empty."""
         if len(points):
             self._batches.append(points.copy())
-        return Proposal(points, reason)
+        return Proposal(points, reason, level)
 
     def close(self, points: UnitPoints, scores: ArrayLike) -> Scores:
         """Return the checked scores of the oldest batch, which is no longer open.
@@ -93,8 +101,9 @@ class OpenBatches:
         if not self._batches or not np.array_equal(self._batches[0], points):
             raise InvalidInput("not the points of the oldest batch without scores", field="points", value=len(points))
         values = np.asarray(scores, np.float64)
-        if values.shape != (len(points),):
-            raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=(len(points),))
+        shape = (len(points),) if self._columns == 1 else (len(points), self._columns)
+        if values.shape != shape:
+            raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=shape)
         if np.isinf(values).any():
             raise InvalidInput("a score is finite, or NaN where it is undefined", field="scores", value="infinite")
         self._batches.popleft()
@@ -106,7 +115,7 @@ def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, bu
 
     Args:
         strategy: any.
-        measure: (n, dimensions) points to (n,) scores, NaN where undefined.
+        measure: (n, dimensions) points to scores as the strategy takes them, NaN where undefined.
         budget: largest number of evaluations.
         batch: largest number of points at a time.
 

@@ -144,7 +144,8 @@ class RunSpec(Document):
         cameras: names of the asset's cameras; by default all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
-        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity.
+        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
+            a rolling shutter requests ``scan``.
         labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
         sensors: sensor settings; each frame has one picture for each of them.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.

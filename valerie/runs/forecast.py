@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -279,7 +278,7 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
                 survey.camera_poses[camera, *(moment.get(path) for path in camera_paths[camera])] += 1
-                survey.add(spec, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
+                survey.add(spec, inputs.frame(moment, camera, course=resolved.around(values, time)))
     return survey
 
 
@@ -417,10 +416,10 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, list[str]] = {}
+    by_basis: dict[Basis, dict[str, None]] = {}
     for product in products:
         if product.needed:
-            by_basis.setdefault(product.basis, []).append(" ".join(filter(None, (product.kind.value, product.maker))))
+            by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
         Basis.RECORDED: "recorded here: {}",
         Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",

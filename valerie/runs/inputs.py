@@ -5,8 +5,9 @@ The inputs by product: ::
     background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
-    annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment
-    prediction   background, layer, sensor response, function; truth and velocity if the sensor needs them
+    annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment;
+                 scan: also background, layer and truth pass, the trajectories, line time and distortion of the sensor
+    prediction   background, layer, sensor response, function; truth, velocity and scan if the sensor needs them
     empty        background, sensor response, function: the prediction of the scene without movables
     evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not
                  exact; the empty prediction if there is one
@@ -19,7 +20,7 @@ inputs, so equal work has equal digests.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -32,8 +33,8 @@ from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
-from valerie.runs.resolution import ResolvedRun
-from valerie.runs.sensors import Response, response_of, sensor_values
+from valerie.runs.resolution import Course, ResolvedRun
+from valerie.runs.sensors import Response, response_of, rolling_shutter, sensor_values
 from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 from valerie.scene.variation.variant import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
@@ -48,12 +49,12 @@ ANNOTATION_REVISIONS: Final = {
     AnnotationKind.LIGHT: 3,
     AnnotationKind.FLOW: 1,
     AnnotationKind.VELOCITY: 1,
+    AnnotationKind.SCAN: 1,
 }
 #: Raised by hand whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
-
-#: Returns the assignment of the moment that is a number of seconds later.
-Near = Callable[[float], Mapping[str, Value]]
+#: Annotations that need the image too.
+_OF_IMAGE: Final = (AnnotationKind.LIGHT, AnnotationKind.SCAN)
 
 
 class EvaluationDigests(NamedTuple):
@@ -64,7 +65,7 @@ class EvaluationDigests(NamedTuple):
         function_index: place in ``spec.functions``.
         prediction, scores: digests of the prediction and of the evaluation.
         third: digest of the product that the prediction waits for besides background and layer: the truth, if its
-            sensor needs depth, or the velocity, which itself waits for the truth.
+            sensor needs depth, or the velocity or the scan, which itself waits for the truth.
         distorted: True if the sensor distorts, so that the evaluation measures visibility itself.
         empty: digest of the prediction of the background without movables; None if it is not made.
     """
@@ -96,7 +97,7 @@ class FrameDigests(NamedTuple):
     """The digests of all products of one frame.
 
     Attributes:
-        products: background, layer, truth and velocity.
+        products: background, layer, truth, velocity and scan.
         evaluations: one for each sensor and function.
         annotations: one for each kind in the run.
     """
@@ -156,7 +157,8 @@ class ProductInputs:
                 _prefix(
                     ProductKind(kind),
                     ANNOTATION_REVISIONS[kind],
-                    *((_pinned(pins.truth),) if kind is AnnotationKind.LIGHT else ()),
+                    *((_pinned(pins.truth),) if kind in _OF_IMAGE else ()),
+                    *(_trajectories(resolved) if kind is AnnotationKind.SCAN else ()),
                 ),
             )
             for kind in resolved.annotations
@@ -167,13 +169,15 @@ class ProductInputs:
         self._responses = lru_cache(maxsize=1024)(self._respond)
         self._empty_digest = lru_cache(maxsize=4096)(self._hash_empty)
 
-    def frame(self, assignment: Mapping[str, Value], camera_index: int, *, near: Near | None = None) -> FrameDigests:
+    def frame(
+        self, assignment: Mapping[str, Value], camera_index: int, *, course: Course | None = None
+    ) -> FrameDigests:
         """Return the digests of the products of one frame.
 
         Args:
             assignment: of the frame's moment (`ResolvedRun.at`).
             camera_index: place in ``resolved.cameras``.
-            near: returns the assignments of later moments (`ResolvedRun.near`), which flow and velocity depend on.
+            course: how the variant moves (`ResolvedRun.around`), which flow, velocity and scan depend on.
         """
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
         background = self._background_digest(camera_index, inputs.background)
@@ -181,19 +185,29 @@ class ProductInputs:
         truth = self._truth[camera_index].digest(inputs.geometry)
         annotations = []
         for kind, prefix in self._annotations:
-            sources = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
-            product = prefix.digest(*sources, *self._later_truth(kind, camera_index, near))
+            sources = (background, layer, truth) if kind in _OF_IMAGE else (truth,)
+            further: list[object] = [*self._later_truth(kind, camera_index, course)]
+            if kind is AnnotationKind.SCAN:
+                shutter = rolling_shutter(self._sensors, assignment)
+                if shutter is None:
+                    continue
+                assert course is not None, "a scan depends on other moments too"
+                further = [shutter.document, course.values.decode()]
+            product = prefix.digest(*sources, *further)
             annotations.append(AnnotationDigest(ProductKind(kind), product, sources))
-        velocity = next((a.product for a in annotations if a.kind is ProductKind.VELOCITY), None)
+        made = {annotation.kind: annotation.product for annotation in annotations}
+        velocity, scan = made.get(ProductKind.VELOCITY), made.get(ProductKind.SCAN)
         evaluations = []
         # Only the variant's own values override the sensor setting; the asset's defaults do not.
         sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
         for sensor_index, response in enumerate(self._responses(canonical_json(sensor))):
-            further = [truth] if response.needs_depth else []
-            if response.needs_velocity and velocity is not None:
-                further.append(velocity)
+            waits = [truth] if response.needs_depth else []
+            if response.rolls and scan is not None:
+                waits.append(scan)
+            elif response.needs_velocity and velocity is not None:
+                waits.append(velocity)
             for function_index, prefix in enumerate(self._predictions):
-                prediction = prefix.digest(background, layer, response.document, *further)
+                prediction = prefix.digest(background, layer, response.document, *waits)
                 empty = self._empty_digest(function_index, background, response)
                 scores = self._evaluations[function_index].digest(*filter(None, (prediction, truth, empty)))
                 evaluations.append(
@@ -202,20 +216,20 @@ class ProductInputs:
                         function_index,
                         prediction,
                         scores,
-                        further[-1] if further else None,
+                        waits[-1] if waits else None,
                         response.distorts,
                         empty,
                     )
                 )
-        products = FrameProducts(background, layer, truth, velocity)
+        products = FrameProducts(background, layer, truth, velocity, scan)
         return FrameDigests(products, tuple(evaluations), tuple(annotations))
 
-    def _later_truth(self, kind: AnnotationKind, camera_index: int, near: Near | None) -> tuple[str, ...]:
+    def _later_truth(self, kind: AnnotationKind, camera_index: int, course: Course | None) -> tuple[str, ...]:
         """Return the digest of the truth at the later moment that an annotation depends on; it is never made itself."""
         if kind not in self._later:
             return ()
-        assert near is not None, "flow and velocity depend on a later moment too"
-        inputs = split(near(self._later[kind]), self._manifest, self._cameras[camera_index])
+        assert course is not None, "flow and velocity depend on a later moment too"
+        inputs = split(course.near(self._later[kind]), self._manifest, self._cameras[camera_index])
         return (self._truth[camera_index].digest(inputs.geometry),)
 
     def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
@@ -223,8 +237,8 @@ class ProductInputs:
         return self._background[camera_index].digest(bytes(inputs))
 
     def _hash_empty(self, function_index: int, background: str, response: Response) -> str | None:
-        # The depths and velocities of the scene without movables are not stored.
-        if not self._sees_empty[function_index] or response.needs_depth or response.needs_velocity:
+        # Depths, velocities and scans of the scene without movables are not stored.
+        if not self._sees_empty[function_index] or response.needs_depth or response.needs_velocity or response.rolls:
             return None
         return self._predictions[function_index].digest(background, response.document)
 
@@ -240,6 +254,11 @@ def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
 
 def _pinned(offer: Offer) -> dict[str, str | int]:
     return {"revision": offer.revision, "numeric_class": offer.numeric_class}
+
+
+def _trajectories(resolved: ResolvedRun) -> tuple[object, ...]:
+    motion = resolved.times.motion
+    return () if motion is None else tuple(trajectory.model_dump() for trajectory in motion.trajectories)
 
 
 def _function(pin: FunctionPin) -> dict[str, str | int]:

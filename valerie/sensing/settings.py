@@ -162,7 +162,9 @@ class SensorSetting(BaseModel):
             idle += ["noise.full_well_electrons", "noise.headroom_ev"]
         if not self.needs_seed:
             idle += ["specimen"]
-        return {name: value for name, value in document.items() if name not in idle}
+        # The exposure follows from the background; other digests stay as they are.
+        metered = {"auto_exposure": "background"} if self.auto_exposure else {}
+        return {name: value for name, value in document.items() if name not in idle} | metered
 
     @property
     def counts_electrons(self) -> bool:
@@ -185,7 +187,12 @@ class SensorSetting(BaseModel):
     @property
     def needs_velocity(self) -> bool:
         """True if the image depends on velocities."""
-        return self.shutter != _NO_SHUTTER
+        return self.shutter.exposure_ms > 0.0
+
+    @property
+    def rolls(self) -> bool:
+        """True if the image is read line by line."""
+        return self.shutter.line_time_us > 0.0
 
     @property
     def needs_depth(self) -> bool:
@@ -195,11 +202,11 @@ class SensorSetting(BaseModel):
     @property
     def moves_truth(self) -> bool:
         """True if labels lie elsewhere in the camera image than in the rendered image."""
-        return not self.distortion.identity or self.shutter.line_time_us > 0.0
+        return not self.distortion.identity or self.rolls
 
     def without_shutter(self) -> SensorSetting:
         """Return the same camera with a neutral shutter."""
-        return self.model_copy(update={"shutter": _NO_SHUTTER}) if self.needs_velocity else self
+        return self if self.shutter == _NO_SHUTTER else self.model_copy(update={"shutter": _NO_SHUTTER})
 
     @property
     def needs_focal_length(self) -> bool:

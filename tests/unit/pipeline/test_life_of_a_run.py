@@ -389,6 +389,23 @@ class TestTheControlLoop:
         assert killed is not pipeline.loop
         assert len(rows(pipeline, run)) == 2 * 1200
 
+    def test_a_small_run_is_fed_beside_a_large_one_that_fills_the_window(
+        self, pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        pipeline = pipelines(feed_window=80)
+        monkeypatch.setattr(feeding, "BLOCK_PRODUCTS", 80)
+        large = pipeline.submit(spec(xs=10, ys=10))
+        while pipeline.loop.tick(everything=True):
+            pass
+        fed = pipeline.row(large).next_index
+        assert 0 < fed < 100
+        small = pipeline.submit(spec(xs=2, ys=1, constants={"sun-1.elevation": 12}))
+        pipeline.loop.tick(everything=True)
+        assert pipeline.row(small).next_index == 2
+        assert pipeline.row(large).next_index == fed, "the large run has more than its half already"
+        assert pipeline.run(large) == "completed"
+        assert pipeline.run(small) == "completed"
+
     def test_messages_that_a_stopped_broker_refused_are_sent_again(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         pipeline.broker.down = True

@@ -75,6 +75,17 @@ def test_a_plan_says_that_defocus_waits_for_the_truth(street: Manifest) -> None:
     assert any("depth" in text for text in varied)
 
 
+def test_a_plan_warns_of_pictures_that_will_be_black(street: Manifest) -> None:
+    night = {"constants": {"scene.sun-1.elevation": "-12 deg"}}
+    (warning,) = resolved(
+        street, **night, sensors=[{"name": "day"}, {"name": "metered", "auto_exposure": True}]
+    ).warnings
+    assert "sensor day: with the sun 12° below the horizon" in warning
+    assert "auto_exposure: true" in warning
+    assert resolved(street, **night, sensors=[{"name": "long", "exposure_ev": 10}]).warnings == ()
+    assert resolved(street, constants={"scene.sun-1.elevation": "-2 deg"}).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("vary", "reason"),
     [

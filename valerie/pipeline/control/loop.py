@@ -10,7 +10,8 @@ import math
 import threading
 import time
 from collections.abc import Collection, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import Final
 
 import structlog
@@ -18,7 +19,7 @@ import structlog
 from valerie.db import processes, products, runs, sweeping, totals
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
-from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
+from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
@@ -41,16 +42,21 @@ _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
 
-    def __init__(self, context: Context) -> None:
+    Args:
+        context: of this process.
+        proposer: advances studies (default: a thread).
+    """
+
+    def __init__(self, context: Context, *, proposer: Executor | None = None) -> None:
         self._context = context
         self._settings = context.settings
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
         # A strategy may compute for seconds, and the lease must be prolonged meanwhile.
-        self._proposer = ThreadPoolExecutor(1, thread_name_prefix="studies")
+        self._proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
         self._studies = StudyKeeper(context)
         self._advancing: Future[None] | None = None
         self._finish_sent: dict[str, float] = {}
@@ -166,15 +172,22 @@ class ControlLoop:
         return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
-        """Write the next block of each run that has one, while the window has room; return whether it still has."""
+        """Write the next block of each run that has one and room in the window; return whether there may be more.
+
+        Runs with variants left share the window equally, whatever the others have filled: a small run does not wait for a
+        large one. A run alone has the whole window, and the first block even where other runs fill it.
+        """
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
             return False
         with reading(self._context.engine) as connection:
             room = self._settings.feed_window - totals.unfinished_count(connection)
-        for run in hungry:
-            if room <= 0:
-                return False
+        share = self._settings.feed_window / len(hungry)
+        more = False
+        for run in sorted(hungry, key=lambda run: self._book.unfinished(run.id)):
+            own = self._book.unfinished(run.id)
+            if own >= share if len(hungry) > 1 else room <= 0 < own:
+                continue
             feeder = self._feeders.get(run.id)
             if feeder is None:
                 try:
@@ -184,10 +197,11 @@ class ControlLoop:
                 except ValerieError as error:
                     self._fail(run.id, str(error))
                     continue
-            fed = feeder.feed(self._context.engine, run.next_index, now)
-            room -= fed.products
+            fed = feeder.feed(self._context.engine, run.next_index, now, part=1 / len(hungry))
+            self._book.note_fed(run.id, fed.products)
+            more = more or fed.products > 0
             send_ready(self._context, fed.ready)
-        return room > 0
+        return more
 
     def _fail(self, run_id: str, reason: str, *, expected: RunState = RunState.RUNNING) -> None:
         with writing(self._context.engine) as connection:
@@ -273,7 +287,8 @@ class ControlLoop:
         except (StorageFull, StorageUnavailable):
             return
         for run in waiting:
-            resume(self._context, run.id)
+            with suppress(Conflict, NotFound):  # a user was faster
+                resume(self._context, run.id)
 
 
 def _require_space(context: Context) -> None:

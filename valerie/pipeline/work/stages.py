@@ -14,7 +14,7 @@ from typing import Final, Protocol, runtime_checkable
 import structlog
 
 from valerie.db import products
-from valerie.db.engine import database_time, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.products import Finished, Job
 from valerie.errors import (
     MissingInput,
@@ -70,7 +70,19 @@ class MayEnd(Protocol):
 
 
 def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
-    """Make those of ``digests`` that are still wanted; record what became of each."""
+    """Make those of ``digests`` that are still wanted; record what became of each.
+
+    Products that were tried before are made one by one, after the others: one that ends its process again and again must not
+    use up the attempts of its neighbours.
+    """
+    with reading(context.engine) as connection:
+        tried = products.tried(connection, digests)
+    for together in ([digest for digest in digests if digest not in tried], *([digest] for digest in tried)):
+        if together:
+            _make(context, maker, together)
+
+
+def _make(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     settings = context.settings
     with writing(context.engine) as connection:
         now = database_time(connection)

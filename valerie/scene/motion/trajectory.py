@@ -185,6 +185,10 @@ class Motion:
             moment |= thing.held(values) if within else values
         return moment
 
+    def owns(self, path: str) -> bool:
+        """Return True for the time and for the values of keyframes."""
+        return path in self._own
+
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:
         """Return the moment that lies ``elapsed`` seconds after a variant's first frame."""
         return round(float(assignment.get(TIME_PATH, self._start)) + elapsed, _DECIMALS)
