@@ -27,6 +27,7 @@ from valerie.db.migrate import migrate
 from valerie.db.models import Base, Product
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work.child import Child
+from valerie.plain import typed
 from valerie.runs.frames import FrameKey
 from valerie.runs.pins import OFFERS, Pins
 from valerie.runs.products import FailedInput, Fault
@@ -85,8 +86,8 @@ def test_stored_offers_read_and_lose_nothing() -> None:
 
 def test_the_summary_reads() -> None:
     stored = read("documents")["summary"]
-    assert Summary.from_json(stored["summary"]).rows
-    assert Findings.from_json(stored["findings"]) is not None
+    assert typed(Summary, stored["summary"]).rows
+    assert typed(Findings, stored["findings"]) is not None
 
 
 def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path: Path) -> None:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict, to_json
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.measures import measure_of
 from valerie.parameters.paths import short_name
+from valerie.plain import JsonObject
 from valerie.runs.pins import Pins
 from valerie.runs.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions
@@ -92,13 +93,13 @@ class GateResult:
         """True if all verdicts pass and no function is worse than its baseline."""
         return all(map(self.passes, self.verdicts)) and not any(version.gate.worse for version in self.versions)
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> JsonObject:
         """Return the result as JSON values."""
         return {
             "run": self.run_id,
             "passed": self.passed,
             "allow_undecided": self.allow_undecided,
-            "verdicts": to_json(self.verdicts),
+            "verdicts": list(map(asdict, self.verdicts)),
             "versions": [_without_nan(asdict(version)) for version in self.versions],
         }
 

@@ -147,6 +147,11 @@ def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
     return sentences + [f"No confidence interval: {reason}." for reason in reasons]
 
 
+def points(difference: float) -> str:
+    """Return a difference of rates in percentage points with its sign."""
+    return f"{100 * difference:+.1f}".replace("-", "−")
+
+
 def limits(summary: Summary, findings: Findings) -> list[str]:
     """Return what the results do not say."""
     first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)

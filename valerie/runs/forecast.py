@@ -49,6 +49,7 @@ class ProductPlan(BaseModel):
 
     Attributes:
         kind, maker: of the products; see `valerie.runs.costs.CostKey`.
+        empty: True for predictions of backgrounds without movables.
         needed: number of distinct products in the run.
         present: number of these that are stored; None if that is not known, and then none counts as stored.
         cpu_seconds, bytes: of the rest.
@@ -64,6 +65,7 @@ class ProductPlan(BaseModel):
     cpu_seconds: float
     bytes: int
     basis: Basis
+    empty: bool = False
 
     @property
     def to_make(self) -> int:
@@ -223,11 +225,13 @@ class _Survey:
 
     Attributes:
         digests: of the products, each 16 bytes, one after the other, by kind and maker.
+        empty: the same of predictions of backgrounds without movables, by function.
         rejected: reason to number of variants.
         camera_poses: frames by camera index and values of the camera's parameters.
     """
 
     digests: dict[tuple[ProductKind, str], bytearray]
+    empty: dict[str, bytearray]
     rejected: Counter[str]
     camera_poses: Counter[tuple[Any, ...]]
 
@@ -243,6 +247,8 @@ class _Survey:
             function = spec.functions[evaluation.function_index]
             digests[ProductKind.PREDICTION, function] += bytes.fromhex(evaluation.prediction)
             digests[ProductKind.EVALUATION, ""] += bytes.fromhex(evaluation.scores)
+            if evaluation.empty is not None:
+                self.empty.setdefault(function, bytearray()).extend(bytes.fromhex(evaluation.empty))
 
 
 def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Survey:
@@ -256,6 +262,7 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
             **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
             (ProductKind.EVALUATION, ""): bytearray(),
         },
+        {},
         Counter(),
         Counter(),
     )
@@ -315,7 +322,11 @@ class _Forecast:
     def products(self) -> tuple[ProductPlan, ...]:
         """Return the products by kind and maker, in the order of the survey."""
         plans = (self._product(kind, maker, digests) for (kind, maker), digests in self.survey.digests.items())
-        return tuple(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans)
+        empty = (
+            self._product(ProductKind.PREDICTION, function, digests).model_copy(update={"empty": True})
+            for function, digests in self.survey.empty.items()
+        )
+        return (*(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans), *empty)
 
     def _product(self, kind: ProductKind, maker: str, digests: bytearray) -> ProductPlan:
         distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
@@ -405,10 +416,10 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, list[str]] = {}
+    by_basis: dict[Basis, dict[str, None]] = {}
     for product in products:
         if product.needed:
-            by_basis.setdefault(product.basis, []).append(" ".join(filter(None, (product.kind.value, product.maker))))
+            by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
         Basis.RECORDED: "recorded here: {}",
         Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",

@@ -8,7 +8,9 @@ The inputs by product: ::
     annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment;
                  scan: also background, layer and truth pass, the trajectories, line time and distortion of the sensor
     prediction   background, layer, sensor response, function; truth, velocity and scan if the sensor needs them
-    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not exact
+    empty        background, sensor response, function: the prediction of the scene without movables
+    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not
+                 exact; the empty prediction if there is one
 
 A sensor's distortion is in the digest of the prediction, and through it in that of the evaluation, which distorts the
 truth in the same way. "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and
@@ -33,7 +35,7 @@ from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import Course, ResolvedRun
 from valerie.runs.sensors import Response, response_of, rolling_shutter, sensor_values
-from valerie.runs.states import ProductKind
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 from valerie.scene.variation.variant import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
 
@@ -65,6 +67,7 @@ class EvaluationDigests(NamedTuple):
         third: digest of the product that the prediction waits for besides background and layer: the truth, if its
             sensor needs depth, or the velocity or the scan, which itself waits for the truth.
         distorted: True if the sensor distorts, so that the evaluation measures visibility itself.
+        empty: digest of the prediction of the background without movables; None if it is not made.
     """
 
     sensor_index: int
@@ -73,6 +76,7 @@ class EvaluationDigests(NamedTuple):
     scores: str
     third: str | None = None
     distorted: bool = False
+    empty: str | None = None
 
 
 class AnnotationDigest(NamedTuple):
@@ -142,6 +146,10 @@ class ProductInputs:
             _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]), *labels)
             for name in spec.functions
         ]
+        infers_backgrounds = resolved.infers_backgrounds
+        self._sees_empty = [
+            infers_backgrounds and pins.functions[name].route != UPLOADED_ROUTE for name in spec.functions
+        ]
         self._annotations = [
             # The truth pass computes the light annotation, whichever engine made the image.
             (
@@ -159,6 +167,7 @@ class ProductInputs:
         # Most variants of a run share the light, and so the background.
         self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
         self._responses = lru_cache(maxsize=1024)(self._respond)
+        self._empty_digest = lru_cache(maxsize=4096)(self._hash_empty)
 
     def frame(
         self, assignment: Mapping[str, Value], camera_index: int, *, course: Course | None = None
@@ -199,7 +208,8 @@ class ProductInputs:
                 waits.append(velocity)
             for function_index, prefix in enumerate(self._predictions):
                 prediction = prefix.digest(background, layer, response.document, *waits)
-                scores = self._evaluations[function_index].digest(prediction, truth)
+                empty = self._empty_digest(function_index, background, response)
+                scores = self._evaluations[function_index].digest(*filter(None, (prediction, truth, empty)))
                 evaluations.append(
                     EvaluationDigests(
                         sensor_index,
@@ -208,6 +218,7 @@ class ProductInputs:
                         scores,
                         waits[-1] if waits else None,
                         response.distorts,
+                        empty,
                     )
                 )
         products = FrameProducts(background, layer, truth, velocity, scan)
@@ -224,6 +235,12 @@ class ProductInputs:
     def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
         # Hashed as bytes, not as JSON: existing digests of backgrounds depend on it.
         return self._background[camera_index].digest(bytes(inputs))
+
+    def _hash_empty(self, function_index: int, background: str, response: Response) -> str | None:
+        # Depths, velocities and scans of the scene without movables are not stored.
+        if not self._sees_empty[function_index] or response.needs_depth or response.needs_velocity or response.rolls:
+            return None
+        return self._predictions[function_index].digest(background, response.document)
 
     def _respond(self, sensor: bytes) -> list[Response]:
         """Return the response of each sensor of the run for a variant's sensor values, given as canonical JSON."""

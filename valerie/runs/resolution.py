@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -16,7 +16,9 @@ from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
+from valerie.plain import Keywords
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.backgrounds import few_backgrounds
 from valerie.runs.documents import BlockDocument, RunSpec
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.oversights import oversights, sensor_warnings, shortfall
@@ -92,6 +94,12 @@ class ResolvedRun:
         """Return the moment of a frame in seconds; 0 in a run without time."""
         motion = self.times.motion
         return 0.0 if motion is None else motion.seconds(assignment, self.times.elapsed[time_index])
+
+    @property
+    def infers_backgrounds(self) -> bool:
+        """True if functions see each background without movables, too (``infer_backgrounds`` of the spec)."""
+        chosen = self.spec.infer_backgrounds
+        return few_backgrounds(self.space, self.manifest, self.cameras, self.times) if chosen is None else chosen
 
     def rejection(self, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a variant is rejected; None if it is legal at every moment of its sequence."""
@@ -295,7 +303,7 @@ class _SpaceResolver:
 
     def _distribution(self, varied: Varied, definition: ParameterDefinition, place: str) -> Distribution:
         written = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
-        arguments: dict[str, Any] = {}
+        arguments: Keywords = {}
         for key, value in written.items():
             if key == "values":
                 arguments[key] = tuple(

@@ -6,12 +6,13 @@ the effects and in ``docs/sensor.md``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.plain import JsonObject
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 
 ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
@@ -142,7 +143,7 @@ class SensorSetting(BaseModel):
             group, _, field = name.rpartition(".")
             yield name, getattr(getattr(self, group) if group else self, field)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> JsonObject:
         """Return exposure, curve, gamma and every value that is not neutral, by name below ``sensor``.
 
         Digests of specs and images include it. Since neutral values are absent, a new effect leaves old digests unchanged.
@@ -151,7 +152,7 @@ class SensorSetting(BaseModel):
             name: value for name, value in self.values() if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
         }
 
-    def response(self) -> dict[str, Any]:
+    def response(self) -> JsonObject:
         """Return the part of `document` that affects the image."""
         document = self.document()
         idle: list[str] = []
@@ -212,7 +213,7 @@ class SensorSetting(BaseModel):
         """True if the image depends on the camera's focal length."""
         return self.defocuses or self.lens.vignetting > 0.0 or not self.distortion.identity
 
-    def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
+    def with_assignment(self, sensor: JsonObject) -> SensorSetting:
         """Return this setting with the ``sensor.…`` values of a variant, e.g. ``{"sensor.exposure_ev": 0.5}``.
 
         Raises:

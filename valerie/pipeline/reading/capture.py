@@ -86,6 +86,18 @@ class Capture:
         shot = Shot(self.focal_length_mm, depth, velocity, self.run_seed, content, metered)
         return develop(image.pixels, self.setting, shot)
 
+    def empty_picture(self, reader: ProductReader) -> NDArray[np.uint8]:
+        """Develop the background without movables: (H, W, 3) uint8 sRGB.
+
+        Raises:
+            MissingInput: an object is gone.
+            InvalidInput: the sensor needs depths or velocities, which are those of the whole frame.
+        """
+        background = self.products.background
+        metered = reader.metered_ev(background) if self.setting.auto_exposure else None
+        shot = Shot(self.focal_length_mm, None, None, self.run_seed, (background,), metered)
+        return develop(reader.background(background).pixels, self.setting, shot)
+
     def seen_map(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Move a map of the rendered image, (H, W, …), with the lens: by the nearest pixel.
 

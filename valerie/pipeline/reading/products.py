@@ -52,7 +52,11 @@ class ProductReader:
     def frame(self, products: FrameProducts) -> LinearImage:
         """Read the linear image of a frame."""
         layer = self._read("layer", products.layer, codecs.decode_layer)
-        return layer.over(self._kept(self._backgrounds, "background", products.background, codecs.decode_image))
+        return layer.over(self.background(products.background))
+
+    def background(self, digest: str) -> LinearImage:
+        """Read the linear image without movables."""
+        return self._kept(self._backgrounds, "background", digest, codecs.decode_image)
 
     def metered_ev(self, background: str) -> float:
         """Return the exposure that automatic exposure takes from a background."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.plain import Uniforms
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
@@ -455,7 +456,7 @@ def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
     return grid.holding(widened(wide, by), left, bottom)
 
 
-def _camera_values(camera: Camera, view: View) -> dict[str, Any]:
+def _camera_values(camera: Camera, view: View) -> Uniforms:
     matrix = view_from_world(camera)
     return {
         "clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix,

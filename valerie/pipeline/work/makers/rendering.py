@@ -17,7 +17,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
-from valerie.pipeline.work.makers.annotations import annotate, lit_persons
+from valerie.pipeline.work.makers.annotations import SeenScene, annotate, lit_persons
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
@@ -100,16 +100,13 @@ class RenderMaker:
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
-            data = annotate(
-                kind,
+            seen = SeenScene(
                 scene,
                 view,
-                near=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
+                later=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 step=resolved.times.step or 0.0,
-                truth=job.frame.products.truth,
-                reader=self._reader,
-                truth_pass=truth_pass,
             )
+            data = annotate(kind, seen, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
         else:
             engine = self._engine(resolved, run.pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
