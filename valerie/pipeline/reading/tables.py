@@ -39,7 +39,7 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of what is evaluated so far."""
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
-        assignments = dict(long_table.assignments(connection, run.id))
+        assignments = long_table.assignments(connection, run.id)
         pieces = [
             EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
             for piece in long_table.columns(connection, run.id)
