@@ -143,9 +143,9 @@ class Pursuit:
         known = self._known()
         if isinstance(known, MinimalPair):
             named = [
-                ("it fails", known.failing),
-                ("the last that does not fail", known.inner),
-                ("it passes", known.passing),
+                ("It fails", known.failing),
+                ("The last that does not fail", known.inner),
+                ("It passes", known.passing),
             ]
             places = [(self._place(point), words) for words, point in named]
             unique = dict(reversed([(place, words) for place, words in places if place is not None]))

@@ -21,6 +21,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 from valerie.pipeline.reading.selection import evaluated_persons, run_where
+from valerie.plain import typed
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +81,10 @@ def refine_run(
 
 def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
     document = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    found = Findings.from_json(document["findings"]).items
-    if number > len(found):
-        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1 … {len(found)}")
-    return found[number - 1].spec, found[number - 1].sentence
+    findings = typed(Findings, document["findings"]).items
+    if number > len(findings):
+        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1 … {len(findings)}")
+    return findings[number - 1].spec, findings[number - 1].sentence
 
 
 def _selected(run: StoredRun, selection: Selection, rows: Sequence[TableRow]) -> Sequence[TableRow]:

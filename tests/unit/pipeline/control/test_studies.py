@@ -267,8 +267,8 @@ def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) ->
         outcomes = batches(pipeline, study)[number].outcomes
         assert outcomes is not None
         scores[words] = outcomes.scores[index]
-    assert scores["it fails"] == 0.0
-    assert scores["it passes"] == 1.0
+    assert scores["It fails"] == 0.0
+    assert scores["It passes"] == 1.0
 
 
 def test_a_pair_that_does_not_fail_and_pass_ends_with_its_scores(pipeline: Pipeline) -> None:

@@ -53,7 +53,7 @@ def report(context: Context, study_id: str) -> str:
             id=study.id,
             name=study.name,
             question=_QUESTIONS[study.document.goal.name],
-            state=f"The study is {study.state}" + (f": {study.reason}" if study.reason else ""),
+            state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             sentences=() if result is None else result.sentences,
             pictures=tuple(_pictures(context, pursuit, batches)),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
