@@ -59,8 +59,8 @@ class Calibration:
     def on_new_places(self) -> float:
         """A bound on the error at places like these that the run does not have: ``error`` + ``chance``.
 
-        Held-out places are still places of the same sample, whose own luck their error does not show. The bound's coverage
-        was measured (docs/error-model.md).
+        Held-out places are still places of the same sample, whose own luck their error does not show. Its coverage is
+        not established: docs/error-model.md has what was tried.
         """
         return self.error + self.chance
 
