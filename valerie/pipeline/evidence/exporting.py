@@ -13,7 +13,9 @@ from typing import Final
 import orjson
 import pyarrow as pa
 
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.findings import Findings
+from valerie.analysis.register import register, register_json, register_table
+from valerie.analysis.table import EvaluationTable, encoded
 from valerie.db import frames, runs
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow
@@ -62,6 +64,8 @@ _RESULTS: Final = {
     REPORT: "Report for people",
     ENVIRONMENT: "Python, machine and package versions of the process that wrote the results",
 }
+REGISTER_JSON: Final = "register.json"
+REGISTER_CSV: Final = "register.csv"
 #: Descriptions of the files of error models, by the end of the name.
 _ERROR_MODEL_FILES: Final = {
     ".json": "Card of the perception-error models: columns, calibration on held-out places, limits",
@@ -75,6 +79,8 @@ _DOCUMENTS: Final = {
     RUN: "The run: state, dates, digests of spec, asset and results",
     PINS: "Numeric classes, revisions and file digests that the run pinned, with the cards of its functions",
     **_RESULTS,
+    REGISTER_JSON: "Register of triggering conditions that the findings show, with evidence and re-tests",
+    REGISTER_CSV: "The same as CSV",
     FRAMES: "The frames that findings and verdicts name: variant, camera, time, sensor, functions",
     MANIFEST: "SHA-256 of each file and the root over them",
 }
@@ -134,6 +140,9 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         partial.mkdir(parents=True)
         for name, data in files.items():
             (partial / name).write_bytes(data)
+        conditions = register(Findings.from_json(summary["findings"]))
+        (partial / REGISTER_JSON).write_bytes(document_bytes(register_json(conditions)))
+        (partial / REGISTER_CSV).write_bytes(encoded(register_table(conditions), "csv"))
         descriptions = _DOCUMENTS | {name: _ERROR_MODEL_FILES[Path(name).suffix] for name in models}
         entries = []
         for frame in named:
