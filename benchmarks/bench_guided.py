@@ -15,15 +15,16 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks import planted_scores, results
-from valerie.guided.domain import Domain
+from benchmarks import guided_goals, planted_modes, planted_scores, results
+from valerie.guided.domain import Cube, Domain
 from valerie.guided.estimate import Estimate
 from valerie.guided.explain import Explain
 from valerie.guided.strategy import pursue
@@ -38,6 +39,11 @@ SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
 #: Points among which a failing and a passing one are sought for a minimal pair.
 SOUGHT: Final = 2**14
+#: Estimates of one planted score.
+DRAWS: Final = 5
+GOALS: Final = ("find", "map", "compare", "cascade", "estimate")
+#: Failure rate, budget and batch of the cells.
+CELLS: Final = ((1e-2, 2048, 512), (1e-3, 8192, 2048), (1e-1, 2048, 512))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +52,9 @@ class Row:
 
     Attributes:
         family: of planted scores.
-        repetitions: number of planted scores.
+        rate, budget, batch: failure rate, number of evaluations, largest number of them at a time.
+        seed: of the first repetition.
+        repetitions: number of estimates, `DRAWS` of each planted score.
         pair_evaluations: median and largest number of evaluations of a minimal pair.
         coverage_free, coverage_assisted, coverage_plain: of the two intervals, and of plain Monte Carlo's.
         width_free, width_assisted: mean widths in units of plain Monte Carlo's.
@@ -57,6 +65,10 @@ class Row:
     """
 
     family: str
+    rate: float
+    budget: int
+    batch: int
+    seed: int
     repetitions: int
     pair_evaluations: tuple[float, float]
     coverage_free: float
@@ -98,9 +110,10 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     calibrated: list[bool] = []
     spent, batches = 0.0, 0
     for repetition in range(repetitions):
-        planted = planted_scores.plant(family, seed + repetition, rate)
-        pairs.append(pair_evaluations(planted, seed + repetition))
-        strategy = Estimate(planted.dimensions, at_least=planted_scores.AT_LEAST, seed=seed + repetition)
+        if repetition % DRAWS == 0:
+            planted = planted_scores.plant(family, seed + repetition, rate)
+            pairs.append(pair_evaluations(planted, seed + repetition))
+        strategy = Estimate(Cube(planted.dimensions), at_least=planted_scores.AT_LEAST, seed=seed + repetition)
         started = time.process_time()
         pursue(strategy, planted.score, budget=budget, batch=batch)
         known = strategy.rate()
@@ -125,6 +138,10 @@ def measure(family: str, *, seed: int, repetitions: int, rate: float, budget: in
     }
     return Row(
         family,
+        rate,
+        budget,
+        batch,
+        seed,
         repetitions,
         (float(np.median(pairs)), float(max(pairs))),
         float(np.mean(held["assumption-free"])),
@@ -159,18 +176,65 @@ def show(rows: Sequence[Row]) -> None:
         )
 
 
+def measure_others(goals: Sequence[str], seed: int, repetitions: int) -> None:
+    """Measure the goals besides the estimates, a fifteenth as often where a repetition is dear; store each line."""
+    few = max(repetitions // 15, 2)
+    runs: list[Callable[[], Any]] = []
+    if "find" in goals:
+        for family in planted_modes.FAMILIES:
+            for budgets, times in (((500, 2000), few), ((10_000,), max(few // 4, 1))):
+                runs.append(partial(guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=budgets))
+    if "map" in goals:
+        runs += [
+            partial(guided_goals.measure_map, family, seed=seed, repetitions=few) for family in planted_scores.FAMILIES
+        ]
+    if "compare" in goals:
+        runs += [
+            partial(guided_goals.measure_compare, case, seed=seed, repetitions=repetitions)
+            for case in guided_goals.COMPARE_CASES
+        ]
+    if "cascade" in goals:
+        runs += [
+            partial(guided_goals.measure_cascade, case, seed=seed, repetitions=repetitions)
+            for case in guided_goals.CASCADE_CASES
+        ]
+    rows: list[dict[str, Any]] = []
+    for run in runs:
+        rows.append(asdict(run()))
+        print(" · ".join(f"{name} {_shown(value)}" for name, value in rows[-1].items()), flush=True)
+        results.write("guided_goals", {"seed": seed, "rows": rows})
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " / ".join(map(_shown, value))
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "0")))
     parser.add_argument("--repetitions", type=int, default=300)
-    parser.add_argument("--rate", type=float, default=1e-2)
+    parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
-    arguments = vars(parser.parse_args())
-    rows = [measure(family, **arguments) for family in planted_scores.FAMILIES]
+    parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
+    chosen = parser.parse_args()
+    others = [name for name in chosen.goals if name != "estimate"]
+    if others:
+        measure_others(others, chosen.seed, chosen.repetitions)
+    if "estimate" not in chosen.goals:
+        return
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
-    show(rows)
-    results.write("guided", {**arguments, "families": [asdict(row) for row in rows]})
+    rows: list[Row] = []
+    for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:
+        print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
+        for family in planted_scores.FAMILIES:
+            rows.append(
+                measure(family, seed=chosen.seed, repetitions=chosen.repetitions, rate=rate, budget=budget, batch=batch)
+            )
+            show(rows[-1:])
+            results.write("guided", {"cells": [asdict(row) for row in rows]})
 
 
 if __name__ == "__main__":

@@ -25,7 +25,6 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
     "curve blender-filmic": {"curve": "blender-filmic"},
     "defocus f/1.4": {"lens": {"f_number": 1.4, "focus_distance_m": 8}},
     "motion blur of 6 pixels in a ninth": {"shutter": {"exposure_ms": 20}},
-    "rolling shutter": {"shutter": {"line_time_us": 20}},
     "vignetting": {"lens": {"vignetting": 1}},
     "chromatic aberration": {"lens": {"chromatic_aberration": 0.002}},
     "distortion": {"distortion": {"k1": -0.3, "k2": 0.1}},

@@ -16,13 +16,15 @@ from PIL import Image
 
 from tools.contact_sheet import captioned, contact_sheet
 from valerie import plugins
-from valerie.rendering.base import View
+from valerie.rendering.base import LinearImage, View
 from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.scanning import Reading, scan
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.sensors import focal_length_mm
 from valerie.scene.assets.asset import load_asset
+from valerie.scene.graph.model import Scene
 from valerie.scene.variation.variant import apply
-from valerie.sensing.sensor import Shot, develop
+from valerie.sensing.sensor import Shot, develop, read_lines
 from valerie.sensing.settings import SensorSetting
 
 OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "sensor.jpg"
@@ -36,6 +38,7 @@ VARIANT: Final = {
 }
 #: Turn rate of the camera in the shutter's tiles: a car in a bend.
 YAW_DEG_PER_S: Final = 40.0
+ROLLING: Final = SensorSetting.model_validate({"shutter": {"line_time_us": 60}})
 WIDTH, HEIGHT = 960, 540
 COLUMNS: Final = 4
 #: Exposure of all tiles that name no other.
@@ -52,7 +55,7 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("white balance 11,000 K", {"white_balance": {"temperature_k": 11000}}, False),
     ("tint -12", {"white_balance": {"tint": -12}}, False),
     ("vignetting 3", {"lens": {"vignetting": 3}}, False),
-    ("rolling shutter 60 us per row, turning", {"shutter": {"line_time_us": 60}}, False),
+    ("rolling shutter 60 us per row, turning", {}, False),
     ("distortion k1 -0.9 (barrel)", {"distortion": {"k1": -0.9}}, False),
     ("distortion k1 0.9 (pincushion)", {"distortion": {"k1": 0.9}}, False),
     ("dirt 0.15", {"soiling": {"dirt": 0.15}}, False),
@@ -78,18 +81,27 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
 )
 
 
-def frame() -> tuple[NDArray[np.float16], Shot]:
-    """Return the linear image and the sensor's other inputs."""
+def frame() -> tuple[NDArray[np.float16], NDArray[np.float16], Shot]:
+    """Return the linear image, the same as a rolling shutter reads it, and the sensor's other inputs."""
     asset = load_asset("urban-street")
     scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
     engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
     linear = engine.full(scene, view).pixels
     truth = truth_pass.truth(scene, view)
-    after = apply(VARIANT | {f"scene.{CAMERA}.yaw": YAW_DEG_PER_S * VELOCITY_SPAN_S}, asset)
-    velocity = truth_pass.velocity(scene, after, view, truth, VELOCITY_SPAN_S).vectors
+
+    def near(seconds: float) -> Scene:
+        return apply(VARIANT | {f"scene.{CAMERA}.yaw": YAW_DEG_PER_S * seconds}, asset)
+
+    velocity = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, truth, VELOCITY_SPAN_S).vectors
+    reading = Reading(read_lines(ROLLING, WIDTH, HEIGHT), ROLLING.shutter.line_time_us * 1e-6)
+    rolling = scan(engine, truth_pass, near, view, (LinearImage(linear), truth), reading).image(LinearImage(linear))
     truth_pass.close()
     engine.close()
-    return linear, Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), truth.depth, velocity, 0, ("strip",))
+    return (
+        linear,
+        rolling.pixels,
+        Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), truth.depth, velocity, 0, ("strip",)),
+    )
 
 
 def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
@@ -106,10 +118,14 @@ def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Ima
 
 def main(out: Path) -> None:
     """Write the contact sheet."""
-    linear, shot = frame()
+    linear, rolling, shot = frame()
     tiles = [
         tile(
-            develop(linear, SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **setting}), shot),
+            develop(
+                rolling if "rolling" in caption else linear,
+                SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **setting}),
+                shot,
+            ),
             caption,
             detail=detail,
         )

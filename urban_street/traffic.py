@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from urban_street.traffic_places import DEFAULT_PAINT, TrafficPlace, class_of
 from urban_street.vehicles.build import build_vehicle
 from urban_street.vehicles.content import VehicleContent
 from urban_street.vehicles.lamps import GLOWING, vehicle_lamps
-from urban_street.vehicles.rider import build_rider
+from urban_street.vehicles.rider import MOUNTS, build_rider
 from valerie.scene.graph.model import Material, Mesh, Node, Texture
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.paints import is_paint
@@ -24,7 +25,6 @@ class Traffic:
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
-        self._riders: dict[str, VehicleContent] = {}
 
     def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
         """Yield the nodes of a vehicle: the top one, and its kinds, or its parts and its rider, who is an object of his own."""
@@ -37,9 +37,7 @@ class Traffic:
             mount = class_of(name)
             yield from self._vehicle(path, name, build_vehicle(mount, at.seed, DEFAULT_PAINT))
             if at.rider:
-                if mount not in self._riders:
-                    self._riders[mount] = build_rider(mount)
-                yield from self._parts(path, name, self._riders[mount], only=at.rider)
+                yield from self._parts(path, name, _rider(mount), only=at.rider)
 
     def _vehicle(self, path: str, owner: str, content: VehicleContent) -> Iterator[Node]:
         yield from self._parts(path, owner, content)
@@ -54,6 +52,12 @@ class Traffic:
         for part in content.parts:
             meshes = tuple(_owned(mesh, owner) for mesh in part.meshes)
             yield Node(f"{path}.{only or part.name}", part.transform, meshes, joints=part.joints)
+
+
+@lru_cache(maxsize=len(MOUNTS))
+def _rider(mount: str) -> VehicleContent:
+    """Return the rider of a vehicle: the same in every street, and dressing takes longest of all that stands there."""
+    return build_rider(mount)
 
 
 def _own_name(material: str, owner: str) -> str:

@@ -6,10 +6,14 @@ message may be lost, duplicated or late without harm: workers claim products by 
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
+
+from valerie.plain import Keywords
 
 # A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
@@ -18,6 +22,7 @@ os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
 from celery import Celery, Task
 from kombu.exceptions import BatchPublishError, OperationalError
 from redis.exceptions import RedisError
+from redis.exceptions import TimeoutError as RedisTimeout
 
 from valerie.errors import TransientError
 from valerie.runs.products import Ready
@@ -37,6 +42,13 @@ CHUNK: Final = 24
 _CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
 
 
+#: What the libraries raise when the broker is away.
+_SILENCE: Final = (OperationalError, BatchPublishError, RedisError, OSError)
+#: Time in which the broker must answer whoever sends or asks: Redis needs milliseconds.
+_ANSWER_SECONDS: Final = 2.0
+_QUIET_SECONDS: Final = 5.0
+
+
 class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
     """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.base.requests`)."""
 
@@ -44,8 +56,13 @@ class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
     Request = "valerie.pipeline.base.requests:WatchfulRequest"
 
 
-def create_app(settings: Settings) -> Celery:
-    """Build the Celery app of one process from its settings."""
+def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
+    """Build the Celery app of one process from its settings.
+
+    Args:
+        settings: of the deployment.
+        answer_seconds: time in which the broker must answer. A consumer has patience, since losing the broker ends it.
+    """
     app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
     app.conf.update(
         accept_content=["json"],
@@ -79,8 +96,8 @@ def create_app(settings: Settings) -> Celery:
             "unacked_restore_interval": 1,
             "unacked_restore_throttle": 1,
             "unacked_restore_limit": 1000,
-            "socket_timeout": 30,
-            "socket_connect_timeout": 5,
+            "socket_timeout": answer_seconds,
+            "socket_connect_timeout": min(answer_seconds, 5.0),
             # No "retry_on_timeout": with it kombu sends one message at a time (see `send_products`).
             "socket_keepalive": True,
         },
@@ -91,60 +108,66 @@ def create_app(settings: Settings) -> Celery:
 
 
 #: Options of every message. The readable texts in its header are constant: building them costs as much as the rest.
-_SENDING: Final[dict[str, Any]] = {
+_SENDING: Final[Keywords] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
     "retry_policy": {"max_retries": 1, "interval_start": 0.1, "interval_max": 0.2},
 }
 
 
-@contextmanager
-def _answering() -> Iterator[None]:
-    """Turn the errors of a stopped broker into ours."""
-    try:
-        yield
-    except (OperationalError, BatchPublishError, RedisError, OSError) as error:
-        raise TransientError(f"the broker does not answer: {error}") from error
+class Message(NamedTuple):
+    """A message: a task, the products that it is called with, and the queue."""
 
-
-class _Message(NamedTuple):
     task: str
     digests: list[str]
     queue: str
 
 
-class Broker:
-    """Sends messages and looks at queues; one per process."""
+def messages_of(ready: Iterable[Ready]) -> list[Message]:
+    """Return messages that each hold products of one route, kind and cache group."""
+    groups: dict[tuple[str, ProductKind, str], list[str]] = {}
+    for product in ready:
+        groups.setdefault((product.route, product.kind, product.cache_group), []).append(product.digest)
+    return [
+        Message(_TASK_OF_STAGE[stage_of(route)], digests[start : start + size], route)
+        for (route, kind, _), digests in groups.items()
+        for size in (_CHUNKS.get(kind, CHUNK),)
+        for start in range(0, len(digests), size)
+    ]
 
-    def __init__(self, app: Celery) -> None:
-        self._app = app
+
+class Broker:
+    """Sends messages and looks at queues; one per process.
+
+    A broker that is stopped but keeps its connections open does not answer for `_ANSWER_SECONDS`, and is then left alone for
+    `_QUIET_SECONDS`: whoever calls meanwhile is refused at once, so that no thread waits for long.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._app = create_app(settings, answer_seconds=_ANSWER_SECONDS)
+        self._quiet_until = -math.inf
 
     def send_products(self, ready: Iterable[Ready]) -> None:
-        """Tell workers about products that became ready; one message holds products of one route, kind and cache group.
+        """Tell workers about products that became ready.
 
         Raises:
             TransientError: the broker does not answer.
         """
-        groups: dict[tuple[str, ProductKind, str], list[str]] = {}
-        for product in ready:
-            groups.setdefault((product.route, product.kind, product.cache_group), []).append(product.digest)
-        messages = [
-            _Message(_TASK_OF_STAGE[stage_of(route)], digests[start : start + size], route)
-            for (route, kind, _), digests in groups.items()
-            for size in (_CHUNKS.get(kind, CHUNK),)
-            for start in range(0, len(digests), size)
-        ]
+        messages = messages_of(ready)
         if not messages:
             return
-        try:
-            self._send_together(messages)
-        except TransientError:
-            # A connection that a restarted broker closed is noticed only now. Messages may arrive twice, which is harmless.
-            self._send_together(messages)
+        with self._answering():
+            try:
+                self._send_together(messages)
+            except _SILENCE as error:
+                if _timed_out(error):
+                    raise
+                # A connection that a restarted broker closed is noticed only now. Messages may arrive twice, which is harmless.
+                self._send_together(messages)
 
-    def _send_together(self, messages: Iterable[_Message]) -> None:
+    def _send_together(self, messages: Iterable[Message]) -> None:
         """Send messages in one round trip for a thousand of them."""
-        with _answering(), self._app.producer_or_acquire() as producer, producer.batch():
+        with self._app.producer_or_acquire() as producer, producer.batch():
             for task, digests, queue in messages:
                 self._app.send_task(
                     task,
@@ -157,14 +180,38 @@ class Broker:
 
     def send_finish(self, run_id: str) -> None:
         """Ask an evaluation worker to finish a run."""
-        with _answering():
+        with self._answering():
             self._app.send_task(FINISH, args=[run_id], queue=EVAL_QUEUE, argsrepr=run_id, **_SENDING)
 
-    def queue_length(self, route: str) -> int:
-        """Return how many messages wait in a queue, without those that a worker holds.
+    def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
+        """Return how many messages wait in each queue, without those that a worker holds.
 
         Raises:
             TransientError: the broker does not answer.
         """
-        with _answering(), self._app.connection_for_read() as connection:
-            return int(connection.default_channel.client.llen(route))
+        with self._answering(), self._app.connection_for_read() as connection:
+            pipeline = connection.channel().client.pipeline(transaction=False)
+            for route in routes:
+                pipeline.llen(route)
+            return dict(zip(routes, map(int, pipeline.execute()), strict=True))
+
+    @contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Turn the errors of a stopped broker into ours."""
+        if time.monotonic() < self._quiet_until:
+            raise TransientError("the broker does not answer: it was silent a moment ago")
+        try:
+            yield
+        except _SILENCE as error:
+            if _timed_out(error):
+                self._quiet_until = time.monotonic() + _QUIET_SECONDS
+            raise TransientError(f"the broker does not answer: {error}") from error
+
+
+def _timed_out(error: BaseException | None) -> bool:
+    """Return whether an error of a library goes back to a time-out."""
+    while error is not None:
+        if isinstance(error, TimeoutError | RedisTimeout):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -251,6 +251,76 @@ class Failure(_Read):
     error: FailureError | None
 
 
+class StudyOutcomes(_Read):
+    """Outcomes of a batch: a score of each variant, None where it has none, and the indexes of rejected variants."""
+
+    scores: tuple[float | None, ...]
+    rejected: tuple[int, ...] = ()
+
+
+class StudyBatch(_Read):
+    """A batch of a study.
+
+    Attributes:
+        number: from 0.
+        reason: why these variants.
+        legal: number of variants that count in the budget.
+        accepted_at: None while a person has not accepted it.
+        run_id: its run; None before it starts, and of a batch without variants.
+        outcomes: None while its run goes on.
+        cpu_seconds: spent for its run.
+    """
+
+    number: int
+    reason: str
+    legal: int
+    accepted_at: str | None
+    run_id: str | None
+    outcomes: StudyOutcomes | None
+    cpu_seconds: float | None
+
+
+class StudyKnown(_Read):
+    """What a study knows, in words."""
+
+    sentences: tuple[str, ...]
+
+
+class Study(_Read):
+    """A study.
+
+    Attributes:
+        state: running, paused, finished or stopped.
+        reason: what it waits for, or why it ended.
+        by_hand: a person accepts each batch.
+        result: None while nothing is known.
+        batches: empty in a list of studies.
+    """
+
+    id: str
+    name: str
+    state: str
+    reason: str | None = None
+    by_hand: bool
+    goal: str
+    result: StudyKnown | None = None
+    created_at: str
+    batches: tuple[StudyBatch, ...] = ()
+
+
+class NextBatch(_Read):
+    """A batch that may run next, with the spec of its run as text and its price."""
+
+    number: int
+    reason: str
+    legal: int
+    rejected: int
+    accepted: bool
+    run_id: str | None
+    spec: str
+    plan: dict[str, JsonValue]
+
+
 class _Page(_Read):
     items: list[JsonValue]
     next: str | None
@@ -366,6 +436,48 @@ class Client:
     def delete(self, run_id: str) -> None:
         """Delete an ended run."""
         self._send("DELETE", f"/v1/runs/{run_id}")
+
+    def plan_study(self, document: bytes) -> NextBatch:
+        """Return the first batch of a study (YAML or JSON text) and its price."""
+        return self._read(NextBatch, "POST", "/v1/studies/plan", content=document, headers=_SPEC)
+
+    def begin_study(self, document: bytes) -> Study:
+        """Begin a study (YAML or JSON text)."""
+        return self._read(Study, "POST", "/v1/studies", content=document, headers=_SPEC)
+
+    def studies(self, *, limit: int = 20) -> Iterator[Study]:
+        """Yield studies, newest first."""
+        for item in islice(self._pages("/v1/studies", page_size=min(limit, 100)), limit):
+            yield _validated(Study, item)
+
+    def study(self, study_id: str) -> Study:
+        """Return a study with its batches."""
+        return self._read(Study, "GET", f"/v1/studies/{quote(study_id)}")
+
+    def next_batch(self, study_id: str) -> NextBatch:
+        """Return the newest open batch of a study."""
+        return self._read(NextBatch, "GET", f"/v1/studies/{quote(study_id)}/next")
+
+    def accept_batch(self, study_id: str, *, count: int | None = None) -> Study:
+        """Accept the proposed batch of a study, with another number of variants if ``count`` names one."""
+        parameters = {} if count is None else {"count": count}
+        return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/accept", params=parameters)
+
+    def set_study_mode(self, study_id: str, *, by_hand: bool) -> Study:
+        """Let a person accept each batch from now on, or no longer."""
+        return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/mode", params={"by_hand": by_hand})
+
+    def stop_study(self, study_id: str) -> Study:
+        """End a study with what is known."""
+        return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/stop")
+
+    def resume_study(self, study_id: str) -> Study:
+        """Let a paused study go on."""
+        return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/resume")
+
+    def study_report(self, study_id: str) -> bytes:
+        """Return the self-contained HTML report of a study."""
+        return self._send("GET", f"/v1/studies/{quote(study_id)}/report").content
 
     def functions(self) -> list[Function]:
         """Return the functions under test with their cards."""

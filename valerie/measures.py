@@ -256,6 +256,11 @@ MEASURES: Final = (
         "pacc", Source.PERSON_SCORE, "pACC",
         "share of the person's visible pixels that the function calls person: tp / (tp + fn)", 0.9041,
     ),
+    _rate(
+        "pacc_empty", Source.PERSON_SCORE, "pACC without the person",
+        "share of the same pixels that the function calls person where it sees the scene without movables; empty where "
+        "backgrounds are not inferred", 0.0,
+    ),
     _label(
         "undefined_reason", Source.PIXELS, "why pACC is undefined",
         "why the person has no pACC: absent, outside the image or fully hidden; empty where pACC is defined", None,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, SecretStr, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -90,7 +91,7 @@ class Settings(BaseSettings):
     resend_seconds: Seconds = Field(
         20.0, description="time after which the message for a ready, unclaimed product is sent again"
     )
-    max_attempts: int = Field(4, ge=1, le=100, description="attempts of a product before it fails permanently")
+    max_attempts: int = Field(4, ge=1, le=100, description="attempts of a product before it fails for good")
 
     # Workers
     lease_seconds: Seconds = Field(60.0, description="time after which the product of a silent worker is taken back")
@@ -238,8 +239,10 @@ def load_settings(environ: Mapping[str, str] | None = None, **overrides: object)
         raise InvalidInputs([_problem(detail) for detail in error.errors(include_url=False)]) from None
 
 
-def _problem(detail: Any) -> InvalidInput:
+def _problem(detail: ErrorDetails) -> InvalidInput:
     place = ".".join(str(part) for part in detail["loc"])
     field = PREFIX + place.upper() if place else ""
-    secret = place == "api_token"
-    return problem_of({**detail, "input": None} if secret or not place else detail, field)
+    if place in ("", "api_token"):  # secret
+        detail = detail.copy()
+        detail["input"] = None
+    return problem_of(detail, field)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from pydantic_core import ErrorDetails
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 
@@ -50,7 +51,7 @@ def problems_of(error: ValidationError, document: str = "") -> InvalidInputs:
     return InvalidInputs([problem_of(detail, ".".join((*first, *map(str, detail["loc"])))) for detail in details])
 
 
-def problem_of(detail: Mapping[str, Any], field: str) -> InvalidInput:
+def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     """Convert an entry of ``ValidationError.errors()``.
 
     Args:

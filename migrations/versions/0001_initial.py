@@ -19,6 +19,23 @@ DOCUMENT = sa.JSON().with_variant(postgresql.JSONB(), "postgresql")
 
 def upgrade() -> None:
     op.create_table(
+        "studies",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("name", sa.String(length=200), nullable=False),
+        sa.Column("state", sa.String(length=16), nullable=False),
+        sa.Column("reason", sa.Text(), nullable=True),
+        sa.Column("document", DOCUMENT, nullable=False),
+        sa.Column("asset_digest", sa.String(length=32), nullable=False),
+        sa.Column("by_hand", sa.Boolean(), nullable=False),
+        sa.Column("result", DOCUMENT, nullable=True),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_studies")),
+    )
+    with op.batch_alter_table("studies", schema=None) as batch_op:
+        batch_op.create_index("ix_studies_created_at", ["created_at"], unique=False)
+
+    op.create_table(
         "functions",
         sa.Column("name", sa.String(length=64), nullable=False),
         sa.Column("digest", sa.String(length=32), nullable=False),
@@ -33,6 +50,15 @@ def upgrade() -> None:
         batch_op.create_index("ix_functions_digest", ["digest"], unique=False)
         batch_op.create_index("ix_functions_payload", ["payload"], unique=False)
 
+    op.create_table(
+        "selections",
+        sa.Column("name", sa.String(length=120), nullable=False),
+        sa.Column("runs", DOCUMENT, nullable=False),
+        sa.Column("expression", sa.Text(), nullable=False),
+        sa.Column("view", sa.Text(), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.PrimaryKeyConstraint("name", name=op.f("pk_selections")),
+    )
     op.create_table(
         "leases",
         sa.Column("name", sa.String(length=64), nullable=False),
@@ -166,6 +192,7 @@ def upgrade() -> None:
         sa.Column("tp", sa.Integer(), nullable=False),
         sa.Column("fn", sa.Integer(), nullable=False),
         sa.Column("pacc", sa.Float(), nullable=True),
+        sa.Column("pacc_empty", sa.Float(), nullable=True),
         sa.ForeignKeyConstraint(
             ["digest"], ["products.digest"], name=op.f("fk_person_scores_digest"), ondelete="CASCADE"
         ),
@@ -262,6 +289,7 @@ def upgrade() -> None:
         sa.Column("function_index", sa.Integer(), nullable=False),
         sa.Column("prediction", sa.String(length=32), nullable=False),
         sa.Column("scores", sa.String(length=32), nullable=False),
+        sa.Column("empty", sa.String(length=32), nullable=True),
         sa.Column("distorted", sa.Boolean(), nullable=False),
         sa.ForeignKeyConstraint(
             ["run_id", "variant_index", "camera_index", "time_index"],
@@ -282,6 +310,7 @@ def upgrade() -> None:
     with op.batch_alter_table("evaluations", schema=None) as batch_op:
         batch_op.create_index("ix_evaluations_prediction", ["prediction"], unique=False)
         batch_op.create_index("ix_evaluations_scores", ["scores"], unique=False)
+        batch_op.create_index("ix_evaluations_empty", ["empty"], unique=False)
 
     op.create_table(
         "frame_annotations",
@@ -304,13 +333,46 @@ def upgrade() -> None:
     with op.batch_alter_table("frame_annotations", schema=None) as batch_op:
         batch_op.create_index("ix_frame_annotations_product", ["product"], unique=False)
 
+    op.create_table(
+        "study_batches",
+        sa.Column("study_id", sa.String(length=32), nullable=False),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("count", sa.Integer(), nullable=False),
+        sa.Column("points", DOCUMENT, nullable=False),
+        sa.Column("rejected", DOCUMENT, nullable=False),
+        sa.Column("reason", sa.Text(), nullable=False),
+        sa.Column("basis", sa.String(length=32), nullable=False),
+        sa.Column("based_on", sa.Integer(), nullable=False),
+        sa.Column("accepted_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("run_id", sa.String(length=32), nullable=True),
+        sa.Column("retries", sa.Integer(), nullable=False),
+        sa.Column("outcomes", DOCUMENT, nullable=True),
+        sa.Column("cpu_seconds", sa.Float(), nullable=True),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_study_batches_run_id"), ondelete="SET NULL"),
+        sa.ForeignKeyConstraint(
+            ["study_id"], ["studies.id"], name=op.f("fk_study_batches_study_id"), ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("study_id", "number", name=op.f("pk_study_batches")),
+    )
+    with op.batch_alter_table("study_batches", schema=None) as batch_op:
+        batch_op.create_index("ix_study_batches_run_id", ["run_id"], unique=False)
+
 
 def downgrade() -> None:
+    with op.batch_alter_table("study_batches", schema=None) as batch_op:
+        batch_op.drop_index("ix_study_batches_run_id")
+
+    op.drop_table("study_batches")
+    with op.batch_alter_table("studies", schema=None) as batch_op:
+        batch_op.drop_index("ix_studies_created_at")
+
+    op.drop_table("studies")
     with op.batch_alter_table("frame_annotations", schema=None) as batch_op:
         batch_op.drop_index("ix_frame_annotations_product")
 
     op.drop_table("frame_annotations")
     with op.batch_alter_table("evaluations", schema=None) as batch_op:
+        batch_op.drop_index("ix_evaluations_empty")
         batch_op.drop_index("ix_evaluations_scores")
         batch_op.drop_index("ix_evaluations_prediction")
 
@@ -363,6 +425,7 @@ def downgrade() -> None:
 
     op.drop_table("products")
     op.drop_table("leases")
+    op.drop_table("selections")
     with op.batch_alter_table("functions", schema=None) as batch_op:
         batch_op.drop_index("ix_functions_payload")
         batch_op.drop_index("ix_functions_digest")

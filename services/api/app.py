@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from importlib.metadata import PackageNotFoundError, version
 
 import structlog
-from fastapi import Depends, FastAPI
+from fastapi import Depends, FastAPI, Request
 from fastapi.responses import RedirectResponse
 
 from services.api import openapi, problems
@@ -16,11 +16,13 @@ from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, frames, functions, health, results, runs
+from services.api.routers import catalog, explore, frames, functions, health, results, runs, studies
 from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.exploring.opening import Explorations
+from valerie.pipeline.exploring.tiles import Tiles
 from valerie.settings import Settings, load_settings
 
 log = structlog.get_logger()
@@ -55,6 +57,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
             log.warning("api.plugins", reason=notice)
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
+        app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None
         if thread is not None:
@@ -77,7 +80,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, frames, results, functions, catalog)]
+    routers = [module.router for module in (runs, studies, frames, results, explore, functions, catalog)]
     openapi.install(app, [*routers, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)
@@ -90,6 +93,10 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     @app.get("/", include_in_schema=False)
     def home() -> RedirectResponse:
         return RedirectResponse("/dashboard/")
+
+    @app.get("/explore", include_in_schema=False)
+    def explore_page(request: Request) -> RedirectResponse:
+        return RedirectResponse(f"/dashboard/#/explore?{request.url.query}")
 
     return app
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from fastapi.routing import APIRoute
 from pydantic import TypeAdapter
 
 from services.api.problems import INVALID_INPUT, MEDIA_TYPE, Problem
+from valerie.plain import JsonObject
 
 #: Status to description, title and example of a detail.
 _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
@@ -53,17 +54,17 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
 _ALWAYS: Final = (401, 403, 503)
 
 
-def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+def problems(*statuses: int) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with the problems of every endpoint and those of ``statuses``."""
     return {status: _response(status) for status in sorted({*_ALWAYS, *statuses})}
 
 
-def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, dict[str, Any]]:
+def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with an example of the answer."""
     return {status: {"content": {media_type: {"example": value}}}}
 
 
-def binary(media_type: str, description: str) -> dict[int | str, dict[str, Any]]:
+def binary(media_type: str, description: str) -> dict[int | str, JsonObject]:
     """Return ``responses=`` of bytes that support ranges and entity tags."""
     content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
     return {
@@ -77,7 +78,7 @@ def binary(media_type: str, description: str) -> dict[int | str, dict[str, Any]]
 def install(app: FastAPI, routers: Sequence[APIRouter]) -> None:
     """Complete the generated document; it is built once, at the first request."""
 
-    def build() -> dict[str, Any]:
+    def build() -> JsonObject:
         if app.openapi_schema is None:
             app.openapi_schema = _document(app, routers)
         return app.openapi_schema
@@ -85,7 +86,7 @@ def install(app: FastAPI, routers: Sequence[APIRouter]) -> None:
     app.openapi = build  # type: ignore[method-assign]
 
 
-def _document(app: FastAPI, routers: Sequence[APIRouter]) -> dict[str, Any]:
+def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
     document = get_openapi(
         title=app.title, version=app.version, summary=app.summary, description=app.description, routes=app.routes
     )
@@ -110,7 +111,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> dict[str, Any]:
     return document
 
 
-def _add_examples(document: dict[str, Any], routers: Sequence[APIRouter]) -> None:
+def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
     """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
 
     Examples are written again even where the generator took them over: it drops every null, which the schemas require.
@@ -128,7 +129,7 @@ def _add_examples(document: dict[str, Any], routers: Sequence[APIRouter]) -> Non
                         content["example"] = example_of(TypeAdapter(models[status]).json_schema(mode="serialization"))
 
 
-def example_of(schema: Mapping[str, Any], models: Mapping[str, Any] | None = None) -> Any:
+def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
     """Build an example of a JSON schema from the examples of its fields; an optional field without one is null.
 
     Args:
@@ -154,15 +155,15 @@ def example_of(schema: Mapping[str, Any], models: Mapping[str, Any] | None = Non
     return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
 
 
-def _referred(schema: Mapping[str, Any], models: Mapping[str, Any]) -> Mapping[str, Any]:
+def _referred(schema: JsonObject, models: JsonObject) -> JsonObject:
     """Return the definition that a schema refers to, or the schema itself."""
-    definition: Mapping[str, Any] = models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+    definition: JsonObject = models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
     return definition
 
 
-def _response(status: int) -> dict[str, Any]:
+def _response(status: int) -> JsonObject:
     meaning, title, detail = _MEANINGS[status]
-    shown: dict[str, Any] = {"type": "about:blank", "title": title, "status": status, "detail": detail}
+    shown: JsonObject = {"type": "about:blank", "title": title, "status": status, "detail": detail}
     if status == HTTPStatus.UNPROCESSABLE_ENTITY:
         shown["errors"] = [{"field": "step", "message": "must be above 0", "value": 0, "limit": "> 0"}]
     return {

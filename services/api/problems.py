@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 
@@ -31,6 +31,7 @@ from valerie.errors import (
     UnknownName,
     ValerieError,
 )
+from valerie.plain import ForeignEntries
 
 log = structlog.get_logger()
 
@@ -149,7 +150,7 @@ _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 
 
-def _limit(context: Mapping[str, object]) -> str | None:
+def _limit(context: ForeignEntries) -> str | None:
     return ", ".join(text.format(context[name]) for name, text in _BOUNDS.items() if name in context) or None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 import redis
 
-from valerie.broker import Broker, create_app
+from valerie.broker import Broker
 from valerie.errors import TransientError
 from valerie.runs.products import Ready
 from valerie.runs.states import ProductKind
@@ -30,7 +31,7 @@ def client(redis_url: str) -> Iterator[redis.Redis]:
 
 @pytest.fixture
 def broker(redis_url: str) -> Broker:
-    return Broker(create_app(load_settings({}, broker_url=redis_url)))
+    return Broker(load_settings({}, broker_url=redis_url))
 
 
 def received(client: redis.Redis) -> list[list[str]]:
@@ -44,7 +45,7 @@ def test_every_product_is_sent_once_in_messages_of_limited_length(broker: Broker
     messages = received(client)
     assert [digest for message in messages for digest in message] == [ready.digest for ready in READY]
     assert [len(message) for message in messages] == [24, 24, 24, 24, 4]
-    assert broker.queue_length("render.test") == 5
+    assert broker.queue_lengths(["render.test", "none"]) == {"render.test": 5, "none": 0}
 
 
 def test_the_messages_of_one_call_travel_together(broker: Broker, client: redis.Redis) -> None:
@@ -65,11 +66,28 @@ def test_a_connection_that_was_closed_meanwhile_is_made_anew(broker: Broker, cli
 
 def test_a_broker_that_is_away_is_a_transient_fault(tmp_path: Path) -> None:
     absent = f"redis+socket://{tmp_path / 'nobody.sock'}?virtual_host=0"
-    broker = Broker(create_app(load_settings({}, broker_url=absent)))
+    broker = Broker(load_settings({}, broker_url=absent))
     for call in (
         lambda: broker.send_products(READY),
         lambda: broker.send_finish("r"),
-        lambda: broker.queue_length("q"),
+        lambda: broker.queue_lengths(["q"]),
     ):
         with pytest.raises(TransientError, match="the broker does not answer"):
             call()
+
+
+@pytest.mark.timeout(60)  # two minutes without a bound
+def test_a_broker_that_hangs_is_asked_once_and_then_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "hung.sock"
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(path))
+        hung.listen()  # takes connections, as a stopped process does, and never answers
+        broker = Broker(load_settings({}, broker_url=f"redis+socket://{path}?virtual_host=0"))
+        for _ in range(2):
+            for call in (
+                lambda: broker.queue_lengths(["q"]),
+                lambda: broker.send_products(READY),
+                lambda: broker.send_finish("r"),
+            ):
+                with pytest.raises(TransientError, match="the broker does not answer"):
+                    call()

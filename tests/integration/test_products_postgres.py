@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import pytest
 from sqlalchemy import Engine, select
 
 from valerie.db import products, sweeping, totals
-from valerie.db.engine import open_engine, writing
+from valerie.db.engine import database_time, open_engine, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
@@ -100,3 +101,14 @@ def test_a_product_freed_after_its_lease_was_lost_harms_no_other(engine: Engine)
         assert products.publish(connection, finished, owner="w", now=1.0) == [digest("b")]
     with writing(engine) as connection:
         assert connection.execute(select(Product.digest, Product.state)).all() == [(digest("b"), "done")]
+
+
+def test_the_time_of_leases_is_the_servers(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = time.time()
+    monkeypatch.setattr(time, "time", lambda: real + 1e6)
+    with writing(engine) as connection:
+        products.want(connection, WANTED[:1], database_time(connection))
+        sent = connection.scalar(select(Product.sent_at))
+        assert abs(sent - real) < 1e5
+        sweeping.bound_times(connection, now=sent - 1e5, lease_seconds=60.0)
+        assert connection.scalar(select(Product.sent_at)) == pytest.approx(sent - 1e5)

@@ -24,9 +24,10 @@ from valerie.broker import create_app
 from valerie.db import blocks, frames, functions, processes, results, runs
 from valerie.db.engine import open_engine, reading, writing
 from valerie.db.migrate import migrate
-from valerie.db.models import Base, Product
+from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work.child import Child
+from valerie.plain import typed
 from valerie.runs.frames import FrameKey
 from valerie.runs.pins import OFFERS, Pins
 from valerie.runs.products import FailedInput, Fault
@@ -85,8 +86,8 @@ def test_stored_offers_read_and_lose_nothing() -> None:
 
 def test_the_summary_reads() -> None:
     stored = read("documents")["summary"]
-    assert Summary.from_json(stored["summary"]).rows
-    assert Findings.from_json(stored["findings"]) is not None
+    assert typed(Summary, stored["summary"]).rows
+    assert typed(Findings, stored["findings"]) is not None
 
 
 def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path: Path) -> None:
@@ -129,7 +130,9 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
             ProductKind.PREDICTION,
             ProductKind.EVALUATION,
         }
-        (worker,) = processes.workers(connection, now=0.0)
+        seen_at = connection.scalar(select(Worker.seen_at))
+        assert seen_at is not None
+        (worker,) = processes.workers(connection, now=seen_at)
         assert {offer.name for offer in worker.offers} == {"blank", "truth"}
         assert [row.name for row in functions.every(connection)] == ["mine"]
     with Session(engine) as session:

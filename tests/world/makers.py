@@ -22,6 +22,8 @@ from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
+#: The train id of what is drawn where nobody stands.
+ROAD = 0
 #: What the drawn products say they cost.
 CPU_SECONDS = {"background": 1.2, "layer": 0.4, "truth": 0.2, "prediction": 0.6}
 
@@ -54,9 +56,10 @@ class DrawingMaker:
             assert job.look is not None
             truth = self._reader.truth(job.frame.products.truth)
             distances = [person.distance_m for person in street.persons()]
-            data = codecs.encode_prediction(
-                predict(truth, job.look.function, min(distances, default=20.0), seed=int(job.digest[:8], 16))
-            )
+            labels = predict(truth, job.look.function, min(distances, default=20.0), seed=int(job.digest[:8], 16))
+            if job.digest == job.look.empty:
+                labels[labels == PERSON.train_id] = ROAD
+            data = codecs.encode_prediction(labels)
         self._context.store.put(product_key(job.kind, job.digest), data)
         return Finished(job.digest, len(data), view.width * view.height, CPU_SECONDS[job.kind], person_views=persons)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,9 @@ from valerie.settings import Settings, load_settings
 
 _STAGES = (Stage.RENDER, Stage.INFER, Stage.EVAL)
 
+# Nobody gives signs of life for the workers of a world.
+processes.ALIVE_SECONDS = 1e9
+
 
 def settings_of(folder: Path, **values: Any) -> Settings:
     """Return the settings of a deployment in one folder; its broker does not answer unless ``values`` names another one."""
@@ -58,8 +61,10 @@ class RecordingBroker:
             raise TransientError("the broker does not answer")
         self.finish.append(run_id)
 
-    def queue_length(self, route: str) -> int:
-        return sum(1 for item in self.ready if item.route == route)
+    def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
+        if self.down:
+            raise TransientError("the broker does not answer")
+        return {route: sum(1 for item in self.ready if item.route == route) for route in routes}
 
 
 class Watched:
@@ -80,7 +85,7 @@ class Watched:
 
     def make(self, job: Job) -> Finished:
         self.before(job)
-        finished = self._maker.make(job)
+        finished: Finished = self._maker.make(job)
         self.made.append((job.kind, job.digest))
         return finished
 
@@ -105,7 +110,7 @@ class World:
     def offer(self, worker: str, *offers: AnyOffer, stage: Stage = Stage.RENDER) -> None:
         """Register a worker that never dies."""
         now = time.time()
-        row = WorkerRow(worker, stage, "h", 1, offers, started_at=now, seen_at=now + 1e6)
+        row = WorkerRow(worker, stage, "h", 1, offers, started_at=now, seen_at=now)
         with writing(self.context.engine) as connection:
             processes.register_worker(connection, row)
 

@@ -90,7 +90,7 @@ def settle(
     bends = np.arange(len(pairs)) >= len(threads)
     longer = np.where(bends, fabric.bending, fabric.stretch)
     shorter = np.where(bends, fabric.bending, fabric.compression)
-    a, b = pairs.T
+    a, b = np.ascontiguousarray(pairs.T)
     degree = np.maximum(np.bincount(pairs.ravel(), minlength=len(rest)), 1) / 3.0  # Jacobi, over-relaxed
     free = ~pinned
     tree = cKDTree(_with_region(under.points, under.regions))
@@ -102,13 +102,17 @@ def settle(
             np.where(free[:, None], position + _DAMPING * (position - previous) + fall, position),
             position,
         )
+        # Axes first: whole rows are several times faster to gather and to add up than triples.
+        axes = np.ascontiguousarray(position.T)
         for _ in range(3):
-            delta = position[b] - position[a]
-            length = np.maximum(np.linalg.norm(delta, axis=1), 1e-9)
+            delta = axes.take(b, axis=1) - axes.take(a, axis=1)
+            x, y, z = delta * delta
+            length = np.maximum(np.sqrt(x + y + z), 1e-9)
             excess = (length - lengths) / length
-            pull = (0.5 * excess * np.where(excess > 0.0, longer, shorter))[:, None] * delta
-            move = _scatter(a, pull, len(rest)) - _scatter(b, pull, len(rest))
-            position[free] += (move / degree[:, None])[free]
+            pull = 0.5 * excess * np.where(excess > 0.0, longer, shorter) * delta
+            move = (_scatter(a, pull, len(rest)) - _scatter(b, pull, len(rest))) / degree
+            np.add(axes, move, out=axes, where=free)
+        position = np.ascontiguousarray(axes.T)
         if step % 3 == 0:
             nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
         own = under.regions[nearest] == regions
@@ -150,8 +154,9 @@ def _with_region(points: Points, regions: Indices) -> Points:
     return np.concatenate([points, _REGION_STEP * regions[:, None]], axis=1)
 
 
-def _scatter(rows: Indices, vectors: Points, count: int) -> Points:
-    return np.stack([np.bincount(rows, vectors[:, axis], minlength=count) for axis in range(3)], axis=1)
+def _scatter(columns: Indices, axes: Points, count: int) -> Points:
+    """Return (3, ``count``): the sums of (3, N) vectors by column."""
+    return np.stack([np.bincount(columns, axis, minlength=count) for axis in axes])
 
 
 def _opposite_corners(faces: Indices, sides: Indices, number_of_edges: int) -> Indices:

@@ -300,14 +300,15 @@ def _collapsible(
     bend = np.abs(1.0 - np.einsum("ij,ij->i", normals[a], normals[b]))
     cost = length * (1.0 + 100.0 * bend)
     ring: list[list[int]] = [[] for _ in range(count)]
-    for p, q in edges.tolist():
+    for p, q in zip(*edges.T.tolist(), strict=True):
         ring[p].append(q)
         ring[q].append(p)
     blocked = bytearray(count)
     pairs: list[tuple[int, int]] = []
     limit = np.sort(cost[free])[min(6 * number, int(free.sum()) - 1)] if free.any() else 0.0
     candidates = np.flatnonzero(free & (cost <= limit))
-    for p, q in edges[candidates[np.argsort(cost[candidates], kind="stable")]].tolist():
+    cheapest = edges[candidates[np.argsort(cost[candidates], kind="stable")]]
+    for p, q in zip(*cheapest.T.tolist(), strict=True):
         # the link condition: more than two common neighbours would pinch the surface
         if blocked[p] or blocked[q] or len(set(ring[p]).intersection(ring[q])) != 2:
             continue

@@ -29,6 +29,7 @@ class Plan:
         self.placements: list[Placement] = []
         self.footprints: list[Footprint] = []
         self._numbers: Counter[str] = Counter()
+        self._taken: list[shapely.Polygon] = []
 
     def add(self, object_class: str, kind: str, x: float, y: float, **more: Any) -> Placement:
         """Place an object; more: other fields of `Placement`."""
@@ -41,11 +42,11 @@ class Plan:
     def block(self, placed: Placement, polygon: Polygon, height: float | None = None) -> None:
         """Add the footprint of an object (see `Footprint`)."""
         self.footprints.append(Footprint(placed.path, polygon, height))
+        self._taken.append(shapely.Polygon(polygon))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
         """Return True if no footprint lies within ``margin`` metres of the polygon."""
-        shape = shapely.Polygon(polygon).buffer(margin)
-        return not any(shape.intersects(shapely.Polygon(footprint.polygon)) for footprint in self.footprints)
+        return not shapely.intersects(shapely.Polygon(polygon).buffer(margin), self._taken).any()
 
     def add_where_free(
         self, object_class: str, kind: str, spot: Spot, room: tuple[Point, Point], *, margin: float = 0.45,
@@ -55,7 +56,7 @@ class Plan:
 
         Args:
             object_class, kind: of the object.
-            spot: its wished place.
+            spot: the place to try.
             room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
             margin: metres that must be free around it.
             height: see `Footprint`.

@@ -19,6 +19,7 @@ from valerie.analysis.frame_counts import characters, frame_counts, present
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.metrics.collection import CollectionScores
+from valerie.plain import JsonObject
 from valerie.statistics.gates import SliceComparison, compare_versions
 
 _DISTANCE_BIN_M: Final = 10.0
@@ -164,7 +165,7 @@ class Comparison:
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> JsonObject:
         """Return JSON values, with the changes of each later version."""
         return {
             "versions": list(self.versions),
@@ -209,9 +210,9 @@ def compare(
         if row_keys(table) != row_keys(first):
             raise InvalidInput("rows of other frames or persons", field=name)
     defined = np.isfinite(first.numbers("pacc"))  # the same in all versions: visibility alone decides it
-    parts = {**(more_groups or {}), **_parts(first)}
+    parts = {**(more_groups or {}), **parts_of(first)}
     masks = {"all persons": present(first), **{name: mask for name, mask in parts.items() if (mask & defined).any()}}
-    differences = [_differences(masks, first, table, threshold) for table in tables[1:]]
+    differences = [differences_of(masks, first, table, threshold) for table in tables[1:]]
     groups = [
         _group(name, mask, tables, tuple(own[name] for own in differences), threshold) for name, mask in masks.items()
     ]
@@ -256,7 +257,7 @@ def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
     return reduced
 
 
-def _parts(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
     """Return the groups by distance, occlusion, character and camera: name to (N,) bool."""
     parts: dict[str, NDArray[np.bool_]] = {}
     distance, occlusion = table.numbers("distance_m"), table.numbers("occlusion_rate")
@@ -273,10 +274,10 @@ def _parts(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
     return parts
 
 
-def _differences(
+def differences_of(
     masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
 ) -> dict[str, Difference]:
-    """Return the difference of a later version to the first in each group."""
+    """Return the difference of a later version to the first in each group of rows, which are the same in both tables."""
     before, after = first.numbers("pacc"), later.numbers("pacc")
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:

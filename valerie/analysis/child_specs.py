@@ -1,8 +1,8 @@
-"""Specs of runs that examine a finding on places that its run has not seen."""
+"""Specs of runs that look closer: at a finding on places that its run has not seen, or at where a selection lies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import prod
 from typing import Final
 
@@ -11,9 +11,11 @@ import numpy as np
 from valerie.analysis.design import position_paths
 from valerie.analysis.levels import Factor
 from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.runs.documents import BlockDocument, RunSpec
 from valerie.runs.values import Scalar
-from valerie.runs.varied import VariedChoice
+from valerie.runs.varied import VariedChoice, VariedUniform
 from valerie.statistics.contrasts import Change
 from valerie.statistics.units import LISTED
 
@@ -60,13 +62,18 @@ def child_spec(
     vary = tuple(
         VariedChoice(parameter=path, distribution="CHOICE", values=tuple(listed)) for path, listed in values.items()
     )
-    first, *others = spec.blocks
-    constants = {
+    block = BlockDocument(vary=vary, constants=_common_constants(spec.blocks))
+    return child.model_copy(update={"blocks": (block,)}).to_yaml()
+
+
+def _common_constants(blocks: Sequence[BlockDocument]) -> dict[str, Scalar]:
+    """Return the constants that all blocks share."""
+    first, *others = blocks
+    return {
         name: value
         for name, value in first.constants.items()
         if all(one.constants.get(name) == value for one in others)
     }
-    return child.model_copy(update={"blocks": (BlockDocument(vary=vary, constants=constants),)}).to_yaml()
 
 
 def _values(table: EvaluationTable, path: str) -> list[Scalar]:
@@ -85,3 +92,40 @@ def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, 
         path: np.round(values[:-1, None] + np.diff(values)[:, None] * parts, 4).ravel().tolist()
         for path, values in axes.items()
     }
+
+
+def refined_spec(
+    table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
+) -> RunSpec:
+    """Return the spec of a run that looks closer at where the rows of a selection lie.
+
+    Every varied number is drawn from the range that the rows span, every other parameter from the values that they have.
+    A parameter that has one value in them is a constant.
+
+    Args:
+        table: the selected rows, of one run.
+        spec: of the run.
+        definitions: the run's parameters.
+        count: number of variants.
+
+    Raises:
+        InvalidInput: there is no row.
+    """
+    if not len(table):
+        raise InvalidInput("selects no row to refine", field="where")
+    kinds = {definition.path: definition.type for definition in definitions}
+    vary: list[VariedUniform | VariedChoice] = []
+    constants = dict(_common_constants(spec.blocks))
+    for path in table.parameters:
+        values = _values(table, path)
+        if len(values) == 1:
+            constants[path] = values[0]
+        elif kinds[path] in (ParameterType.FLOAT, ParameterType.ANGLE):
+            vary.append(VariedUniform(parameter=path, distribution="UNIFORM", minimum=values[0], maximum=values[-1]))
+        else:
+            vary.append(VariedChoice(parameter=path, distribution="CHOICE", values=tuple(values)))
+    block = BlockDocument(
+        design="sobol" if vary else "grid", count=count if vary else None, vary=tuple(vary), constants=constants
+    )
+    parent = table.codes("run_id").names[0]
+    return spec.model_copy(update={"blocks": (block,), "parent_run": parent, "iteration": spec.iteration + 1})

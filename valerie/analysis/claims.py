@@ -8,7 +8,7 @@ the band of a curve (`valerie.statistics.curves.departure`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from typing import Annotated, Final, Literal, Self
@@ -16,7 +16,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from valerie.analysis.levels import Factor, factors_of
 from valerie.analysis.table import EvaluationTable
@@ -40,11 +40,14 @@ class _Document(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+Statistic = Literal["mean", "minimum", "maximum", "share"]
+
+
 class Quantity(_Document):
     """A number of the rows lies in a range: their mean, smallest or largest value, or the share above a value."""
 
     of: Name
-    statistic: Literal["mean", "minimum", "maximum", "share"] = "mean"
+    statistic: Statistic = "mean"
     above: Number | None = None
     low: Number | None = None
     high: Number | None = None
@@ -131,12 +134,62 @@ class Claim(_Document):
         return self
 
 
+class Printed(_Document):
+    """A number that the source prints, beside which the report puts that of the run.
+
+    Attributes:
+        source: where it stands, such as ``table 2``.
+        what: in words.
+        of, statistic, above: the number, as in `Quantity`.
+        value: as printed, in the column's unit.
+        where, functions: as in `Claim`.
+    """
+
+    source: str = ""
+    what: Text
+    of: Name
+    statistic: Statistic = "mean"
+    above: Number | None = None
+    value: Number
+    where: str = Field(default="", max_length=2_000)
+    functions: tuple[Name, ...] = ()
+
+
+class Cross(_Document):
+    """Pictures of one view under the levels of two factors, everything else equal.
+
+    Attributes:
+        source: where the source shows the like.
+        title: in words.
+        down, across: the factors.
+        where: selection of the rows that may be shown.
+        published: the source's own table, line by line; the first line is the head.
+    """
+
+    source: str = ""
+    title: Text
+    down: Name
+    across: Name
+    where: str = Field(default="", max_length=2_000)
+    published: tuple[tuple[str | Number, ...], ...] = ()
+
+
 class Claims(_Document):
-    """A document of claims."""
+    """A document of claims.
+
+    Attributes:
+        title: of the source.
+        source: where it is found.
+        claims: its statements.
+        numbers: that it prints.
+        crosses: pictures like those that it shows.
+    """
 
     title: Text
     source: str = ""
     claims: Annotated[tuple[Claim, ...], Field(min_length=1, max_length=1_000)]
+    numbers: Annotated[tuple[Printed, ...], Field(max_length=1_000)] = ()
+    crosses: Annotated[tuple[Cross, ...], Field(max_length=100)] = ()
 
 
 class Outcome(StrEnum):
@@ -205,12 +258,12 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
             outcome = Outcome.SLIP if claim.slip else Outcome.NOT_TESTABLE
             entries.append(Entry(claim.id, claim.source, claim.says, "", outcome, claim.slip or claim.untestable))
             continue
-        rows = _rows(claim, table, field)
+        rows = rows_where(claim.where, table, f"{field}.where")
         names = table.codes("function").names
         for name in claim.functions:
             if name not in names:
                 raise UnknownName("function", name, names, field=f"{field}.functions")
-        about_frames = claim.quantity is not None and not _scored(claim.quantity.of)
+        about_frames = claim.quantity is not None and not is_score(claim.quantity.of)
         for name in claim.functions or (names[:1] if about_frames else names):
             own = rows & table.codes("function").where(name)
             entry = Entry(claim.id, claim.source, claim.says, "" if about_frames else name, Outcome.UNDECIDED, "")
@@ -240,30 +293,25 @@ def ledger_text(claims: Claims, entries: Sequence[Entry]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def to_json(entries: Sequence[Entry]) -> list[dict[str, object]]:
-    """Return the ledger as JSON values."""
-    return [asdict(entry) for entry in entries]
-
-
-def from_json(documents: Sequence[Mapping[str, object]]) -> tuple[Entry, ...]:
-    """Read the result of `to_json`, also after a round trip through JSON text."""
-    return TypeAdapter(tuple[Entry, ...]).validate_python(documents)
-
-
 _NUMBERS: Final = {
     "estimate": pa.float64(), "low": pa.float64(), "high": pa.float64(), "rows": pa.int64(), "places": pa.int64(),
 }  # fmt: skip
 
 
-def _scored(column: str) -> bool:
+def is_score(column: str) -> bool:
+    """Return True if a function's look decides the value of a column."""
     return bool(compile_where(f"{column} == {column}").scored)
 
 
-def _rows(claim: Claim, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
-    """Return (N,) bool: the rows that a claim is about."""
-    if not claim.where:
+def rows_where(expression: str, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
+    """Return (N,) bool: the rows that an expression selects; all rows if it is empty.
+
+    Raises:
+        InvalidInput, UnknownName: it cannot be evaluated; the problem names ``field``.
+    """
+    if not expression:
         return np.ones(len(table), np.bool_)
-    where = compile_where(claim.where, field=f"{field}.where")
+    where = compile_where(expression, field=field)
     columns = table.arrow.select(sorted(where.names)).to_pylist()
     return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
 
@@ -281,14 +329,20 @@ def _test(claim: Claim, entry: Entry, table: EvaluationTable, rows: NDArray[np.b
     return _flip(claim.flip, entry, table, rows, f"{field}.flip")
 
 
+def statistic_of(values: NDArray[np.float64], statistic: Statistic, above: float | None) -> float:
+    """Return the mean, smallest or largest of some values, or the share of them above a value."""
+    if above is not None:
+        return float(np.mean(values > above))
+    return float({"minimum": np.min, "maximum": np.max}.get(statistic, np.mean)(values))
+
+
 def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_]) -> Entry:
     values = table.numbers(test.of)
     rows = rows & np.isfinite(values)
     if not rows.any():
         return replace(entry, finding=f"no row has {test.of}")
     scores = values[rows] if test.above is None else (values[rows] > test.above).astype(np.float64)
-    compute: Mapping[str, Callable[[NDArray[np.float64]], np.floating]] = {"minimum": np.min, "maximum": np.max}
-    estimate = float(compute.get(test.statistic, np.mean)(scores))
+    estimate = statistic_of(values[rows], test.statistic, test.above)
     low = high = None
     if test.statistic in ("mean", "share") and scores.min() >= 0 and scores.max() <= 1:
         interval = mean_interval(scores, table.units.of(rows))

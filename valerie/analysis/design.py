@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any, Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,6 @@ class Design:
 
     blocks: tuple[tuple[str, int], ...]
     street: int | None = None
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Self:
-        """Read the result of `dataclasses.asdict`, also after a round trip through JSON text."""
-        return cls(tuple((name, count) for name, count in document["blocks"]), document["street"])
 
     def design_of(self, variants: NDArray[np.int64]) -> tuple[str, NDArray[np.int64] | None]:
         """Return the design of some variants (`valerie.statistics.units.sampling_units`) and their replicates.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from valerie.analysis.levels import Factor, factor_of, factors_of
 from valerie.analysis.table import EvaluationTable
+
+#: Name, levels, and the place of every row among them.
+Axis = tuple[str, Sequence[str], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +74,21 @@ def strongest_pair(table: EvaluationTable) -> dict[str, Means]:
 def _means(table: EvaluationTable, down: Factor, across: Factor, chosen: NDArray[np.bool_]) -> Means:
     pacc = table.numbers("pacc")
     rows = chosen & np.isfinite(pacc)
-    shape = len(down.levels), len(across.levels)
-    cell = down.codes[rows] * shape[1] + across.codes[rows]
+    return means_of_cells(pacc, rows, (down.name, down.levels, down.codes), (across.name, across.levels, across.codes))
+
+
+def means_of_cells(pacc: NDArray[np.float64], rows: NDArray[np.bool_], down: Axis, across: Axis) -> Means:
+    """Return the means over the levels of two axes.
+
+    Args:
+        pacc: (N,) of the whole table.
+        rows: (N,) bool, those to use; their pACC is defined.
+        down, across: name, levels, and (N,) place of each row among them.
+    """
+    down_name, down_levels, down_codes = down
+    across_name, across_levels, across_codes = across
+    shape = len(down_levels), len(across_levels)
+    cell = down_codes[rows] * shape[1] + across_codes[rows]
     n = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     total = np.bincount(cell, pacc[rows], shape[0] * shape[1]).reshape(shape)
     cells = [
@@ -79,10 +96,10 @@ def _means(table: EvaluationTable, down: Factor, across: Factor, chosen: NDArray
             level,
             tuple(Cell(k, s / k if k else None) for k, s in zip(n[i].tolist(), total[i].tolist(), strict=True)),
         )
-        for i, level in enumerate(down.levels)
+        for i, level in enumerate(down_levels)
         if n[i].any()
     ]
-    return Means(down.name, across.name, across.levels, tuple(cells))
+    return Means(down_name, across_name, tuple(across_levels), tuple(cells))
 
 
 def _adjusted_r2(values: NDArray[np.float64], cell: NDArray[np.int64]) -> float:

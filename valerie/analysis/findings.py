@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-
-from pydantic import TypeAdapter
+from dataclasses import dataclass
 
 from valerie.statistics.contrasts import Matching
 
@@ -102,12 +99,3 @@ class Findings:
     places_searched: int
     places_confirming: int
     notes: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, object]:
-        """Return the findings as JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, object]) -> Findings:
-        """Read the result of `to_json`, also after a round trip through JSON text."""
-        return TypeAdapter(cls).validate_python(document)

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict, to_json
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.measures import measure_of
 from valerie.parameters.paths import short_name
+from valerie.plain import JsonObject
 from valerie.runs.pins import Pins
 from valerie.runs.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions
@@ -92,13 +93,13 @@ class GateResult:
         """True if all verdicts pass and no function is worse than its baseline."""
         return all(map(self.passes, self.verdicts)) and not any(version.gate.worse for version in self.versions)
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> JsonObject:
         """Return the result as JSON values."""
         return {
             "run": self.run_id,
             "passed": self.passed,
             "allow_undecided": self.allow_undecided,
-            "verdicts": to_json(self.verdicts),
+            "verdicts": list(map(asdict, self.verdicts)),
             "versions": [_without_nan(asdict(version)) for version in self.versions],
         }
 
@@ -119,7 +120,7 @@ def gate(
         run: that has ended.
         baseline: another run on the same frames, or the name of a function of this run; None: requirements alone.
         function: the only function to compare; None: every one that has a baseline.
-        effect: drop of pACC that must not stay unseen; says how many places are needed.
+        effect: smallest drop of pACC to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
         mixed: also compare functions that ran in unequal numeric classes.
         allow_undecided: let undecided requirements pass.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from valerie.analysis.frame_counts import ALL
 from valerie.analysis.panels import COMBINED_COLOR, Line, Mark, Panel, Points
 from valerie.errors import MissingDependency
+from valerie.plain import JsonObject
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ _MATPLOTLIB_MARKERS: Final = {
 }  # fmt: skip
 
 
-def plotly_figure(panel: Panel) -> dict[str, Any]:
+def plotly_figure(panel: Panel) -> JsonObject:
     """Return the panel as a plotly figure: ``data`` and ``layout`` as JSON values."""
     data = [_plotly_points(points) for points in panel.points]
     for line in panel.lines:
@@ -100,7 +101,7 @@ def _matplotlib_axes(axes: Axes, panel: Panel) -> None:
         axes.spines[side].set_color("#9aa3ad")
 
 
-def _plotly_points(points: Points) -> dict[str, Any]:
+def _plotly_points(points: Points) -> JsonObject:
     name = _plotly_text(points.character)
     return {
         "type": "scatter",
@@ -120,7 +121,7 @@ def _plotly_points(points: Points) -> dict[str, Any]:
     }
 
 
-def _plotly_line(line: Line) -> list[dict[str, Any]]:
+def _plotly_line(line: Line) -> list[JsonObject]:
     curve = {
         "type": "scatter",
         "mode": "lines",
@@ -149,7 +150,7 @@ def _plotly_line(line: Line) -> list[dict[str, Any]]:
     return [band, curve]
 
 
-def _plotly_marks(marks: tuple[Mark, ...]) -> dict[str, Any]:
+def _plotly_marks(marks: tuple[Mark, ...]) -> JsonObject:
     return {
         "type": "scatter",
         "mode": "markers",

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import TURN, ParameterType
+from valerie.plain import Row
 
 #: Share of the selected rows within the bounds of one quantity.
 _COVERED: Final = 0.9
@@ -83,11 +84,11 @@ class Region(BaseModel):
     bounds: dict[str, Bound] = {}
     rows: int = 0
 
-    def holds(self, values: Mapping[str, Any]) -> bool:
+    def holds(self, values: Row) -> bool:
         """Return whether all bounds hold; a missing quantity is outside."""
         return all(bound.holds(values.get(name)) for name, bound in self.bounds.items())
 
-    def allows(self, values: Mapping[str, Any]) -> bool:
+    def allows(self, values: Row) -> bool:
         """Return whether the bounds hold for the quantities in ``values``; the others are not measured yet."""
         return all(bound.holds(values[name]) for name, bound in self.bounds.items() if name in values)
 
@@ -96,8 +97,8 @@ class Region(BaseModel):
 
 
 def region_of(
-    selected: Iterable[Mapping[str, Any]],
-    everything: Iterable[Mapping[str, Any]],
+    selected: Iterable[Row],
+    everything: Iterable[Row],
     quantities: Mapping[str, ParameterType],
 ) -> Region:
     """Return the region of the selected rows.

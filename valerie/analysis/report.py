@@ -22,19 +22,26 @@ from markupsafe import Markup
 
 from valerie.analysis import verdict_text, wording
 from valerie.analysis.all_classes import AllClasses
-from valerie.analysis.effects import level_means, strongest_pair
+from valerie.analysis.beside import Beside, Pair
+from valerie.analysis.claims import write_ledger
+from valerie.analysis.distributions import binned_means, distributions
+from valerie.analysis.effects import Means, level_means, strongest_pair
 from valerie.analysis.examples import Example, choose_examples
 from valerie.analysis.findings import Finding
-from valerie.analysis.frame_counts import ALL, characters, settings
+from valerie.analysis.frame_counts import ALL, Group, characters, settings
 from valerie.analysis.importance import explanations
+from valerie.analysis.in_short import in_short
 from valerie.analysis.panels import make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
+from valerie.analysis.published import CrossExample, cross_examples, numbers_beside
 from valerie.analysis.report_model import PictureKind, ReportInput
+from valerie.analysis.seeing import seeing
 from valerie.analysis.summary import Summary
 from valerie.analysis.trends import AXES, Trend
 from valerie.errors import MissingDependency
 from valerie.labels import TRAIN_LABELS
 from valerie.measures import Measure, measure_of
+from valerie.plain import JsonObject
 from valerie.runs.moments import moment_text
 from valerie.statistics.intervals import Interval
 
@@ -72,8 +79,10 @@ def build_report(source: ReportInput) -> str:
         MissingDependency: plotly, matplotlib or scikit-learn is not installed.
     """
     scripts = (_plotly_source(), _own("report.js"))
-    figures: list[dict[str, Any]] = []
+    figures: list[JsonObject] = []
     names = characters(source.table)
+    seen = seeing(source.table, threshold=source.summary.threshold)
+    ledger = () if source.claims is None else write_ledger(source.claims, source.table, seed=source.trends.seed)
     plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
@@ -93,6 +102,14 @@ def build_report(source: ReportInput) -> str:
             found=[(finding, _pair(source, finding)) for finding in source.findings.items],
             candidates=[(finding, _pair(source, finding)) for finding in source.findings.candidates],
             searched=wording.searched_sentence(source.findings),
+            in_short=in_short(source, seen, ledger),
+            seeing=seen,
+            ledger=ledger,
+            numbers=() if source.claims is None else numbers_beside(source.claims, source.table),
+            crosses=list(_crosses(source)),
+            distributions={axis.name: distributions(source.table, axis) for axis in AXES},
+            by_occlusion=list(_by_occlusion(source)),
+            flips=list(_flips(source, source.beside)),
             limits=wording.limits(source.summary, source.findings),
             certainty=wording.certainty_sentences(source.summary.rows),
             parameters=level_means(source.table),
@@ -139,6 +156,7 @@ def _environment() -> jinja2.Environment:
     environment.filters |= {
         "count": lambda number: f"{number:,}",
         "percent": wording.percent,
+        "points": wording.points,
         "pedestrian": wording.pedestrian,
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,
@@ -153,6 +171,7 @@ def _environment() -> jinja2.Environment:
     environment.globals |= {
         "labels": lambda rows: wording.setting_labels((row.function, row.sensor) for row in rows),
         "measure_of": measure_of,
+        "number": _number,
         "moment_text": moment_text,
     }
     return environment
@@ -167,7 +186,7 @@ def _drawn(source: ReportInput, axis: Measure) -> bool:
     return any(trend.column == axis.name for trend in source.trends.items)
 
 
-def _plots(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) -> Iterator[_Plot]:
+def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Iterator[_Plot]:
     """Draw pACC over one axis for each function and sensor, and add the interactive figures to ``figures``."""
     for (function, sensor), title in wording.setting_labels(settings(source.table)).items():
         panel = make_panel(source.table, source.trends, axis.name, function, sensor, seed=source.trends.seed)
@@ -176,6 +195,65 @@ def _plots(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) ->
             trends = source.trends.of(axis.name, function, sensor)
             picture = data_url(static_figure(panel))
             yield _Plot(title, len(figures) - 1, picture, panel.drawn, panel.total, panel.contradicted, trends)
+
+
+def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Means]]]]:
+    """Yield the heat maps of pACC over pixel area and occlusion: title, and each pedestrian's map, all together first."""
+    names = characters(source.table)
+    labels = wording.setting_labels(settings(source.table))
+    down, across = measure_of("occlusion_rate"), measure_of("pixel_area_percent")
+    for (function, sensor), title in labels.items():
+        maps = [
+            (name, means)
+            for name in ((ALL, *names) if len(names) > 1 else names)
+            if (means := binned_means(source.table, down, across, Group(function, sensor, name))) is not None
+        ]
+        if maps:
+            yield title, maps
+
+
+def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str, list[tuple[str, str | None]]]]]]:
+    """Yield the views that a document of claims asks for: each level with its (caption, data URL), function by function."""
+    if source.claims is None:
+        return
+    for example in cross_examples(source.claims, source.table):
+        rows: dict[str, list[tuple[str, str | None]]] = {level: [] for level in example.down}
+        for view in example.views:
+            scores = " · ".join(f"{name} {wording.percent(pacc)} %" for name, pacc in sorted(view.pacc.items()))
+            caption = f"{example.cross.across} {view.across}: {scores}"
+            rows[view.down].append((caption, _picture(source, view.frame_id, view.sensor, None)))
+        yield example, list(rows.items())
+
+
+def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
+    """Yield the pairs of frames in which two runs differ most, with their pictures."""
+    for one in beside.functions if beside is not None else ():
+        pairs: tuple[tuple[str, Pair], ...] = (
+            *(("fell", pair) for pair in one.fell),
+            *(("rose", pair) for pair in one.rose[:1]),
+        )
+        for word, pair in pairs:
+            title = f"{one.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
+            here = _picture(source, pair.frame_here, pair.sensor, pair.function)
+            there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there)
+            yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]
+
+
+def _picture(source: ReportInput, frame_id: str, sensor: str, function: str | None) -> str | None:
+    """Return the data URL of a picture, or of a prediction over it; None where it is gone or there are no pictures."""
+    if source.picture is None:
+        return None
+    kind = PictureKind.PICTURE if function is None else PictureKind.PREDICTION
+    data = source.picture(frame_id, kind, sensor=sensor, function=function)
+    return None if data is None else data_url(data)
+
+
+def _number(column: str, share: bool, value: float | None) -> str:
+    """Return a number of a column as people read it."""
+    if value is None:
+        return wording.DASH
+    measure = measure_of(column)
+    return f"{wording.percent(value, 2)} %" if share or measure.unit == "%" else measure.text(value)
 
 
 def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, str | None]]]]:

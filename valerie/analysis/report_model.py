@@ -8,12 +8,15 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
+from valerie.analysis.beside import Beside
+from valerie.analysis.claims import Claims
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
 from valerie.analysis.verdicts import RequirementVerdict
 from valerie.perception.base import FunctionCard
+from valerie.plain import JsonObject
 
 
 class PictureKind(StrEnum):
@@ -102,9 +105,11 @@ class ReportInput:
         rejections: reason to number of rejected variants.
         failures: products that failed for good.
         picture: reads the gallery's pictures; None for a report without gallery.
+        claims: a document whose claims, numbers and pictures stand beside those of the run.
+        beside: another run of the same scenes.
     """
 
-    document: Mapping[str, object]
+    document: JsonObject
     provenance: Provenance
     table: EvaluationTable
     summary: Summary
@@ -116,3 +121,5 @@ class ReportInput:
     rejections: Mapping[str, int] = field(default_factory=dict)
     failures: tuple[Failure, ...] = ()
     picture: PictureSource | None = None
+    claims: Claims | None = None
+    beside: Beside | None = None

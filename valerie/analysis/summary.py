@@ -6,13 +6,12 @@ counts, in which every pixel has the same weight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
 from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.frame_counts import (
@@ -161,15 +160,6 @@ class Summary:
     empty: tuple[EmptyFrames, ...]
     classes: tuple[AllClasses, ...] = ()
     warnings: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, object]:
-        """Return the summary as JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, object]) -> Summary:
-        """Read the result of `to_json`, also after a round trip through JSON text."""
-        return TypeAdapter(cls).validate_python(document)
 
 
 def summarize(

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from valerie.analysis.design import UNKNOWN, Design, position_paths
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
 from valerie.measures import MEASURES, ColumnType, Measure
+from valerie.plain import Row, typed
 from valerie.statistics.units import EVEN, Estimand, Units, sampling_units
 
 _NAME: Final = pa.dictionary(pa.int32(), pa.string())
@@ -105,7 +106,7 @@ class EvaluationTable:
     @classmethod
     def from_rows(
         cls,
-        rows: Iterable[Mapping[str, object]],
+        rows: Iterable[Row],
         parameters: Mapping[str, str],
         designs: Mapping[str, Design] | None = None,
     ) -> Self:
@@ -144,7 +145,7 @@ class EvaluationTable:
         if _METADATA_KEY not in metadata:
             raise CorruptArtifact("the Parquet file has no parameter types, so it is not an evaluation table")
         document = orjson.loads(metadata[_METADATA_KEY])
-        designs = {run: Design.from_json(design) for run, design in document["designs"].items()}
+        designs = typed(dict[str, Design], document["designs"])
         return cls(arrow, document["parameters"], designs)
 
     @classmethod
@@ -199,6 +200,15 @@ class EvaluationTable:
 
     def __len__(self) -> int:
         return int(self.arrow.num_rows)
+
+    def is_number(self, name: str) -> bool:
+        """Return whether a column holds numbers.
+
+        Raises:
+            UnknownName: no such column.
+        """
+        kind = self._column(name).type
+        return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
 
     def numbers(self, name: str) -> NDArray[np.float64]:
         """Return a numeric or bool column: (N,) float64, NaN where empty; read-only.
@@ -359,7 +369,7 @@ def _plain(dtype: pa.DataType) -> pa.DataType:
     return pa.string() if pa.types.is_dictionary(dtype) else dtype
 
 
-def _batches(rows: Iterable[Mapping[str, object]]) -> Iterator[list[Mapping[str, object]]]:
+def _batches(rows: Iterable[Row]) -> Iterator[list[Row]]:
     iterator = iter(rows)
     while batch := list(islice(iterator, _BATCH)):
         yield batch

@@ -6,7 +6,7 @@ They are the numbers of the paper's figures 4 to 7; `valerie.analysis.plots` dra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -61,10 +61,6 @@ class Trends:
         """Return the trends of one panel: of each character, then of all together."""
         panel = (column, function, sensor)
         return tuple(item for item in self.items if (item.column, item.function, item.sensor) == panel)
-
-    def to_json(self) -> dict[str, object]:
-        """Return the trends as JSON values."""
-        return asdict(self)
 
 
 def find_trends(table: EvaluationTable, *, seed: int, threshold: float = 0.5, axes: Sequence[Measure] = AXES) -> Trends:

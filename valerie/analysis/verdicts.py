@@ -10,19 +10,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
 from valerie.analysis.design import Design
 from valerie.analysis.frame_counts import frame_counts, present
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import measure_of
+from valerie.plain import Row
 from valerie.runs.requirements import Requirement
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
@@ -102,7 +102,7 @@ def judge_requirements(
     design: Design,
     *,
     regions: Mapping[str, NDArray[np.bool_]] | None = None,
-    lost: Sequence[Mapping[str, Any]] = (),
+    lost: Sequence[Row] = (),
     threshold: float = 0.5,
 ) -> tuple[RequirementVerdict, ...]:
     """Judge the requirements of a run, each for each of its functions.
@@ -128,16 +128,6 @@ def judge_requirements(
         for requirement in requirements
         for function in requirement.functions
     )
-
-
-def to_json(verdicts: Iterable[RequirementVerdict]) -> list[dict[str, object]]:
-    """Return verdicts as JSON values."""
-    return [asdict(verdict) for verdict in verdicts]
-
-
-def from_json(documents: Sequence[Mapping[str, object]]) -> tuple[RequirementVerdict, ...]:
-    """Read the result of `to_json`, also after a round trip through JSON text."""
-    return TypeAdapter(tuple[RequirementVerdict, ...]).validate_python(documents)
 
 
 def verdict_table(verdicts: Sequence[RequirementVerdict]) -> pa.Table:
@@ -213,7 +203,7 @@ def _judged_rows(requirement: Requirement, function: str, table: EvaluationTable
     )
 
 
-def _lost_variants(requirement: Requirement, function: str, lost: Sequence[Mapping[str, Any]]) -> NDArray[np.int64]:
+def _lost_variants(requirement: Requirement, function: str, lost: Sequence[Row]) -> NDArray[np.int64]:
     """Return the variant of each row that was lost and may lie in the region."""
     rows = [row for row in lost if row["function"] == function and not requirement.excludes(row)]
     if not requirement.statistic.of_persons:
@@ -304,21 +294,19 @@ def _judge(
         return replace(judged, outcome=Outcome.UNDECIDED, reason=reason, further=missing, decided_after=None)
     if outcome is not Outcome.UNDECIDED:
         return judged
-    return replace(judged, decided_after=None, **_open(worst, best, statistic.at_least, len(lost)))
+    reason, further = _open(worst, best, statistic.at_least, len(lost))
+    return replace(judged, decided_after=None, reason=reason, further=further)
 
 
-def _open(worst: Verdict, best: Verdict, at_least: float, lost: int) -> dict[str, Any]:
-    """Return reason and further variants of a requirement that is undecided."""
-    failed = {"reason": "what failed would decide it", "further": lost if worst.basis is Basis.GRID else None}
+def _open(worst: Verdict, best: Verdict, at_least: float, lost: int) -> tuple[str, int | None]:
+    """Return why a requirement is undecided, and how many further variants would decide it."""
+    failed = "what failed would decide it", lost if worst.basis is Basis.GRID else None
     leading = worst if worst.estimate >= at_least else best
     if worst.estimate < at_least <= best.estimate or leading.outcome is not Outcome.UNDECIDED:
         return failed
     if leading.further is None:
-        return {
-            "reason": "the estimate is too near to the bound for any affordable number of variants",
-            "further": None,
-        }
-    return {"reason": "the variants are too few for this estimate", "further": leading.further}
+        return "the estimate is too near to the bound for any affordable number of variants", None
+    return "the variants are too few for this estimate", leading.further
 
 
 def _shown(requirement: Requirement, mean: float) -> float | None:

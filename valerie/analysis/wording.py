@@ -147,6 +147,11 @@ def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
     return sentences + [f"No confidence interval: {reason}." for reason in reasons]
 
 
+def points(difference: float) -> str:
+    """Return a difference of rates in percentage points with its sign."""
+    return f"{100 * difference:+.1f}".replace("-", "−")
+
+
 def limits(summary: Summary, findings: Findings) -> list[str]:
     """Return what the results do not say."""
     first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)
@@ -159,9 +164,7 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
         )
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
-        sentences.append(
-            f"The run saw {places:,} places. Differences that need more places to be told from chance stay unseen."
-        )
+        sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
     # Visibility alone decides, so functions share their gaps.
     gaps = dict.fromkeys((row.persons, reasons_text(row.undefined)) for row in together if row.undefined)

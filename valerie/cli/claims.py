@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,14 +66,14 @@ def show_ledger(
     data_dir: Path | None = None,
 ) -> None:
     """Test claims on an ended run, print the ledger, and write it to a file of one of `_FORMATS`."""
-    from valerie.analysis.claims import to_json, write_ledger
+    from valerie.analysis.claims import write_ledger
 
     run = run_reader(url, data_dir)(run_id)
     entries = write_ledger(statements, run.table, seed=run.spec.seed)
     if output is not None:
         write_output(output, _content(statements, entries, output.suffix))
     if as_json:
-        typer.echo(json.dumps(to_json(entries), ensure_ascii=False))
+        typer.echo(json.dumps(list(map(asdict, entries)), ensure_ascii=False))
         return
     from rich.padding import Padding
     from rich.text import Text
@@ -93,11 +94,11 @@ def show_ledger(
 
 
 def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
-    from valerie.analysis.claims import ledger_table, ledger_text, to_json
+    from valerie.analysis.claims import ledger_table, ledger_text
     from valerie.analysis.table import encoded
 
     if suffix == ".json":
-        return json.dumps(to_json(entries), ensure_ascii=False, indent=1).encode()
+        return json.dumps(list(map(asdict, entries)), ensure_ascii=False, indent=1).encode()
     if suffix == ".md":
         return ledger_text(statements, entries).encode()
     return encoded(ledger_table(entries), suffix[1:])

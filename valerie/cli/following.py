@@ -13,6 +13,7 @@ from valerie.cli.folder import Folder
 from valerie.cli.shell import Exit, console
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
+from valerie.plain import typed
 from valerie.runs.states import RunState
 from valerie.settings import Settings
 from valerie.spelling import plain_name
@@ -105,7 +106,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
 
         out.print()
         _print_first(summary)
-        numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
+        numbers, findings = typed(Summary, summary.summary), typed(Findings, summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
         _show_failures(client, run_id, progress)
@@ -130,12 +131,12 @@ def _print_first(summary: RunSummary) -> None:
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import warnings_renderable
     from valerie.analysis.verdict_text import verdicts_renderable
-    from valerie.analysis.verdicts import from_json
+    from valerie.analysis.verdicts import RequirementVerdict
 
     out = console()
-    out.print(warnings_renderable(Summary.from_json(summary.summary)), end="")
+    out.print(warnings_renderable(typed(Summary, summary.summary)), end="")
     if summary.verdicts:
-        out.print(verdicts_renderable(from_json(summary.verdicts)))
+        out.print(verdicts_renderable(typed(tuple[RequirementVerdict, ...], summary.verdicts)))
         out.print()
 
 
@@ -151,7 +152,15 @@ def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
     Raises:
         StorageUnavailable: the file cannot be written.
     """
-    content = source.report(run_id)
+    return save(source.report(run_id), path)
+
+
+def save(content: bytes, path: Path) -> Path:
+    """Write a report to a file, and return its path as people would type it.
+
+    Raises:
+        StorageUnavailable: the file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

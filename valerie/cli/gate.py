@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ import typer
 
 from valerie.cli.shell import DataDir, Exit, Json, RunId, console, settings_of, write_output
 from valerie.errors import InvalidInput
+from valerie.plain import typed
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -40,7 +42,10 @@ def gate(
     effect: Annotated[
         float,
         typer.Option(
-            "--effect", min=0.001, max=0.999, help="Drop of pACC that must not stay unseen; names the places needed."
+            "--effect",
+            min=0.001,
+            max=0.999,
+            help="Smallest drop of pACC to detect; decides how many places are needed.",
         ),
     ] = 0.05,
     mixed: Annotated[
@@ -106,10 +111,10 @@ def renderables(result: GateResult) -> list[RenderableType]:
 
 def _verdicts(result: GateResult, suffix: str) -> bytes:
     from valerie.analysis.table import encoded
-    from valerie.analysis.verdicts import to_json, verdict_table
+    from valerie.analysis.verdicts import verdict_table
 
     if suffix == ".json":
-        return json.dumps(to_json(result.verdicts), ensure_ascii=False, indent=1).encode()
+        return json.dumps(list(map(asdict, result.verdicts)), ensure_ascii=False, indent=1).encode()
     return encoded(verdict_table(result.verdicts), suffix[1:])
 
 
@@ -132,12 +137,12 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
 
         from valerie.analysis.gate import GateRun
         from valerie.analysis.table import EvaluationTable
-        from valerie.analysis.verdicts import from_json
+        from valerie.analysis.verdicts import RequirementVerdict
         from valerie.runs.pins import Pins
         from valerie.runs.spec import RunSpec
 
         with client_of(settings_of(data_dir), url) as client:
-            verdicts = from_json(client.summary(run_id).verdicts)
+            verdicts = typed(tuple[RequirementVerdict, ...], client.summary(run_id).verdicts)
             detail = client.detail(run_id)
             table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))
         spec, pins = RunSpec.model_validate(detail.spec), Pins.model_validate(detail.pins)

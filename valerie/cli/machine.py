@@ -12,6 +12,7 @@ import typer
 from valerie.cli.deployment import context_of
 from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
 from valerie.errors import InvalidInput, UnknownName
+from valerie.plain import JsonObject
 from valerie.runs.frames import FrameKey
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def migrate(data_dir: DataDir = None) -> None:
     typer.echo(f"up to date: {engine.url.render_as_string()}")
 
 
-def _document(product: Replayed) -> dict[str, object]:
+def _document(product: Replayed) -> JsonObject:
     return {
         "kind": product.kind,
         "name": product.name,

@@ -22,6 +22,7 @@ from valerie.cli import (
     results,
     runs,
     specs,
+    studies,
     training,
 )
 from valerie.cli.shell import guarded
@@ -65,8 +66,11 @@ app.command(rich_help_panel=_RUN)(specs.plan)
 app.command(rich_help_panel=_RUN)(runs.run)
 app.command(rich_help_panel=_RUN)(runs.up)
 app.command(rich_help_panel=_RUN)(runs.submit)
+app.add_typer(studies.app, name="study", rich_help_panel=_RUN)
+app.command(rich_help_panel=_RUN)(studies.refine)
 app.command(rich_help_panel=_WATCH)(runs.status)
 app.command(rich_help_panel=_WATCH)(runs.report)
+app.command(rich_help_panel=_WATCH)(runs.compare)
 app.command(rich_help_panel=_WATCH)(results.findings)
 app.command(rich_help_panel=_WATCH)(results.rows)
 app.command(rich_help_panel=_WATCH)(gate.gate)

@@ -12,6 +12,7 @@ from valerie.cli.datasets import Where
 from valerie.cli.deployment import context_of
 from valerie.cli.shell import DataDir, Json, RunId, console, say
 from valerie.errors import InvalidInput
+from valerie.plain import typed
 
 if TYPE_CHECKING:
     from valerie.pipeline.base.context import Context
@@ -29,7 +30,7 @@ def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> 
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable, warnings_renderable
     from valerie.analysis.verdict_text import verdicts_renderable
-    from valerie.analysis.verdicts import from_json
+    from valerie.analysis.verdicts import RequirementVerdict
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
     with context_of(data_dir) as context:
@@ -43,10 +44,10 @@ def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> 
         return
     document = json.loads(text)
     out = console()
-    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
+    summary, findings = typed(Summary, document["summary"]), typed(Findings, document["findings"])
     out.print(warnings_renderable(summary), end="")
     if document["verdicts"]:
-        out.print(verdicts_renderable(from_json(document["verdicts"])))
+        out.print(verdicts_renderable(typed(tuple[RequirementVerdict, ...], document["verdicts"])))
         out.print()
     out.print(summary_renderable(summary, findings, most=None))
 

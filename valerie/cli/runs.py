@@ -26,6 +26,7 @@ from valerie.cli.shell import (
     settings_of,
 )
 from valerie.cli.specs import Functions, require_resolvable, spec_text
+from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from valerie.cli.connecting import System
@@ -182,16 +183,94 @@ def report(
         Path | None,
         typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
     ] = None,
+    claims: Annotated[
+        Path | None,
+        typer.Option(
+            "--claims", metavar="FILE", help="Put these claims beside the run, such as examples/claims/paper.yaml."
+        ),
+    ] = None,
+    beside: Annotated[
+        str | None,
+        typer.Option(
+            "--beside", metavar="RUN", help="Put another run of the same scenes beside it, such as one in Cycles."
+        ),
+    ] = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Write the self-contained HTML report of an ended run to a file, and print its path. Needs no server."""
+    """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
+
+    With --claims or --beside the report is made anew from the data folder. A
+    file FILE.pdf is printed by Chromium.
+    """
     from valerie.cli.connecting import runs_of
-    from valerie.cli.following import report_path, save_report
+    from valerie.cli.following import report_path, save
 
     with runs_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
-        typer.echo(save_report(source, run_id, path))
+        if claims is None and beside is None:
+            content = source.report(run_id)
+        elif url is not None:
+            raise InvalidInput(
+                "--claims and --beside read the data folder", field="--url", value=url, limit="--data-dir"
+            )
+        else:
+            content = _report_with(run_id, claims, beside, data_dir)
+    if path.suffix == ".pdf":
+        from valerie.cli.printing import pdf_of
+
+        content = pdf_of(content)
+    typer.echo(save(content, path))
+
+
+def _report_with(run_id: str, claims: Path | None, beside: str | None, data_dir: Path | None) -> bytes:
+    from valerie.cli.claims import read_claims
+    from valerie.cli.deployment import context_of
+    from valerie.pipeline.reading.reports import report_with
+
+    with context_of(data_dir) as context:
+        document = None if claims is None else read_claims(claims)
+        return report_with(context, run_id, claims=document, other=beside).encode()
+
+
+def compare(
+    run_id: RunId,
+    other: Annotated[str, typer.Argument(metavar="OTHER", help="A run of the same scenes.")],
+    claims: Annotated[
+        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims in both runs.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Also write the differences: FILE.csv, .parquet or .json."),
+    ] = None,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Compare two ended runs on the scenes that they share: engines, versions, settings.
+
+    Prints paired differences of pACC by slice, rank correlation, and which
+    conclusions hold in both. `valerie report RUN --beside OTHER` has the pictures.
+    """
+    from valerie.analysis.table import encoded
+    from valerie.cli.claims import read_claims
+    from valerie.cli.comparing import renderables
+    from valerie.cli.deployment import context_of
+    from valerie.cli.shell import write_output
+    from valerie.pipeline.reading.reports import compare_runs
+
+    if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
+    with context_of(data_dir) as context:
+        found = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
+    document = json.dumps(found.to_json(), ensure_ascii=False)
+    if output is not None:
+        content = document.encode() if output.suffix == ".json" else encoded(found.slices_table(), output.suffix[1:])
+        write_output(output, content)
+    if as_json:
+        typer.echo(document)
+        return
+    for part in renderables(found):
+        console().print(part)
 
 
 def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
@@ -234,7 +313,7 @@ def _say_state(run: Run) -> None:
 def _bind_to_parent(requested: bool) -> None:
     """End this command when its parent ends, e.g. ``make``, even if the parent is killed."""
     if requested:
-        from valerie.embedded.guard import end_with_parent
+        from valerie.parent import end_with_parent
 
         end_with_parent()
 

@@ -76,7 +76,7 @@ def plan(
     if as_json:
         typer.echo(plan.model_dump_json(indent=1))
         return
-    _show(plan)
+    show_plan(plan)
 
 
 def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
@@ -134,7 +134,8 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
         return plan_run(context, spec)
 
 
-def _show(plan: Plan) -> None:
+def show_plan(plan: Plan) -> None:
+    """Print size and cost of a run."""
     from rich.table import Table
     from rich.text import Text
 
@@ -198,7 +199,7 @@ def _show_products(plan: Plan) -> None:
     for product in plan.products:
         present = "unknown" if product.present is None else f"{product.present:,}"
         table.add_row(
-            str(product.kind),
+            f"{product.kind} of backgrounds" if product.empty else str(product.kind),
             product.maker,
             *((f"{product.needed:,}", present) if known else ()),
             f"{product.to_make:,}",

@@ -12,16 +12,17 @@ annotation; the Parquet index lists it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, TypedDict
+from collections.abc import Sequence
+from typing import Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.datasets.frame import LabelledFrame
 from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
+from valerie.plain import JsonObject
 
-#: The 19 evaluated classes; ``isthing`` where single objects are told apart.
+#: The 19 evaluated classes; ``isthing`` where objects are labelled one by one.
 CATEGORIES: Final = tuple(
     {
         "id": label.id,
@@ -89,15 +90,15 @@ def panoptic_segments(ids: NDArray[np.uint32]) -> list[Segment]:
     return segments
 
 
-def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
+def instance_annotations(frame: LabelledFrame) -> list[JsonObject]:
     """Return one entry per visible instance of an evaluated class, without ``id`` and ``image_id``."""
-    annotations: list[dict[str, Any]] = []
+    annotations: list[JsonObject] = []
     for number in np.unique(frame.instance_map[frame.instance_map > 0]).tolist():
         label = BY_ID[number // 1000]
         if label.train_id == VOID:
             continue
         visible = _shape(frame.instance_map == number)
-        entry: dict[str, Any] = {"category_id": label.id, "iscrowd": 0, "instance_id": number}
+        entry: JsonObject = {"category_id": label.id, "iscrowd": 0, "instance_id": number}
         entry |= {"segmentation": visible["segm"], "bbox": visible["bbox"], "area": visible["area"]}
         amodal = frame.amodal.get(number)
         if amodal is not None:
@@ -108,13 +109,13 @@ def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
 
 
 def assemble(
-    images: Sequence[Mapping[str, Any]],
-    annotations: Sequence[Mapping[str, Any]],
+    images: Sequence[JsonObject],
+    annotations: Sequence[JsonObject],
     description: str,
     *,
     key_points: Sequence[str] = (),
     limbs: Sequence[tuple[int, int]] = (),
-) -> dict[str, Any]:
+) -> JsonObject:
     """Return a whole COCO document of images and annotations that have their ids.
 
     ``key_points`` and ``limbs`` (pairs of their places, from 0) describe the key points of persons and riders, where an

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, sin
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from valerie.datasets.camera import CameraDocument
 from valerie.labels import BY_ID
+from valerie.plain import JsonObject
 
 CAMERA: Final = "camera"
 VEHICLE: Final = "vehicle-iso8855"
@@ -38,22 +39,22 @@ class SequenceFrame:
     """
 
     picture: str
-    objects: dict[str, dict[str, Any]]
+    objects: dict[str, JsonObject]
 
 
-def labelled_objects(annotations: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def labelled_objects(annotations: Sequence[JsonObject]) -> dict[str, JsonObject]:
     """Return the objects of a frame.
 
     Args:
         annotations: as `valerie.datasets.coco.instance_annotations` returns them.
     """
-    objects: dict[str, dict[str, Any]] = {}
+    objects: dict[str, JsonObject] = {}
     for annotation in annotations:
         kind = BY_ID[annotation["category_id"]].name
         shapes = {"visible": (annotation["bbox"], annotation["segmentation"])}
         if annotation.get("a_area"):
             shapes["amodal"] = (annotation["a_bbox"], annotation["a_segm"])
-        data: dict[str, list[dict[str, Any]]] = {
+        data: dict[str, list[JsonObject]] = {
             "bbox": [{"name": name, "val": _centred(box), **_IN_PICTURE} for name, (box, _) in shapes.items()],
             "binary": [
                 {
@@ -75,7 +76,7 @@ def labelled_objects(annotations: Sequence[Mapping[str, Any]]) -> dict[str, dict
     return objects
 
 
-def camera_entries(camera: CameraDocument, width: int, height: int) -> dict[str, Any]:
+def camera_entries(camera: CameraDocument, width: int, height: int) -> JsonObject:
     """Return what a document says of the camera: its coordinate system and its stream.
 
     Args:
@@ -94,7 +95,7 @@ def camera_entries(camera: CameraDocument, width: int, height: int) -> dict[str,
     }
 
 
-def assemble(frames: Mapping[int, SequenceFrame], camera: Mapping[str, Any], description: str) -> dict[str, Any]:
+def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, description: str) -> JsonObject:
     """Return the OpenLABEL document of a sequence.
 
     Args:
@@ -102,7 +103,7 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: Mapping[str, Any], des
         camera: `camera_entries` of the one that took all of them.
         description: of the data.
     """
-    objects: dict[str, dict[str, Any]] = {}
+    objects: dict[str, JsonObject] = {}
     intervals: list[dict[str, int]] = []
     for number, frame in frames.items():
         _extend(intervals, number)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
+from valerie.plain import Keywords
 
 #: How long a writer waits for its turn: with eight writing processes SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
@@ -20,22 +22,28 @@ _BUSY_TIMEOUT_MS = 30_000
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
-_OPTIONS: dict[str, Any] = {
+_OPTIONS: Keywords = {
     "hide_parameters": True,  # thousands of rows do not belong in a log
     # `valerie.db.documents` reads and writes JSON text itself.
     "json_serializer": lambda text: text,
     "json_deserializer": lambda text: text,
 }
+#: Execution option of engines whose database has no clock of its own.
+_CLOCK = "valerie_clock"
 #: Held by `unforked`, and by every fork while it happens.
 _FORK = threading.Lock()
 os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_in_child=_FORK.release)
 
 
-def open_engine(url: str) -> Engine:
+def open_engine(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
     """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
     On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails
     with "database is locked" at once, whatever the busy timeout, since its snapshot cannot be upgraded.
+
+    Args:
+        url: of the database.
+        clock: returns Unix seconds; SQLite has no other. Postgres has its own.
 
     Raises:
         InvalidInput: another kind of database.
@@ -43,7 +51,8 @@ def open_engine(url: str) -> Engine:
     parsed = make_url(url)
     backend = parsed.get_backend_name()
     if backend == "sqlite":
-        engine = create_engine(parsed, connect_args={"timeout": _BUSY_TIMEOUT_MS / 1000}, **_OPTIONS)
+        arguments = {"timeout": _BUSY_TIMEOUT_MS / 1000}
+        engine = create_engine(parsed, connect_args=arguments, execution_options={_CLOCK: clock}, **_OPTIONS)
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", _begin_immediate)
         return engine
@@ -68,6 +77,18 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
 def _begin_immediate(connection: Connection) -> None:
     read_only = connection.get_execution_options().get("valerie_read_only", False)
     connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
+
+
+def database_time(connection: Connection) -> float:
+    """Return the present moment, Unix seconds, by the clock that all processes share.
+
+    Whatever processes compare (leases, signs of life, messages) is measured by it: their own clocks may be hours apart.
+    Postgres tells the time of its machine; the processes of one SQLite database share a machine already.
+    """
+    clock = connection.get_execution_options().get(_CLOCK)
+    if clock is not None:
+        return float(clock())
+    return float(connection.scalar(select(func.extract("epoch", func.clock_timestamp()))) or 0.0)
 
 
 @contextmanager

@@ -55,14 +55,14 @@ def key_of(run_id: str, row: Any) -> FrameKey:
     return FrameKey(run_id, row.variant_index, row.camera_index, row.time_index)
 
 
-def velocity_of_frame() -> Any:
-    """Return the digest of the velocities of the frame that a query reads, or NULL, as ``velocity``."""
+def _annotation_of_frame(kind: AnnotationKind) -> Any:
+    """Return the digest of an annotation of the frame that a query reads, or NULL, under the name of its kind."""
     return (
         select(FrameAnnotation.product)
-        .where(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.VELOCITY.value)
+        .where(same_frame(FrameAnnotation), FrameAnnotation.kind == kind.value)
         .correlate(Frame)
         .scalar_subquery()
-        .label("velocity")
+        .label(kind.value)
     )
 
 
@@ -73,7 +73,8 @@ FRAME_COLUMNS = (
     Frame.background,
     Frame.layer,
     Frame.truth,
-    velocity_of_frame(),
+    _annotation_of_frame(AnnotationKind.VELOCITY),
+    _annotation_of_frame(AnnotationKind.SCAN),
     Variant.assignment,
 )
 
@@ -95,5 +96,5 @@ class StoredFrame:
     @classmethod
     def of(cls, row: Any) -> StoredFrame:
         """Take the frame from a row with the columns `FRAME_COLUMNS`."""
-        products = FrameProducts(row.background, row.layer, row.truth, row.velocity)
+        products = FrameProducts(row.background, row.layer, row.truth, row.velocity, row.scan)
         return cls(key_of(row.run_id, row), products, row.assignment)

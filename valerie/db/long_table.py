@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from sqlalchemy import BigInteger, Connection, Double, Select, String, and_, case, func, literal, or_, select, tuple_
 from sqlalchemy.orm import InstrumentedAttribute
@@ -50,6 +50,8 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
 
 #: What tells the rows of one run's long table apart.
 KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
+#: Rows that are read at a time.
+_PIECE: Final = 10_000
 _MEASURES: Final = tuple(name for name in COLUMNS if name not in KEY)
 _COMPARISONS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "eq": lambda column, value: column == value,
@@ -74,14 +76,16 @@ class Filter:
     value: float | int | str | bool
 
 
+R = TypeVar("R")
+
+
 @dataclass(frozen=True, slots=True)
-class LongRow:
-    """A row of the long table: a person of a frame, seen by a function through a sensor setting.
+class _Row:
+    """What a function sees of a frame through a sensor setting.
 
     Attributes:
         frame: the frame.
         sensor_index, function_index: places in the run's spec.
-        instance_id: label id × 1000 + n; 0 stands for a scene without persons.
         measures: of all sources that are stored.
         assignment: of the variant.
     """
@@ -89,9 +93,25 @@ class LongRow:
     frame: FrameKey
     sensor_index: int
     function_index: int
-    instance_id: int
     measures: Measures
     assignment: Assignment
+
+
+@dataclass(frozen=True, slots=True)
+class LostRow(_Row):
+    """A row that the long table lacks because its evaluation has no scores.
+
+    ``instance_id`` is None where the truth is not stored either: then nobody knows who is seen.
+    """
+
+    instance_id: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class LongRow(_Row):
+    """A row of the long table: one person. ``instance_id`` is label id × 1000 + n; 0 stands for a scene without persons."""
+
+    instance_id: int
 
     def position(self, sort: str) -> tuple[Cell, ...]:
         """Return the row's place in the order of `page`: its value in a column of `COLUMNS`, then its key."""
@@ -140,36 +160,27 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
         UnknownName: a filter names no column or comparison.
     """
     query = _select(run_id, filters=filters).order_by(*(COLUMNS[name] for name in KEY))
-    yield from _read(connection.execution_options(yield_per=5_000), run_id, query)
+    yield from _read(LongRow, connection.execution_options(yield_per=5_000), run_id, query)
 
 
-def _read(connection: Connection, run_id: str, query: Select[Any]) -> Iterator[LongRow]:
-    for key, instance, measures, assignment in _cells(connection, run_id, query):
-        yield LongRow(*key, instance, measures, assignment)
+def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[Any]]]:
+    """Read the long table in pieces, in the order of the variants: name to the values of a column of `COLUMNS`."""
+    query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
+    query = query.order_by(*(COLUMNS[name] for name in KEY))
+    for piece in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
+        yield dict(zip(COLUMNS, zip(*piece, strict=True), strict=True))
 
 
-def _cells(
-    connection: Connection, run_id: str, query: Select[Any]
-) -> Iterator[tuple[tuple[FrameKey, int, int], Any, Measures, Assignment]]:
+def assignments(connection: Connection, run_id: str) -> dict[int, Assignment]:
+    """Read index and assignment of the variants of a run that have frames."""
+    query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
+    return {index: assignment for index, assignment in connection.execute(query)}  # noqa: C416
+
+
+def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Select[Any]) -> Iterator[R]:
     for variant, camera, time, sensor, function, instance, *values, assignment in connection.execute(query):
-        key = FrameKey(run_id, variant, camera, time), sensor, function
-        yield key, instance, dict(zip(_MEASURES, values, strict=True)), assignment
-
-
-@dataclass(frozen=True, slots=True)
-class LostRow:
-    """A row that the long table lacks because its evaluation has no scores; as `LongRow` otherwise.
-
-    Attributes:
-        instance_id: None where the truth is not stored either: then nobody knows who is seen.
-    """
-
-    frame: FrameKey
-    sensor_index: int
-    function_index: int
-    instance_id: int | None
-    measures: Measures
-    assignment: Assignment
+        measures = dict(zip(_MEASURES, values, strict=True))
+        yield form(FrameKey(run_id, variant, camera, time), sensor, function, measures, assignment, instance)
 
 
 def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
@@ -178,8 +189,7 @@ def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
     There is one row per person where the truth is stored, else one row without any values of a person.
     """
     query = _select(run_id, lost=True).order_by(*(COLUMNS[name] for name in KEY))
-    for key, instance, measures, assignment in _cells(connection.execution_options(yield_per=5_000), run_id, query):
-        yield LostRow(*key, instance, measures, assignment)
+    yield from _read(LostRow, connection.execution_options(yield_per=5_000), run_id, query)
 
 
 def page(
@@ -221,7 +231,7 @@ def page(
             further = column < bound if descending else column > bound
             query = query.where(or_(further, and_(column == bound, behind), column.is_(None)))
     order = [column.is_(None), column.desc() if descending else column.asc(), *(COLUMNS[name] for name in KEY)]
-    return list(_read(connection, run_id, query.order_by(*order).limit(limit)))
+    return list(_read(LongRow, connection, run_id, query.order_by(*order).limit(limit)))
 
 
 def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> int:

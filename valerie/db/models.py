@@ -39,6 +39,7 @@ from valerie.runs.products import ProductError
 from valerie.runs.progress import BlockCounts, Progress
 from valerie.runs.spec import RunSpec
 from valerie.runs.states import ProductKind, ProductState, RunState, Stage
+from valerie.runs.study import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The name of a constraint follows from its columns, so that migrations can name it on both databases.
 NAMING = {
@@ -76,6 +77,7 @@ class Base(DeclarativeBase):
         ProductKind: words(ProductKind, 16),
         AnnotationKind: words(AnnotationKind, 16),
         Stage: words(Stage, 16),
+        StudyState: words(StudyState, 16),
     }
 
 
@@ -227,6 +229,8 @@ class Evaluation(Base):
     function_index: Mapped[int] = mapped_column(primary_key=True)
     prediction: Mapped[str] = mapped_column(Digest)
     scores: Mapped[str] = mapped_column(Digest)
+    #: The prediction of the background without movables, for `pacc_empty`; None where it is not made.
+    empty: Mapped[str | None] = mapped_column(Digest)
     #: The sensor distorts: the rows of `PersonView` for its pictures name ``scores`` instead of the frame's truth.
     distorted: Mapped[bool] = mapped_column(default=False)
 
@@ -239,6 +243,7 @@ class Evaluation(Base):
         ),
         Index("ix_evaluations_prediction", "prediction"),
         Index("ix_evaluations_scores", "scores"),
+        Index("ix_evaluations_empty", "empty"),
     )
 
 
@@ -325,6 +330,58 @@ class PersonScore(Base):
     instance_id: Mapped[int] = mapped_column(primary_key=True)
 
 
+class Study(Base):
+    """A question with a budget; its batches are runs."""
+
+    __tablename__ = "studies"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    name: Mapped[str] = mapped_column(String(200))
+    state: Mapped[StudyState]
+    #: What it waits for, or why it ended; shown to people as it is.
+    reason: Mapped[str | None] = mapped_column(Text)
+    document: Mapped[StudyDocument] = mapped_column(JsonDocument(StudyDocument))
+    asset_digest: Mapped[str] = mapped_column(Digest)
+    #: A person accepts each batch.
+    by_hand: Mapped[bool]
+    #: What is known from the batches that ended; None before.
+    result: Mapped[StudyResult | None] = mapped_column(JsonDocument(StudyResult))
+    created_at: Mapped[datetime]
+    finished_at: Mapped[datetime | None]
+
+    __table_args__ = (Index("ix_studies_created_at", "created_at"),)
+
+
+class StudyBatch(Base):
+    """A proposal of a study, its run and its outcomes. Points and what they rest on are written once."""
+
+    __tablename__ = "study_batches"
+
+    study_id: Mapped[str] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    #: Number of points that the strategy was asked for; the proposal may have fewer.
+    count: Mapped[int]
+    #: (n, dimensions) in the unit cube.
+    points: Mapped[list[list[float]]] = mapped_column(JsonDocument(list[list[float]]))
+    #: Indexes of the points whose variants are rejected.
+    rejected: Mapped[list[int]] = mapped_column(JsonDocument(list[int]))
+    #: Why these points, in words.
+    reason: Mapped[str] = mapped_column(Text)
+    #: Digest of the study and of all outcomes that the proposal rests on; those are of the batches before ``based_on``.
+    basis: Mapped[str] = mapped_column(Digest)
+    based_on: Mapped[int]
+    #: None while a person has not accepted it.
+    accepted_at: Mapped[datetime | None]
+    run_id: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
+    #: How often its run was retried after products failed.
+    retries: Mapped[int] = mapped_column(default=0)
+    #: None until the run has ended with every score.
+    outcomes: Mapped[Outcomes | None] = mapped_column(JsonDocument(Outcomes))
+    cpu_seconds: Mapped[float | None] = mapped_column(Float)
+
+    __table_args__ = (Index("ix_study_batches_run_id", "run_id"),)
+
+
 class Function(Base):
     """A version of a registered function under test. Rows are written once and never changed."""
 
@@ -345,6 +402,21 @@ class Function(Base):
         Index("ix_functions_digest", "digest"),
         Index("ix_functions_payload", "payload"),
     )
+
+
+class SavedSelection(Base):
+    """Rows of runs under a name that people gave: what is selected, and what of it is shown."""
+
+    __tablename__ = "selections"
+
+    name: Mapped[str] = mapped_column(String(120), primary_key=True)
+    #: Ids of the runs; they may be deleted meanwhile.
+    runs: Mapped[tuple[str, ...]] = mapped_column(JsonDocument(tuple[str, ...]))
+    #: The expression; empty: all rows.
+    expression: Mapped[str] = mapped_column(Text)
+    #: The query of the page's address.
+    view: Mapped[str] = mapped_column(Text)
+    created_at: Mapped[datetime]
 
 
 class Worker(Base):

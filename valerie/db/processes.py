@@ -14,7 +14,7 @@ from valerie.runs.pins import AnyOffer
 from valerie.runs.states import Stage
 
 #: A worker that was not seen for this long counts as dead.
-ALIVE_SECONDS: Final = 20.0
+ALIVE_SECONDS = 20.0
 #: The row of a worker that was not seen for this long is deleted.
 _FORGOTTEN_SECONDS: Final = 3600.0
 
@@ -51,7 +51,9 @@ def remove_worker(connection: Connection, worker_id: str) -> None:
 
 def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
     """Return the living workers, longest-serving first."""
-    query = select(*columns_of(WorkerRow, Worker)).where(Worker.seen_at > now - ALIVE_SECONDS)
+    # A sign of life from the future is of a worker that died before the clock was set back: a living one gives another.
+    seen = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
+    query = select(*columns_of(WorkerRow, Worker)).where(seen)
     return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
 
 
@@ -65,14 +67,22 @@ def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
 
 
 def hold_lease(connection: Connection, name: str, *, owner: str, now: float, seconds: float) -> bool:
-    """Take or prolong a role; return False when another process holds it."""
+    """Take or prolong a role; return False when another process holds it.
+
+    A lease that ends later than any can (the clock was set back, or its holder's is ahead) is cut to ``seconds``: a living
+    holder prolongs it, a dead one loses it then.
+    """
     insert_ignoring(connection, Lease, [{"name": name, "owner": owner, "until": 0.0}])
+    until = now + seconds
     changed = connection.execute(
         update(Lease)
         .where(Lease.name == name, (Lease.owner == owner) | (Lease.until < now))
-        .values(owner=owner, until=now + seconds)
+        .values(owner=owner, until=until)
     )
-    return changed.rowcount == 1
+    if changed.rowcount:
+        return True
+    connection.execute(update(Lease).where(Lease.name == name, Lease.until > until).values(until=until))
+    return False
 
 
 def release_lease(connection: Connection, name: str, *, owner: str) -> None:

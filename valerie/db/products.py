@@ -151,12 +151,14 @@ class Look:
     Attributes:
         sensor: index in the sensors of the run's spec.
         function: index in its functions.
-        prediction: digest of what the function saw.
+        prediction: digest of the prediction for the frame.
+        empty: digest of the prediction for its background without movables; None if there is none.
     """
 
     sensor: int
     function: int
     prediction: str
+    empty: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +177,13 @@ class Job:
     attempts: int
     frame: StoredFrame
     look: Look | None = None
+
+
+def tried(connection: Connection, digests: Sequence[str]) -> list[str]:
+    """Return those of ``digests`` that were claimed before, in their order."""
+    condition = among(connection, Product.digest, digests)
+    before = set(connection.scalars(select(Product.digest).where(condition, Product.attempts > 0)))
+    return [digest for digest in digests if digest in before]
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -236,9 +245,15 @@ def _annotation_job() -> Executable:
     )
 
 
-def _evaluation_job(column: InstrumentedAttribute[str]) -> Executable:
+def _evaluation_job(column: InstrumentedAttribute[str] | InstrumentedAttribute[str | None]) -> Executable:
     return (
-        select(*FRAME_COLUMNS, Evaluation.sensor_index, Evaluation.function_index, Evaluation.prediction)
+        select(
+            *FRAME_COLUMNS,
+            Evaluation.sensor_index,
+            Evaluation.function_index,
+            Evaluation.prediction,
+            Evaluation.empty,
+        )
         .join(Frame, same_frame(Evaluation))
         .join(Run, Run.id == Frame.run_id)
         .join(Variant, VARIANT_OF_FRAME)
@@ -255,15 +270,18 @@ _JOB_OF_KIND: Final = {
     ProductKind.PREDICTION: _evaluation_job(Evaluation.prediction),
     ProductKind.EVALUATION: _evaluation_job(Evaluation.scores),
 }
+_EMPTY_JOB: Final = _evaluation_job(Evaluation.empty)
 #: Kinds of products whose jobs have a `Look`.
 _LOOKS: Final = frozenset({ProductKind.PREDICTION, ProductKind.EVALUATION})
 
 
 def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) -> Job | None:
     row = connection.execute(_JOB_OF_KIND[kind], {"digest": digest}).first()
+    if row is None and kind is ProductKind.PREDICTION:
+        row = connection.execute(_EMPTY_JOB, {"digest": digest}).first()
     if row is None:
         return None
-    look = Look(row.sensor_index, row.function_index, row.prediction) if kind in _LOOKS else None
+    look = Look(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
     return Job(digest, kind, attempts, StoredFrame.of(row), look)
 
 

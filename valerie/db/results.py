@@ -65,7 +65,7 @@ class EvaluationRow:
 
     Attributes:
         sensor_index, function_index: places in the run's spec.
-        prediction, scores: digests of its products.
+        prediction, scores, empty: digests of its products; no ``empty`` where backgrounds are not inferred.
         prediction_state, scores_state: of these products.
         score: None until it is done.
     """
@@ -74,6 +74,7 @@ class EvaluationRow:
     function_index: int
     prediction: str
     scores: str
+    empty: str | None
     prediction_state: ProductState
     scores_state: ProductState
     score: FrameScore | None
@@ -88,6 +89,7 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationR
             Evaluation.function_index,
             Evaluation.prediction,
             Evaluation.scores,
+            Evaluation.empty,
             prediction.state,
             scores.state,
             Score.confusion,
@@ -105,13 +107,15 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationR
     )
     evaluations: list[EvaluationRow] = []
     for (
-        sensor, function, prediction_digest, scores_digest, prediction_state, scores_state,
+        sensor, function, prediction_digest, scores_digest, empty, prediction_state, scores_state,
         confusion, tp, fn, tn, pacc, *values,
     ) in connection.execute(query):  # fmt: skip
         measures = dict(zip(_SCORED, values, strict=True))
         score = None if confusion is None else FrameScore(confusion, tp, fn, tn, pacc, measures)
         evaluations.append(
-            EvaluationRow(sensor, function, prediction_digest, scores_digest, prediction_state, scores_state, score)
+            EvaluationRow(
+                sensor, function, prediction_digest, scores_digest, empty, prediction_state, scores_state, score
+            )
         )
     return evaluations
 
@@ -151,6 +155,7 @@ def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[
         (Frame, Frame.truth),
         (FrameAnnotation, FrameAnnotation.product),
         (Evaluation, Evaluation.prediction),
+        (Evaluation, Evaluation.empty),
         (Evaluation, Evaluation.scores),
     )
     failed: list[FailedLink] = []

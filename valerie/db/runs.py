@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import Connection, delete, func, insert, or_, select, union, update
+from sqlalchemy import Connection, Subquery, delete, func, insert, or_, select, union, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
@@ -226,16 +226,22 @@ def remove(connection: Connection, run_id: str) -> None:
     connection.execute(delete(Run).where(Run.id == run_id))
 
 
-def linked_digests(connection: Connection, run_id: str, states: Collection[ProductState]) -> list[str]:
-    """Return the digests of the run's products in one of ``states``."""
-    links = union(
+def links_of(run_id: str) -> Subquery:
+    """Return the digests of the products that a run links to, each once."""
+    return union(
         select(Frame.background).where(Frame.run_id == run_id),
         select(Frame.layer).where(Frame.run_id == run_id),
         select(Frame.truth).where(Frame.run_id == run_id),
         select(FrameAnnotation.product).where(FrameAnnotation.run_id == run_id),
         select(Evaluation.prediction).where(Evaluation.run_id == run_id),
         select(Evaluation.scores).where(Evaluation.run_id == run_id),
+        select(Evaluation.empty).where(Evaluation.run_id == run_id),
     ).subquery()
+
+
+def linked_digests(connection: Connection, run_id: str, states: Collection[ProductState]) -> list[str]:
+    """Return the digests of the run's products in one of ``states``."""
+    links = links_of(run_id)
     return list(
         connection.scalars(
             select(Product.digest).join(links, links.c[0] == Product.digest).where(Product.state.in_(states))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Final
 
 import orjson
@@ -11,6 +11,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import Base, Product
+from valerie.plain import Row
 from valerie.runs.states import ProductState
 
 
@@ -39,7 +40,7 @@ def among(connection: Connection, column: InstrumentedAttribute[Any], digests: C
     return column.in_(select(each.c.value))
 
 
-def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Mapping[str, Any]]) -> int:
+def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Row]) -> int:
     """Insert rows, leaving those whose primary key exists as they are; return how many were inserted."""
     if not rows:
         return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import Connection, delete, select, text, update
 
@@ -13,12 +13,27 @@ from valerie.db.statements import UNFINISHED, among
 from valerie.runs.products import Fault, Ready
 from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
 
+#: No product is sent later than this after now, seconds; see `valerie.pipeline.work.stages`.
+_LONGEST_PAUSE: Final = 60.0
+
 
 class Unlinked(NamedTuple):
     """A product that nothing links to."""
 
     digest: str
     kind: ProductKind
+
+
+def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> None:
+    """Cut leases and pauses that end later than any can: the clock was set back, or the worker's is ahead."""
+    running, ready = Product.state == ProductState.RUNNING, Product.state == ProductState.READY
+    longest = now + lease_seconds
+    connection.execute(
+        update(Product).where(UNFINISHED, running, Product.lease_until > longest).values(lease_until=longest)
+    )
+    connection.execute(
+        update(Product).where(UNFINISHED, ready, Product.sent_at > now + _LONGEST_PAUSE).values(sent_at=now)
+    )
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
@@ -89,6 +104,7 @@ def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
             " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE empty = p.digest)"
             " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
         ),
         {"limit": limit},

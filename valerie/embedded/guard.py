@@ -29,14 +29,6 @@ def prctl(option: int, value: int) -> None:
         ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
 
 
-def end_with_parent(signum: int = signal.SIGTERM) -> None:
-    """Ask the kernel for ``signum`` when the parent of this process ends (Linux)."""
-    parent = os.getppid()
-    prctl(_PR_SET_PDEATHSIG, signum)
-    if os.getppid() != parent:  # the parent ended before the request
-        os.kill(os.getpid(), signum)
-
-
 def main(arguments: list[str]) -> int:
     """Run the command, and return its exit status as a shell would (128 + n after signal n)."""
     grace, status_fd, lock_fd = float(arguments[0]), int(arguments[1]), int(arguments[2])

@@ -7,7 +7,7 @@ are shares of the domain.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from typing import Final
 
@@ -20,6 +20,10 @@ from valerie.parameters.definitions import TURN, ParameterDefinition, ParameterT
 from valerie.parameters.distributions import Choice, Constant, Homogeneous
 from valerie.parameters.samplers import UnitPoints
 
+#: Smallest share of legal points that a domain may have: each draw takes this many tries at worst.
+LEAST_LEGAL: Final = 1e-4
+_TRIES: Final = 1000
+_TURN_RADIANS: Final = 2 * math.pi
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
 
@@ -34,12 +38,60 @@ class Axis(StrEnum):
     UNORDERED = "unordered"
 
 
-class Domain:
+class Cube:
+    """The unit cube, or its legal part.
+
+    Args:
+        dimensions: of the cube.
+        accepts: whether a point, (dimensions,), is legal; None: all are.
+    """
+
+    def __init__(self, dimensions: int, accepts: Callable[[UnitPoints], bool] | None = None) -> None:
+        self.dimensions, self._accepts = dimensions, accepts
+
+    def legal(self, points: UnitPoints) -> NDArray[np.bool_]:
+        """Return which of the points, (n, dimensions), are legal, (n,)."""
+        if self._accepts is None:
+            return np.ones(len(points), np.bool_)
+        return np.fromiter(map(self._accepts, points), np.bool_, len(points))
+
+    def features(self, points: UnitPoints) -> NDArray[np.float64]:
+        """Return coordinates, (n, k), in which like values are close: for models of scores."""
+        return points
+
+    def draw(self, rng: np.random.Generator, count: int) -> UnitPoints:
+        """Return ``count`` legal points, drawn from the operational density: uniform over the legal part.
+
+        Raises:
+            InvalidInput: less than `LEAST_LEGAL` of the cube is legal.
+        """
+        if self._accepts is None:
+            return rng.random((count, self.dimensions))
+        drawn: list[UnitPoints] = []
+        missing, tried = count, 0
+        while missing > 0:
+            points = rng.random((max(missing, min(_TRIES, 2 * count)), self.dimensions))
+            tried += len(points)
+            drawn.append(points[self.legal(points)][:missing])
+            missing -= len(drawn[-1])
+            if tried * LEAST_LEGAL > max(count - missing, 1):
+                raise InvalidInput(
+                    "hardly any variant is legal",
+                    field="vary",
+                    value=f"{count - missing} of {tried:,}",
+                    limit=LEAST_LEGAL,
+                )
+        return np.concatenate([np.empty((0, self.dimensions)), *drawn])
+
+
+class Domain(Cube):
     """The operational domain.
 
     Args:
         definitions: of the asset.
         variations: the varied parameters by path or name, one for each dimension of the unit cube.
+        rejection: why a variant with these values, by path, is rejected; None: it is legal. By default all are. The
+            operational density is conditional on legal variants: what cannot occur has no share in a failure rate.
 
     Attributes:
         definitions: one for each dimension.
@@ -49,7 +101,12 @@ class Domain:
         InvalidInput, UnknownName: the field begins with ``vary``.
     """
 
-    def __init__(self, definitions: Sequence[ParameterDefinition], variations: Sequence[Variation]) -> None:
+    def __init__(
+        self,
+        definitions: Sequence[ParameterDefinition],
+        variations: Sequence[Variation],
+        rejection: Callable[[dict[str, Value]], str | None] | None = None,
+    ) -> None:
         by_name = {key: definition for definition in definitions for key in (definition.name, definition.path)}
         chosen: list[ParameterDefinition] = []
         for i, variation in enumerate(variations):
@@ -63,16 +120,14 @@ class Domain:
         if not chosen:
             raise InvalidInput("a domain needs a parameter", field="vary", limit=">= 1")
         self.definitions, self.variations = tuple(chosen), tuple(variations)
+        super().__init__(
+            len(chosen), None if rejection is None else lambda point: rejection(self.values(point)) is None
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(definition.name for definition in self.definitions)
-
-    @property
-    def dimensions(self) -> int:
-        """Number of parameters."""
-        return len(self.definitions)
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -98,6 +153,22 @@ class Domain:
         first, last = (float(distribution.quantile(u, definition)) for u in (0.0, _BELOW_ONE))
         step = distribution.step if isinstance(distribution, Homogeneous) else 0.0
         return abs(math.remainder(first - last - step, TURN)) < 1e-6
+
+    def features(self, points: UnitPoints) -> NDArray[np.float64]:
+        """Return coordinates, (n, k): a circle for a periodic parameter, one for each value of an unordered one."""
+        columns: list[NDArray[np.float64]] = []
+        for dimension, (axis, goes_round) in enumerate(zip(self.axes, self.periodic, strict=True)):
+            quantiles = points[:, dimension]
+            if goes_round:
+                angles = _TURN_RADIANS * quantiles
+                columns += [np.cos(angles) / _TURN_RADIANS, np.sin(angles) / _TURN_RADIANS]
+            elif axis is Axis.UNORDERED:
+                count = self.variations[dimension].distribution.count(self.definitions[dimension]) or 1
+                chosen = np.minimum((quantiles * count).astype(np.int64), count - 1)
+                columns += list((chosen == np.arange(count)[:, None]) / math.sqrt(2))
+            else:
+                columns.append(quantiles)
+        return np.column_stack(columns)
 
     def values(self, point: ArrayLike) -> dict[str, Value]:
         """Return the values at a point, (dimensions,) in [0, 1], by path."""
@@ -144,3 +215,8 @@ class Domain:
 
 def _inside(points: UnitPoints) -> UnitPoints:
     return np.clip(points, 0.0, _BELOW_ONE)
+
+
+def shown(value: Value) -> str:
+    """Return a value for people, with four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -32,7 +32,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv, stdtrit
 
 from valerie.errors import InvalidInput
-from valerie.guided.strategy import OpenBatches, Scores
+from valerie.guided.domain import Cube
+from valerie.guided.strategy import OpenBatches, Proposal, Scores
 from valerie.guided.surrogate import (
     LEAST_POINTS,
     Surrogate,
@@ -86,6 +87,20 @@ class FailureRate:
         """True where the failures were where the surrogate expected them (`MOST_UNKNOWN`), so ``assisted`` may be used."""
         return self.assisted is not None and self.unknown <= MOST_UNKNOWN
 
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The rate in words: the number to use first."""
+        free = f"Of the legal variants, {_between(self.assumption_free)} fail, by operational points alone."
+        hidden = (
+            f"A mode of failures that no operational point hit has a probability of at most {self.hidden_mode:.2%}."
+        )
+        undefined = f"The score of {_between(self.undefined)} is undefined." if self.undefined.estimate else ""
+        assisted = ""
+        if self.assisted is not None:
+            use = "" if self.calibrated else ", but do not use it: too many failures lay where the model expected none"
+            assisted = f"With the model's help it is {_between(self.assisted)}{use}."
+        return tuple(filter(None, (free, assisted, undefined, hidden)))
+
 
 @dataclass(frozen=True, slots=True)
 class Draws:
@@ -118,7 +133,7 @@ class Estimate:
     """The strategy that estimates a failure rate.
 
     Args:
-        dimensions: of the domain.
+        domain: whose legal points have the failure rate.
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
         first: number of operational points at the beginning.
@@ -132,29 +147,36 @@ class Estimate:
         InvalidInput: a bound outside 0…1, or too few points to fit a surrogate to.
     """
 
-    def __init__(self, dimensions: int, *, at_least: float, seed: int, first: int = 256, pool: int = POOL) -> None:
+    def __init__(self, domain: Cube, *, at_least: float, seed: int, first: int = 256, pool: int = POOL) -> None:
         if not 0 < at_least < 1:
             raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
         if first < LEAST_POINTS:
             raise InvalidInput("too few points to fit a surrogate to", field="first", value=first, limit=LEAST_POINTS)
-        self.dimensions, self.at_least, self.seed, self.first, self.pool = dimensions, at_least, seed, first, pool
+        self.domain, self.at_least, self.seed, self.first, self.pool = domain, at_least, seed, first, pool
         self.draws: list[Draws] = []
         self.scores: list[Scores] = []
         self._open = OpenBatches()
         self._predicted: list[NDArray[np.float64]] = []
 
-    def ask(self, count: int) -> UnitPoints:
+    @property
+    def result(self) -> FailureRate | None:
+        """The failure rate; None while the first points lack scores."""
+        return None if sum(map(len, self.scores)) < self.first else self.rate()
+
+    def ask(self, count: int) -> Proposal:
         """Return the next batch; an empty one while the first points lack scores."""
         rng = np.random.default_rng([self.seed, len(self.draws)])
         missing = self.first - sum(len(draws.points) for draws in self.draws if draws.number == 0)
         if missing:
             draws = self._operational(rng, 0, min(count, missing))
         elif sum(map(len, self.scores)) < self.first:
-            return np.empty((0, self.dimensions))
+            return Proposal(
+                np.empty((0, self.domain.dimensions)), "The first points have to be scored before guided ones."
+            )
         else:
             draws = self._guided(rng, self.draws[-1].number + 1, count)
         self.draws.append(draws)
-        return self._open.add(draws.points)
+        return self._open.add(draws.points, _reason(draws))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.
@@ -169,7 +191,7 @@ class Estimate:
 
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         zeros = np.zeros(count)
-        return Draws(number, rng.random((count, self.dimensions)), zeros + 1, None, zeros, 0.0, 0.0, 1.0, count)
+        return Draws(number, self.domain.draw(rng, count), zeros + 1, None, zeros, 0.0, 0.0, 1.0, count)
 
     def _guided(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         told = self._told()
@@ -182,7 +204,7 @@ class Estimate:
         error = prediction_error(true[judged], predicted[judged])
 
         surrogate = Surrogate(points[defined], true[defined])
-        pool = rng.random((max(self.pool, 20 * count), self.dimensions))
+        pool = self.domain.draw(rng, max(self.pool, 20 * count))
         of_pool = surrogate.predict(pool)
         expected = failure_probability(of_pool, error)
         # With few failures, the proposal aims at a bound that more points lie below.
@@ -307,6 +329,20 @@ class Estimate:
             low, high = estimate / factor, estimate * factor
             method = "Student's t on the logarithm"
         return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
+
+
+def _reason(draws: Draws) -> str:
+    if draws.predicted is None:
+        return f"{len(draws.points)} points as they occur in operation: nothing is assumed about the scores."
+    operational = round(draws.share * len(draws.points))
+    return (
+        f"{operational} points as they occur in operation, and {len(draws.points) - operational} where the model of the "
+        f"earlier scores is unsure whether they fail; it expects {draws.pool_mean:.1%} failures."
+    )
+
+
+def _between(interval: Interval) -> str:
+    return f"{interval.estimate:.2%} ({interval.low:.2%} to {interval.high:.2%}, {interval.level:.0%})"
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

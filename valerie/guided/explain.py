@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
-from valerie.guided.domain import Axis, Domain
-from valerie.guided.strategy import OpenBatches
+from valerie.guided.domain import Axis, Domain, shown
+from valerie.guided.strategy import OpenBatches, Proposal
 from valerie.parameters.samplers import UnitPoints
 
 #: Largest distance of the failing variant from the boundary in any number, as a share of the domain.
@@ -48,6 +48,7 @@ class MinimalPair:
             ``failing`` in every number, or within one step. Equal to ``passing`` where only unordered values change.
         inner_verdict: of ``inner``: ``pass``, or ``undefined`` where the failure borders on undefined scores.
         evaluations: number of variants evaluated, without the first two.
+        sentences: the changes in words.
     """
 
     passing: UnitPoints
@@ -56,6 +57,7 @@ class MinimalPair:
     inner: UnitPoints
     inner_verdict: Verdict
     evaluations: int
+    sentences: tuple[str, ...]
 
 
 _Evaluating = Generator[list[UnitPoints], None, None]
@@ -95,13 +97,17 @@ class Explain:
         self._verdicts = {self._failing.tobytes(): Verdict.FAIL, self._passing.tobytes(): Verdict.PASS}
         self._open = OpenBatches()
         self._evaluations = 0
+        self._step = ""
         self._search = self._minimize()
         self._wanted = next(self._search, [])
 
-    def ask(self, count: int) -> UnitPoints:
+    def ask(self, count: int) -> Proposal:
         """Return the next variants to evaluate."""
         points, self._wanted = self._wanted[:count], self._wanted[count:]
-        return self._open.add(np.array(points).reshape(-1, self.domain.dimensions))
+        reason = self._step if points else "The next variants follow from verdicts that are missing."
+        if self.result is not None:
+            reason = "The pair is minimal."
+        return self._open.add(np.array(points).reshape(-1, self.domain.dimensions), reason)
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none."""
@@ -113,10 +119,13 @@ class Explain:
             self._wanted = next(self._search, [])
 
     def _minimize(self) -> _Evaluating:
+        self._step = "Which of the changed parameters are needed for the failure?"
         needed = yield from self._needed([], self._changed(self._failing))
         failing = self._with(needed)
         while True:
+            self._step = f"How far must {self._named(failing)} change before the verdict flips?"
             failing, inner = yield from self._to_boundary(failing)
+            self._step = f"Does the variant still fail without one of the changes of {self._named(failing)}?"
             removals = []
             for dimension in self._changed(failing):
                 removals.append(failing.copy())
@@ -133,7 +142,35 @@ class Explain:
             inner,
             self._verdicts[inner.tobytes()],
             self._evaluations,
+            self._sentences(failing, inner),
         )
+
+    def _named(self, failing: UnitPoints) -> str:
+        return ", ".join(self.domain.names[dimension] for dimension in self._changed(failing))
+
+    def _sentences(self, failing: UnitPoints, inner: UnitPoints) -> tuple[str, ...]:
+        """Return what flips the verdict, in words."""
+        before, after = list(self.domain.values(self._passing).values()), list(self.domain.values(failing).values())
+        changes = [
+            f"{self.domain.names[dimension]} from {shown(before[dimension])} to {shown(after[dimension])}"
+            f"{self._unit(dimension)}"
+            for dimension in self._changed(failing)
+        ]
+        flips = f"The verdict flips with {' and '.join(changes)}, everything else equal."
+        if np.array_equal(inner, self._passing):
+            return (flips,)
+        last = list(self.domain.values(inner).values())
+        still = [
+            f"{self.domain.names[dimension]} {shown(last[dimension])}{self._unit(dimension)}"
+            for dimension in self._changed(failing)
+            if last[dimension] != after[dimension]
+        ]
+        verdict = "passes" if self._verdicts[inner.tobytes()] is Verdict.PASS else "has no score"
+        return flips, f"The variant still {verdict} at {' and '.join(still)}."
+
+    def _unit(self, dimension: int) -> str:
+        unit = self.domain.definitions[dimension].unit
+        return f" {unit}" if unit else ""
 
     def _needed(self, kept: list[int], changes: list[int]) -> Generator[list[UnitPoints], None, list[int]]:
         """Return the part of ``changes`` that fails together with ``kept``; all of ``changes`` does."""

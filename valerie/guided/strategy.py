@@ -2,13 +2,14 @@
 
 A *score* is a number; a *failure* is a score below the strategy's bound. NaN stands for an undefined score: an outcome of
 its own that neither passes nor fails. A variant without any outcome, because a worker died, is evaluated again and never
-told.
+told. A rejected variant has no score either; the operational domain ends where variants are rejected (`Domain.legal`).
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,18 +22,49 @@ from valerie.parameters.samplers import UnitPoints
 Scores = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A batch that a strategy asks for.
+
+    Attributes:
+        points: (n, dimensions). None says that nothing is wanted before the next `tell`, or nothing more at all if no
+            batch is open. A point that was asked before is evaluated under another seed of what is random, unless its
+            ``level`` differs.
+        reason: why these points, or why none, in one or two sentences for people.
+        level: 0 for the usual render engine, 1 for the costly one.
+    """
+
+    points: UnitPoints
+    reason: str
+    level: int = 0
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+class Result(Protocol):
+    """What a strategy knows. Its other fields are plain numbers, texts and points."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The result in words."""
+        ...
+
+
 class Strategy(Protocol):
     """A strategy. Its proposals follow from its arguments and the history of `ask` and `tell` alone."""
 
-    def ask(self, count: int) -> UnitPoints:
-        """Return the next batch, (n, dimensions) with n ≤ ``count``.
+    @property
+    def result(self) -> Result | None:
+        """What is known from the scores that were told; None while that is nothing."""
+        ...
 
-        An empty batch says that nothing is wanted before the next `tell`, or nothing more at all if no batch is open.
-        """
+    def ask(self, count: int) -> Proposal:
+        """Return the next batch, of at most ``count`` points."""
         ...
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
-        """Take the scores, (n,), of the oldest batch that has none.
+        """Take the scores of the oldest batch that has none: (n,), or (n, k) for a strategy with ``columns`` = k.
 
         Raises:
             InvalidInput: these are other points, or not one score for each.
@@ -41,19 +73,24 @@ class Strategy(Protocol):
 
 
 class OpenBatches:
-    """The batches of a strategy that have no outcomes yet, oldest first."""
+    """The batches of a strategy that have no outcomes yet, oldest first.
 
-    def __init__(self) -> None:
+    Args:
+        columns: number of scores of each point.
+    """
+
+    def __init__(self, columns: int = 1) -> None:
+        self._columns = columns
         self._batches: deque[UnitPoints] = deque()
 
     def __len__(self) -> int:
         return len(self._batches)
 
-    def add(self, points: UnitPoints) -> UnitPoints:
-        """Return the points; a batch of them is open from now on, unless it is empty."""
+    def add(self, points: UnitPoints, reason: str, level: int = 0) -> Proposal:
+        """Return a proposal of the points; a batch of them is open from now on, unless it is empty."""
         if len(points):
             self._batches.append(points.copy())
-        return points
+        return Proposal(points, reason, level)
 
     def close(self, points: UnitPoints, scores: ArrayLike) -> Scores:
         """Return the checked scores of the oldest batch, which is no longer open.
@@ -64,8 +101,9 @@ class OpenBatches:
         if not self._batches or not np.array_equal(self._batches[0], points):
             raise InvalidInput("not the points of the oldest batch without scores", field="points", value=len(points))
         values = np.asarray(scores, np.float64)
-        if values.shape != (len(points),):
-            raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=(len(points),))
+        shape = (len(points),) if self._columns == 1 else (len(points), self._columns)
+        if values.shape != shape:
+            raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=shape)
         if np.isinf(values).any():
             raise InvalidInput("a score is finite, or NaN where it is undefined", field="scores", value="infinite")
         self._batches.popleft()
@@ -77,7 +115,7 @@ def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, bu
 
     Args:
         strategy: any.
-        measure: (n, dimensions) points to (n,) scores, NaN where undefined.
+        measure: (n, dimensions) points to scores as the strategy takes them, NaN where undefined.
         budget: largest number of evaluations.
         batch: largest number of points at a time.
 
@@ -86,7 +124,7 @@ def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, bu
     """
     spent = 0
     while spent < budget:
-        points = strategy.ask(min(batch, budget - spent))
+        points = strategy.ask(min(batch, budget - spent)).points
         if not len(points):
             break
         strategy.tell(points, measure(points))

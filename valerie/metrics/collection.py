@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from valerie.labels import NUM_TRAIN_CLASSES, PERSON, TRAIN_LABELS, Label
 from valerie.metrics.aggregate import FrameMean, frame_mean, pooled
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import ClassCounts, class_counts, fwiou, macc, miou, pixel_accuracy
+from valerie.plain import JsonObject
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class CollectionScores:
         """Return the scores of one evaluated class."""
         return self.classes[label.train_id]
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> JsonObject:
         """Return JSON values: ratios in [0, 1], None where undefined.
 
         ``classes`` holds the judged classes. ``confusion`` holds all counts: rows are the truth, columns the prediction,

@@ -41,16 +41,23 @@ class InstanceCounts(NamedTuple):
         instance_id: label id × 1000 + n.
         tp: pixels predicted as the person's class.
         fn: pixels predicted as anything else.
+        tp_empty: pixels predicted as the person's class where nobody stands; None if that is not known.
     """
 
     instance_id: int
     tp: int
     fn: int
+    tp_empty: int | None = None
 
     @property
     def pacc(self) -> float | None:
         """The person's pACC; None without a visible pixel."""
         return pacc(self.tp, self.fn)
+
+    @property
+    def pacc_empty(self) -> float | None:
+        """The pACC of the same pixels without the person; None without a visible pixel, or if it is not known."""
+        return None if self.tp_empty is None else pacc(self.tp_empty, self.tp + self.fn - self.tp_empty)
 
     @property
     def measures(self) -> dict[str, float | None]:
@@ -59,7 +66,11 @@ class InstanceCounts(NamedTuple):
 
 
 def person_counts(
-    truth: InstanceTruth, predicted: NDArray[np.uint8], label: Label = PERSON
+    truth: InstanceTruth,
+    predicted: NDArray[np.uint8],
+    label: Label = PERSON,
+    *,
+    empty: NDArray[np.uint8] | None = None,
 ) -> tuple[InstanceCounts, ...]:
     """Count tp and fn of every person in the scene; a false positive belongs to no person.
 
@@ -67,6 +78,7 @@ def person_counts(
         truth: ground truth of the frame. A person without a visible pixel gets tp = fn = 0, and so no pACC.
         predicted: (H, W) uint8 train ids.
         label: class of the instances; a pixel predicted as this class is right.
+        empty: (H, W) uint8, the prediction of the same scene without movables.
 
     Returns:
         One entry per person, by ascending instance id.
@@ -75,18 +87,22 @@ def person_counts(
         InvalidInput: the maps differ in shape.
     """
     instance_map = truth.instance_map
-    if instance_map.shape != predicted.shape:
-        limit = instance_map.shape
-        raise InvalidInput("differs from the truth in shape", field="predicted", value=predicted.shape, limit=limit)
+    for field, given in (("predicted", predicted), ("empty", empty)):
+        if given is not None and given.shape != instance_map.shape:
+            limit = instance_map.shape
+            raise InvalidInput("differs from the truth in shape", field=field, value=given.shape, limit=limit)
     first = label.id * 1000
     # Unsigned arithmetic wraps, so one comparison tests first ≤ id ≤ first + 999.
     places = np.flatnonzero(instance_map.ravel() - np.uint16(first) < 1000)
     numbers = instance_map.ravel()[places] - np.uint16(first)
-    correct = predicted.ravel()[places] == label.train_id
     visible = np.bincount(numbers, minlength=1000)
-    hits = np.bincount(numbers[correct], minlength=1000)
+
+    def hits(labels: NDArray[np.uint8]) -> NDArray[np.int64]:
+        return np.bincount(numbers[labels.ravel()[places] == label.train_id], minlength=1000)
+
+    tp, tp_empty = hits(predicted), None if empty is None else hits(empty)
     listed = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}
     return tuple(
-        InstanceCounts(first + n, int(hits[n]), int(visible[n] - hits[n]))
+        InstanceCounts(first + n, int(tp[n]), int(visible[n] - tp[n]), None if tp_empty is None else int(tp_empty[n]))
         for n in sorted(listed | set(np.flatnonzero(visible).tolist()))
     )

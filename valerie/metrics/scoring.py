@@ -46,16 +46,23 @@ class ScoredFrame:
         return next((one for one in self.persons if one.instance_id == instance_id), InstanceCounts(instance_id, 0, 0))
 
 
-def score_frame(truth: LabelledTruth, prediction: NDArray[np.uint8], judged: Sequence[int]) -> ScoredFrame:
+def score_frame(
+    truth: LabelledTruth,
+    prediction: NDArray[np.uint8],
+    judged: Sequence[int],
+    *,
+    empty: NDArray[np.uint8] | None = None,
+) -> ScoredFrame:
     """Score a prediction.
 
     Args:
         truth: of the frame, in step with the picture.
         prediction: (H, W) uint8 train ids.
         judged: train ids of the classes that the function is judged by.
+        empty: (H, W) uint8, its prediction of the same scene without movables.
 
     Raises:
         InvalidInput: prediction and truth differ in shape.
     """
     matrix = confusion_matrix(to_train_ids(truth.class_map), prediction)
-    return ScoredFrame(matrix, frame_scores(matrix, classes=judged), person_counts(truth, prediction))
+    return ScoredFrame(matrix, frame_scores(matrix, classes=judged), person_counts(truth, prediction, empty=empty))

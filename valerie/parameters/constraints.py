@@ -8,7 +8,8 @@ the parameter's unit. Types are checked when a constraint is compiled. No text i
 tree becomes closures.
 
 The same grammar selects rows of results (`valerie.runs.where`), where values may be missing. Logic then has three
-values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds.
+values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds. A
+quotient by zero is a missing value, and ``pacc is undefined`` asks for one. `Constraint.sql` says the same in SQL.
 """
 
 from __future__ import annotations
@@ -30,11 +31,12 @@ from lark.visitors import Transformer_NonRecursive
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterType, Value
+from valerie.plain import Row
 
 MAX_LENGTH: Final = 2000
 MAX_DEPTH: Final = 32
 
-_Evaluate = Callable[[Mapping[str, Any]], Any]
+_Evaluate = Callable[[Row], Any]
 
 _GRAMMAR: Final = r"""
 start: disjunction
@@ -43,6 +45,7 @@ start: disjunction
 ?negation: _NOT negation -> negated
     | comparison
 ?comparison: total (COMPARE total)*
+    | total _IS _UNDEFINED -> undefined
 ?total: product ((PLUS | MINUS) product)*
 ?product: factor (PRODUCT factor)*
 ?factor: MINUS factor -> minus
@@ -64,12 +67,14 @@ _AND.2: /and(?![A-Za-z0-9_])/
 _NOT.2: /not(?![A-Za-z0-9_])/
 _TRUE.2: /true(?![A-Za-z0-9_])/
 _FALSE.2: /false(?![A-Za-z0-9_])/
+_IS.2: /is(?![A-Za-z0-9_])/
+_UNDEFINED.2: /undefined(?![A-Za-z0-9_])/
 %ignore /\s+/
 """
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.\-]*")
-_WORDS: Final = frozenset({"and", "or", "not", "true", "false"})
+_WORDS: Final = frozenset({"and", "or", "not", "true", "false", "is", "undefined"})
 #: The language in one line, for errors.
-_ALLOWED: Final = "names, numbers, 'text', < <= > >= == !=, + - * /, and, or, not, ( )"
+_ALLOWED: Final = "names, numbers, 'text', < <= > >= == !=, is undefined, + - * /, and, or, not, ( )"
 _COMPARE: Final[dict[str, Callable[[Any, Any], bool]]] = {
     "<": operator.lt,
     "<=": operator.le,
@@ -78,15 +83,23 @@ _COMPARE: Final[dict[str, Callable[[Any, Any], bool]]] = {
     "==": operator.eq,
     "!=": operator.ne,
 }
+
+
+def _quotient(a: float, b: float) -> float | None:
+    return a / b if b else None
+
+
 _ARITHMETIC: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "+": operator.add,
     "-": operator.sub,
     "−": operator.sub,
     "*": operator.mul,
     "×": operator.mul,
-    "/": operator.truediv,
-    "÷": operator.truediv,
+    "/": _quotient,
+    "÷": _quotient,
 }
+#: Operators that SQL writes in another way.
+_SQL: Final = {"==": "=", "!=": "<>", "−": "-", "×": "*", "÷": "/"}
 
 
 class Operand(Protocol):
@@ -116,10 +129,23 @@ class _Kind(StrEnum):
     TRUTH = "true or false"
 
 
+class Sql(NamedTuple):
+    """A condition in SQL, where a path is the quoted name of a column.
+
+    Attributes:
+        text: with a question mark for each value.
+        values: to bind, in their order; a text of a request is never part of ``text``.
+    """
+
+    text: str
+    values: tuple[float | str, ...] = ()
+
+
 class _Term(NamedTuple):
-    """A part of a constraint: its closure, kind and depth, and its origin if it is a bare name or text."""
+    """A part of a constraint: its closure, SQL, kind and depth, and its origin if it is a bare name or text."""
 
     evaluate: _Evaluate
+    sql: Sql
     kind: _Kind
     definition: Operand | None = None
     text: str | None = None
@@ -133,24 +159,23 @@ class Constraint:
     Attributes:
         text: source.
         paths: of the parameters in it.
+        sql: the same for a table whose columns are the paths.
     """
 
     text: str
     paths: frozenset[str]
+    sql: Sql
     _evaluate: _Evaluate
 
-    def holds(self, values: Mapping[str, Any]) -> bool:
+    def holds(self, values: Row) -> bool:
         """Return True if a variant meets the constraint.
 
-        A division by zero does not meet it, nor does a comparison that depends on a missing value.
+        A comparison that depends on a missing value, or on a quotient by zero, does not meet it.
 
         Args:
             values: path to value; absent paths take their defaults.
         """
-        try:
-            return bool(self._evaluate(values))
-        except ZeroDivisionError:
-            return False
+        return bool(self._evaluate(values))
 
 
 def compile_constraint(
@@ -175,7 +200,7 @@ def compile_constraint(
         term = compiler.transform(_parse(text, names, field, word))
     except VisitError as error:
         raise error.orig_exc from None
-    return Constraint(text, frozenset(compiler.paths), term.evaluate)
+    return Constraint(text, frozenset(compiler.paths), term.sql, term.evaluate)
 
 
 @lru_cache(maxsize=16)
@@ -200,25 +225,40 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
 
     def disjunction(self, meta: Meta, *terms: _Term) -> _Term:
         parts = [self._truth(meta, term).evaluate for term in terms]
-        return self._term(meta, lambda values: _any(part(values) for part in parts), _Kind.TRUTH, terms)
+        return self._term(
+            meta, lambda values: _any(part(values) for part in parts), _joined("OR", terms), _Kind.TRUTH, terms
+        )
 
     def conjunction(self, meta: Meta, *terms: _Term) -> _Term:
         parts = [self._truth(meta, term).evaluate for term in terms]
-        return self._term(meta, lambda values: _all(part(values) for part in parts), _Kind.TRUTH, terms)
+        return self._term(
+            meta, lambda values: _all(part(values) for part in parts), _joined("AND", terms), _Kind.TRUTH, terms
+        )
 
     def negated(self, meta: Meta, term: _Term) -> _Term:
         negated = self._truth(meta, term).evaluate
-        return self._term(meta, lambda values: _unless_missing(operator.not_, negated(values)), _Kind.TRUTH, [term])
+        return self._term(
+            meta, lambda values: _unless_missing(operator.not_, negated(values)), _spliced("(NOT ", term, ")"),
+            _Kind.TRUTH, [term],
+        )  # fmt: skip
+
+    def undefined(self, meta: Meta, term: _Term) -> _Term:
+        evaluate = term.evaluate
+        return self._term(
+            meta, lambda values: evaluate(values) is None, _spliced("(", term, " IS NULL)"), _Kind.TRUTH, [term]
+        )
 
     def comparison(self, meta: Meta, first: _Term, *rest: Token | _Term) -> _Term:
         signs, terms = rest[::2], [first, *cast("tuple[_Term, ...]", rest[1::2])]
-        pairs = []
+        pairs, compared = [], []
         for (left, right), sign in zip(pairwise(terms), signs, strict=True):
             self._comparable(meta, left, str(sign), right)
             pairs.append((left.evaluate, _COMPARE[str(sign)], right.evaluate))
+            compared.append(_spliced("(", left, f" {_SQL.get(str(sign), sign)} ", right, ")"))
         return self._term(
             meta,
             lambda values: _all(_unless_missing(compare, a(values), b(values)) for a, compare, b in pairs),
+            _joined("AND", compared),
             _Kind.TRUTH,
             terms,
         )
@@ -226,10 +266,10 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
     def total(self, meta: Meta, first: _Term, *rest: Token | _Term) -> _Term:
         terms = cast("tuple[_Term, ...]", rest[1::2])
         start = self._number(meta, first).evaluate
-        steps = [
-            (_ARITHMETIC[str(sign)], self._number(meta, term).evaluate)
-            for sign, term in zip(rest[::2], terms, strict=True)
-        ]
+        steps, sql = [], first.sql
+        for sign, term in zip(rest[::2], terms, strict=True):
+            steps.append((_ARITHMETIC[str(sign)], self._number(meta, term).evaluate))
+            sql = _spliced("(", sql, f" {_SQL.get(str(sign), sign)} ", term, ")")
 
         def evaluate(values: Mapping[str, Value]) -> Any:
             result = start(values)
@@ -237,45 +277,51 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
                 result = _unless_missing(apply, result, operand(values))
             return result
 
-        return self._term(meta, evaluate, _Kind.NUMBER, [first, *terms])
+        return self._term(meta, evaluate, sql, _Kind.NUMBER, [first, *terms])
 
     product = total
 
     def minus(self, meta: Meta, _sign: Token, term: _Term) -> _Term:
         negated = self._number(meta, term).evaluate
-        return self._term(meta, lambda values: _unless_missing(operator.neg, negated(values)), _Kind.NUMBER, [term])
+        return self._term(
+            meta, lambda values: _unless_missing(operator.neg, negated(values)), _spliced("(- ", term, ")"),
+            _Kind.NUMBER, [term],
+        )  # fmt: skip
 
     def brackets(self, meta: Meta, term: _Term) -> _Term:
-        return self._term(meta, term.evaluate, term.kind, [term])
+        return self._term(meta, term.evaluate, term.sql, term.kind, [term])
 
     def number(self, meta: Meta, token: Token) -> _Term:
         number = float(token)
         if not math.isfinite(number):
             raise self._error("the number is too large", meta)
-        return _Term(lambda _: number, _Kind.NUMBER)
+        return _Term(lambda _: number, Sql("?::DOUBLE", (number,)), _Kind.NUMBER)
 
     def text(self, _meta: Meta, token: Token) -> _Term:
         text = str(token)[1:-1]
-        return _Term(lambda _: text, _Kind.TEXT, text=text)
+        return _Term(lambda _: text, Sql("?::VARCHAR", (text,)), _Kind.TEXT, text=text)
 
     def true(self, _meta: Meta) -> _Term:
-        return _Term(lambda _: True, _Kind.TRUTH)
+        return _Term(lambda _: True, Sql("TRUE"), _Kind.TRUTH)
 
     def false(self, _meta: Meta) -> _Term:
-        return _Term(lambda _: False, _Kind.TRUTH)
+        return _Term(lambda _: False, Sql("FALSE"), _Kind.TRUTH)
 
     def name(self, _meta: Meta, token: Token) -> _Term:
         definition = self._names[str(token)]
         path, default = definition.path, definition.default
         self.paths.add(path)
         kind = {ParameterType.BOOL: _Kind.TRUTH, ParameterType.CATEGORICAL: _Kind.TEXT}
-        return _Term(lambda values: values.get(path, default), kind.get(definition.type, _Kind.NUMBER), definition)
+        return _Term(
+            lambda values: values.get(path, default), Sql(quoted(path)), kind.get(definition.type, _Kind.NUMBER),
+            definition,
+        )  # fmt: skip
 
-    def _term(self, meta: Meta, evaluate: _Evaluate, kind: _Kind, parts: Sequence[_Term]) -> _Term:
+    def _term(self, meta: Meta, evaluate: _Evaluate, sql: Sql, kind: _Kind, parts: Sequence[_Term]) -> _Term:
         depth = 1 + max(part.depth for part in parts)
         if depth > MAX_DEPTH:
             raise self._error(f"nested more than {MAX_DEPTH} deep", meta)
-        return _Term(evaluate, kind, depth=depth)
+        return _Term(evaluate, sql, kind, depth=depth)
 
     def _comparable(self, meta: Meta, left: _Term, sign: str, right: _Term) -> None:
         if left.kind is not right.kind:
@@ -321,6 +367,22 @@ def _parse(text: str, names: Mapping[str, Operand], field: str, word: str) -> Tr
 
 def _refused(message: str, text: str, place: int, field: str) -> InvalidInput:
     return InvalidInput(f"{message} (character {place + 1})", field=field, value=text, limit=_ALLOWED)
+
+
+def quoted(name: str) -> str:
+    """Return the name of a column as SQL writes it."""
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _spliced(*parts: str | Sql | _Term) -> Sql:
+    """Return SQL made of texts and of the SQL of terms."""
+    pieces = [Sql(part) if isinstance(part, str) else part.sql if isinstance(part, _Term) else part for part in parts]
+    return Sql("".join(piece.text for piece in pieces), tuple(value for piece in pieces for value in piece.values))
+
+
+def _joined(word: str, parts: Sequence[_Term | Sql]) -> Sql:
+    first, *others = parts
+    return _spliced("(", first, *(piece for part in others for piece in (f" {word} ", part)), ")")
 
 
 def _unless_missing(apply: Callable[..., Any], *operands: Any) -> Any:

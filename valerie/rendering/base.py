@@ -50,8 +50,16 @@ class Rectangle:
 
     def clipped(self, width: int, height: int) -> Self:
         """Return the part inside an image of ``width`` × ``height`` pixels."""
-        x0, y0 = max(self.x, 0), max(self.y, 0)
-        x1, y1 = min(self.x + self.width, width), min(self.y + self.height, height)
+        return self.common(type(self)(0, 0, width, height))
+
+    def widened(self, by: int) -> Self:
+        """Return the rectangle with ``by`` pixels more on each side."""
+        return type(self)(self.x - by, self.y - by, self.width + 2 * by, self.height + 2 * by)
+
+    def common(self, other: Self) -> Self:
+        """Return the part inside another rectangle."""
+        x0, y0 = max(self.x, other.x), max(self.y, other.y)
+        x1, y1 = min(self.x + self.width, other.x + other.width), min(self.y + self.height, other.y + other.height)
         return type(self)(x0, y0, max(x1 - x0, 0), max(y1 - y0, 0))
 
 
@@ -103,6 +111,10 @@ class Renderer(Protocol):
       meets this only up to its noise; its contract test sets `RendererContract.noisy`.
     - ``background`` does not depend on movables.
     - A black or constant image raises `RenderingError`.
+
+    - ``part(s, v, w)``, which an engine may have, equals ``full(s, v)`` in the rectangle ``w``: (w.height, w.width, 3) float16. A
+      rolling shutter asks for one part per slice of the image (`valerie.rendering.scanning`). Of an engine without it, it takes
+      whole frames.
 
     A `valerie.rendering.engine.Engine` declares the engine's settings and abilities. An engine with settings takes them as its
     only argument. An engine that computes in another process has a property ``cpu_seconds_elsewhere``: the CPU seconds of that

@@ -6,7 +6,7 @@ images. The pass caches the labels of the statics per camera and draws the movab
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -85,16 +85,26 @@ class TruthPass:
         """
         with self._frame(scene, view) as frame:
             rectangle, part = self._with_movables(frame)
-            bodies: dict[int, list[PlacedMesh]] = {}
-            for mesh in (*frame.standing, *frame.prepared.placed):
-                if mesh.item.node.label_id == PERSON.id:
-                    bodies.setdefault(mesh.item.node.instance_id, []).append(mesh)
             statics = frame.statics.truth
             instance_map = _InstanceMap(statics.instance_map, rectangle, part[1])
             persons = tuple(
-                self._person(frame, number, meshes, instance_map) for number, meshes in sorted(bodies.items())
+                self._person(frame, number, meshes, instance_map) for number, meshes in _bodies(frame).items()
             )
             return statics, _layer(statics, rectangle, part, persons)
+
+    def part(self, scene: Scene, view: View, window: Rectangle) -> GroundTruth:
+        """Return the ground truth of a rectangle; see `valerie.rendering.truth.TruthMaker.part`.
+
+        Raises:
+            UnknownName: the scene has no such camera.
+        """
+        with self._frame(scene, view, window) as frame:
+            classes, instances, depth = self._drawn(frame, window)
+            visible = _InstanceMap(np.zeros((view.height, view.width), np.uint16), window, instances)
+            persons = tuple(
+                self._person(frame, number, meshes, visible, window) for number, meshes in _bodies(frame).items()
+            )
+        return GroundTruth(classes, instances, depth, persons)
 
     def normals(self, scene: Scene, view: View) -> Normals:
         """Return the surface normal at each pixel centre, for the surfaces of `truth`.
@@ -133,7 +143,8 @@ class TruthPass:
                 self._copy.release()
 
     @contextmanager
-    def _frame(self, scene: Scene, view: View) -> Iterator[_Frame]:
+    def _frame(self, scene: Scene, view: View, window: Rectangle | None = None) -> Iterator[_Frame]:
+        """Prepare a scene and a view. With a window, the statics are drawn only there unless the whole is in the cache."""
         camera = camera_of(scene, view)
         with self._context.current() as gl:
             prepared = self._context.scenes.prepare(scene)
@@ -141,33 +152,41 @@ class TruthPass:
             people = draw_items(scene, movable=False, label_id=PERSON.id)
             standing = self._context.scenes.place(scene, people, prepared.statics, materials)
             table = table_texture(gl, Prepared(scene, prepared.statics, (), tuple(materials)).table())
-            key = (prepared.statics.key, *camera_key(camera, view))
+            key: tuple[Hashable, ...] = (prepared.statics.key, *camera_key(camera, view))
+            drawn = Rectangle(0, 0, view.width, view.height)
+            if window is not None and key not in self._statics:
+                key, drawn = (*key, window), window
             try:
-                statics = self._statics.get(key, lambda: self._draw_statics(prepared, camera, view, table))
+                statics = self._statics.get(key, lambda: self._draw_statics(prepared, camera, view, table, drawn))
                 yield _Frame(prepared, standing, camera, view, table, statics)
             finally:
                 table.release()
 
-    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> _StaticLabels:
-        labels = _Labels(self._context.gl, view)
-        everything = Rectangle(0, 0, view.width, view.height)
+    def _draw_statics(
+        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, drawn: Rectangle
+    ) -> _StaticLabels:
+        labels, area = _Labels(self._context.gl, view), gl_rectangle(drawn, view)
         self._sky.run(
             labels.target,
-            one_span(gl_rectangle(everything, view)),
+            one_span(area),
             {},
             {"sky_label": SKY.id, "nothing": float("inf")},
             depth="written",
         )
-        labels.target.use()
+        labels.target.use(area)
         self._labels.statics(prepared.statics, table, _camera_values(camera, view))
-        return _StaticLabels(labels, GroundTruth(*labels.read(everything, view), ()))
+        return _StaticLabels(labels, GroundTruth(*labels.read(drawn, view), ()))
 
     def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
         """Return a rectangle that bounds the pixels of the movables, and its labels with movables."""
-        prepared, view = frame.prepared, frame.view
-        rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], frame.camera, view)
+        rectangle = covered_rectangle([mesh.corners for mesh in frame.prepared.placed], frame.camera, frame.view)
         if rectangle.empty:
             return rectangle, (np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint16), np.zeros((0, 0), np.float32))
+        return rectangle, self._drawn(frame, rectangle)
+
+    def _drawn(self, frame: _Frame, rectangle: Rectangle) -> Maps:
+        """Return the labels of a rectangle, with movables."""
+        prepared, view = frame.prepared, frame.view
         work = self._work.get((view.width, view.height), lambda: _Labels(self._context.gl, view))
         area, statics = gl_rectangle(rectangle, view), frame.statics.labels.target
         assert statics.depth is not None
@@ -180,17 +199,25 @@ class TruthPass:
         work.target.use(area)
         values = _camera_values(frame.camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)
-        return rectangle, work.read(rectangle, view)
+        return work.read(rectangle, view)
 
     def _person(
-        self, frame: _Frame, instance_id: int, meshes: Sequence[PlacedMesh], instance_map: _InstanceMap
+        self,
+        frame: _Frame,
+        instance_id: int,
+        meshes: Sequence[PlacedMesh],
+        instance_map: _InstanceMap,
+        window: Rectangle | None = None,
     ) -> PersonTruth:
-        """Draw one person alone, on a canvas padded by half an image on each side."""
+        """Draw one person alone, on a canvas padded by half an image on each side, or only in a window of the image."""
         camera, view = frame.camera, frame.view
         pad_x, pad_y = (view.width + 1) // 2, (view.height + 1) // 2
         canvas = View(view.camera, view.width + 2 * pad_x, view.height + 2 * pad_y)
         rectangle = covered_rectangle([mesh.corners for mesh in meshes], camera, view, pad_x, pad_y)
+        if window is not None:
+            rectangle = rectangle.common(Rectangle(window.x + pad_x, window.y + pad_y, window.width, window.height))
         if rectangle.empty:
+            rectangle = Rectangle(0, 0, 0, 0)
             return PersonTruth(instance_id, rectangle, np.zeros((0, 0), np.bool_), 0, (view.height, view.width))
         target = self._canvas.get(
             (canvas.width, canvas.height),
@@ -214,6 +241,15 @@ class TruthPass:
         box = bounds(amodal)
         whole = Rectangle(inside.x + box.x, inside.y + box.y, box.width, box.height) if not box.empty else box
         return PersonTruth(instance_id, whole, amodal[box.slices].copy(), padded, (view.height, view.width))
+
+
+def _bodies(frame: _Frame) -> dict[int, list[PlacedMesh]]:
+    """Return the meshes of each person, by ascending instance id."""
+    bodies: dict[int, list[PlacedMesh]] = {}
+    for mesh in (*frame.standing, *frame.prepared.placed):
+        if mesh.item.node.label_id == PERSON.id:
+            bodies.setdefault(mesh.item.node.instance_id, []).append(mesh)
+    return dict(sorted(bodies.items()))
 
 
 #: Class, instance and depth maps of a rectangle.

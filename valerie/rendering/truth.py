@@ -6,7 +6,7 @@ from typing import ClassVar, Protocol
 
 from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
-from valerie.rendering.base import GroundTruth, TruthLayer, View
+from valerie.rendering.base import GroundTruth, Rectangle, TruthLayer, View
 from valerie.scene.graph.model import Scene
 
 
@@ -33,6 +33,13 @@ class TruthMaker(Protocol):
 
         The ground truth without movables is the same object at each call while its camera stays in the cache. It has no
         person masks: the layer has them all.
+        """
+        ...
+
+    def part(self, scene: Scene, view: View, window: Rectangle) -> GroundTruth:
+        """Return the ground truth of a rectangle of the image.
+
+        The maps have its size. The amodal masks are those of `truth` within it; pixels beyond are not counted.
         """
         ...
 

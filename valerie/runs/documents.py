@@ -16,6 +16,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
+from valerie.plain import Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.statistic import parse_statistic
@@ -143,10 +144,13 @@ class RunSpec(Document):
         cameras: names of the asset's cameras; by default all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
-        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity.
+        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
+            a rolling shutter requests ``scan``.
         labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
         sensors: sensor settings; each frame has one picture for each of them.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
+        infer_backgrounds: true: functions also see each background without movables, which gives ``pacc_empty``; false:
+            they do not; by default they do where a run has at most a tenth as many backgrounds as frames.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
         requirements: that the run is evidence for; each gets a verdict.
         parent_run, iteration: the run that this one refines, and the number of the round.
@@ -173,6 +177,7 @@ class RunSpec(Document):
     labels: LabelPolicy = LabelPolicy.EXACT
     sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
+    infer_backgrounds: bool | None = None
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
     requirements: Annotated[tuple[RequirementDocument, ...], Field(max_length=1000)] = ()
     parent_run: Name | None = None
@@ -259,6 +264,8 @@ class RunSpec(Document):
     def digest(self) -> str:
         """Digest of the whole document, the same for both notations."""
         document = self.model_dump(mode="json")
+        if self.infer_backgrounds is None:
+            del document["infer_backgrounds"]  # specs from before this field keep their digest
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
@@ -277,7 +284,7 @@ class RunSpec(Document):
         return self
 
 
-def engine_name(renderer: str | Mapping[str, Any]) -> str:
+def engine_name(renderer: str | Written) -> str:
     """Return the engine's name from either form of a spec's ``renderer``."""
     return renderer if isinstance(renderer, str) else str(renderer["name"])
 

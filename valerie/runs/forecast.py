@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -50,6 +49,7 @@ class ProductPlan(BaseModel):
 
     Attributes:
         kind, maker: of the products; see `valerie.runs.costs.CostKey`.
+        empty: True for predictions of backgrounds without movables.
         needed: number of distinct products in the run.
         present: number of these that are stored; None if that is not known, and then none counts as stored.
         cpu_seconds, bytes: of the rest.
@@ -65,6 +65,7 @@ class ProductPlan(BaseModel):
     cpu_seconds: float
     bytes: int
     basis: Basis
+    empty: bool = False
 
     @property
     def to_make(self) -> int:
@@ -224,11 +225,13 @@ class _Survey:
 
     Attributes:
         digests: of the products, each 16 bytes, one after the other, by kind and maker.
+        empty: the same of predictions of backgrounds without movables, by function.
         rejected: reason to number of variants.
         camera_poses: frames by camera index and values of the camera's parameters.
     """
 
     digests: dict[tuple[ProductKind, str], bytearray]
+    empty: dict[str, bytearray]
     rejected: Counter[str]
     camera_poses: Counter[tuple[Any, ...]]
 
@@ -244,6 +247,8 @@ class _Survey:
             function = spec.functions[evaluation.function_index]
             digests[ProductKind.PREDICTION, function] += bytes.fromhex(evaluation.prediction)
             digests[ProductKind.EVALUATION, ""] += bytes.fromhex(evaluation.scores)
+            if evaluation.empty is not None:
+                self.empty.setdefault(function, bytearray()).extend(bytes.fromhex(evaluation.empty))
 
 
 def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Survey:
@@ -257,6 +262,7 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
             **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
             (ProductKind.EVALUATION, ""): bytearray(),
         },
+        {},
         Counter(),
         Counter(),
     )
@@ -272,7 +278,7 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
                 survey.camera_poses[camera, *(moment.get(path) for path in camera_paths[camera])] += 1
-                survey.add(spec, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
+                survey.add(spec, inputs.frame(moment, camera, course=resolved.around(values, time)))
     return survey
 
 
@@ -316,7 +322,11 @@ class _Forecast:
     def products(self) -> tuple[ProductPlan, ...]:
         """Return the products by kind and maker, in the order of the survey."""
         plans = (self._product(kind, maker, digests) for (kind, maker), digests in self.survey.digests.items())
-        return tuple(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans)
+        empty = (
+            self._product(ProductKind.PREDICTION, function, digests).model_copy(update={"empty": True})
+            for function, digests in self.survey.empty.items()
+        )
+        return (*(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans), *empty)
 
     def _product(self, kind: ProductKind, maker: str, digests: bytearray) -> ProductPlan:
         distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
@@ -393,7 +403,7 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
 
 
 def _any_pins(resolved: ResolvedRun) -> Pins:
-    """Return pins that keep different products apart and equal none that is stored."""
+    """Return pins under which different products have different digests, none of them stored."""
     render = Offer(stage=Stage.RENDER, name="", numeric_class="", revision=0, route="")
     functions = {
         name: FunctionPin(
@@ -406,10 +416,10 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, list[str]] = {}
+    by_basis: dict[Basis, dict[str, None]] = {}
     for product in products:
         if product.needed:
-            by_basis.setdefault(product.basis, []).append(" ".join(filter(None, (product.kind.value, product.maker))))
+            by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
         Basis.RECORDED: "recorded here: {}",
         Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",

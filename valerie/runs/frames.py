@@ -53,12 +53,14 @@ class FrameProducts:
         layer: what the movables change in it.
         truth: the ground truth.
         velocity: the velocity of every pixel; None if the run does not need it.
+        scan: the frame as a rolling shutter reads it; None if no sensor has one.
     """
 
     background: str
     layer: str
     truth: str
     velocity: str | None = None
+    scan: str | None = None
 
     @property
     def required(self) -> tuple[str, str, str]:

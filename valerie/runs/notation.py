@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.definitions import ParameterType
+from valerie.plain import Written
 from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomogeneous
 
 #: Fields of a single block at the top level.
@@ -31,7 +32,7 @@ _COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} ta
 _WORDS: Final = {**SHORT_WORDS, "scene_graph_ref": "path"}
 
 
-def normalized(document: dict[str, Any]) -> dict[str, Any]:
+def normalized(document: Written) -> Written:
     """Return the document in canonical form; other fields stay unchanged, and the model checks them.
 
     Raises:
@@ -44,7 +45,7 @@ def normalized(document: dict[str, Any]) -> dict[str, Any]:
 
 
 #: Converts one entry, given as it was written, with its name if it is in a mapping, and its place.
-_Read = Callable[[Any, str | None, str], dict[str, Any]]
+_Read = Callable[[Any, str | None, str], Written]
 
 
 class _EntryKind(NamedTuple):
@@ -56,7 +57,7 @@ class _EntryKind(NamedTuple):
     """
 
     read: _Read
-    placeholder: dict[str, Any]
+    placeholder: Written
 
 
 class Normalization:
@@ -68,13 +69,13 @@ class Normalization:
         places: dotted place in canonical form to the place where the user wrote it, where they differ.
     """
 
-    def __init__(self, document: dict[str, Any]) -> None:
+    def __init__(self, document: Written) -> None:
         self.problems: list[InvalidInput] = []
         self.places: dict[str, str] = {}
         self.document = self._spec(dict(document))
 
-    def _spec(self, spec: dict[str, Any]) -> dict[str, Any]:
-        top_level: dict[str, Any] = {key: spec.pop(key) for key in TOP_LEVEL if key in spec}
+    def _spec(self, spec: Written) -> Written:
+        top_level: Written = {key: spec.pop(key) for key in TOP_LEVEL if key in spec}
         blocks = spec.get("blocks")
         if top_level and "blocks" in spec:
             message = f"a spec has either blocks or {', '.join(top_level)} at the top level"
@@ -108,7 +109,7 @@ class Normalization:
         )
         return [1, 1]
 
-    def _block(self, block: dict[str, Any], place: str, written_place: str) -> dict[str, Any]:
+    def _block(self, block: Written, place: str, written_place: str) -> Written:
         if "vary" not in block:
             return block
         return {**block, "vary": self._entries(block["vary"], f"{place}vary", f"{written_place}vary", _VARIED)}
@@ -118,7 +119,7 @@ class Normalization:
         if not isinstance(entries, dict | list | tuple):
             return entries
         pairs = list(entries.items()) if isinstance(entries, dict) else [(None, entry) for entry in entries]
-        objects: list[dict[str, Any]] = []
+        objects: list[Written] = []
         for i, (name, entry) in enumerate(pairs):
             field = f"{written_place}.{i if name is None else name}"
             self.places[f"{place}.{i}"] = field
@@ -159,7 +160,7 @@ def _varied(entry: Any, name: str | None, field: str) -> Any:
     raise InvalidInput("not an entry of vary", field=field, value=entry, limit=VariedHomogeneous.list_form("p1"))
 
 
-def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
+def _varied_list(entry: list[Any], field: str) -> Written:
     if len(entry) < 2 or not all(isinstance(word, str) for word in entry[:2]):
         raise InvalidInput(
             "a list has a parameter, a distribution and numbers", field=field, value=entry,
@@ -179,7 +180,7 @@ def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
     return {**head, **dict(zip(model.listed, numbers, strict=True))}
 
 
-def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
+def _varied_mapping(entry: Any, name: str, field: str) -> Written:
     form = f"{name}: {_mapping_form(VariedHomogeneous.word())}"
     if isinstance(entry, dict) and "distribution" in entry:
         return {"parameter": name, **_spelled(entry, field)}
@@ -204,7 +205,7 @@ def _declared(entry: Any, name: str | None, field: str) -> Any:
         return declaration if name is None else {"name": name, **declaration}
     if name is not None or not isinstance(entry, list | tuple):
         raise InvalidInput("not a parameter declaration", field=field, value=entry, limit=form)
-    words: dict[str, Any] = dict(zip(("name", "path", "type"), entry, strict=False))
+    words: Written = dict(zip(("name", "path", "type"), entry, strict=False))
     rest = list(entry[3:])
     if words.get("type") == ParameterType.CATEGORICAL:
         choices = rest[0] if len(rest) == 1 and isinstance(rest[0], list) else rest
@@ -276,9 +277,9 @@ def _short_words(entry: Any) -> Iterator[str]:
             yield from _short_words(value)
 
 
-def _spelled(entry: dict[str, Any], field: str) -> dict[str, Any]:
+def _spelled(entry: Written, field: str) -> Written:
     """Return the entry with the model's field names instead of the short words."""
-    fields: dict[str, Any] = {}
+    fields: Written = {}
     for key, value in entry.items():
         name = _WORDS.get(key, key)
         if name in fields:

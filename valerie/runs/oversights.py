@@ -14,11 +14,16 @@ from valerie.runs.motion import Times
 from valerie.runs.requirements import Requirement
 from valerie.runs.sensors import SensorNeeds
 from valerie.runs.vocabulary import Vocabulary
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
 from valerie.scene.motion.trajectory import TIME_PATH
+from valerie.scene.variation.conditions import conditions
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT
 from valerie.statistics.verdicts import units_to_decide
 
+#: Variants whose sun is looked at, evenly over the run; below this elevation, an exposure below that many stops is black.
+_LOOKED_AT, _TWILIGHT_DEG, _NIGHT_EV = 64, -6.0, 4.0
 #: Largest number of values of a range that a warning lists.
 _LISTED: Final = 5
 
@@ -44,6 +49,15 @@ def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool)
         moves: True if the run has a sequence, time or trajectories.
     """
     for sensor, need in zip(spec.sensors, needs, strict=True):
+        if need.scan:
+            yield (
+                f"sensor {sensor.name}: a rolling shutter "
+                + (
+                    "renders each frame in slices, whose number follows from the motion: at most one per line"
+                    if moves
+                    else "changes nothing: the run has no sequence, time or trajectories"
+                )
+            )
         if need.velocity is not None and not moves:
             yield (
                 f"sensor {sensor.name}: {need.velocity} changes nothing: the run has no sequence, time or trajectories"
@@ -83,8 +97,29 @@ def oversights(
             f"renderer {spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
             "fences), its images do not match the ground truth"
         )
+    yield from _about_exposure(spec, space, manifest)
     if not spec.functions:
         yield "no function under test: the run makes frames and truth, and evaluates nothing"
+
+
+def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) -> Iterator[str]:
+    """Say where a fixed exposure for the day meets the night: the picture is black."""
+    step = max(space.size // _LOOKED_AT, 1)
+    lowest = None
+    for index in range(0, space.size, step):
+        _, values = next(iter(space.values(index, index + 1)))
+        elevation = conditions({path: value for path, value in values.items() if path in manifest.by_path}, manifest)
+        if elevation.sun_elevation_deg is not None and elevation.sun_elevation_deg < _TWILIGHT_DEG:
+            lowest = min(lowest or 0.0, elevation.sun_elevation_deg)
+    if lowest is None:
+        return
+    varied = {f"{SENSOR_ROOT}.{name}" for name in ("exposure_ev", "auto_exposure", "gain_db")} & space.used
+    for sensor in spec.sensors:
+        if not varied and not sensor.auto_exposure and sensor.exposure_ev + sensor.gain_db / 6 < _NIGHT_EV:
+            yield (
+                f"sensor {sensor.name}: with the sun {-lowest:g}° below the horizon, the fixed exposure of "
+                f"{sensor.exposure_ev:g} EV gives black pictures; auto_exposure: true meters the background"
+            )
 
 
 def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:

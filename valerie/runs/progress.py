@@ -53,6 +53,13 @@ class BlockCounts(Document):
         return StageCounts(self.evaluations, self.evaluated, self.eval_failed)
 
     @property
+    def unfinished(self) -> int:
+        """Background, layer and truth of each frame, prediction and scores of each evaluation, less those that ended."""
+        frames = self.frames - self.rendered - self.render_failed
+        predictions = self.evaluations - self.inferred - self.infer_failed
+        return 3 * frames + predictions + self.evaluations - self.evaluated - self.eval_failed
+
+    @property
     def is_final(self) -> bool:
         """Return True if nothing is left to do."""
         return all(counts.done + counts.failed == counts.total for counts in map(self.stage, Stage))

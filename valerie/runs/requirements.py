@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import ParameterDefinition
+from valerie.plain import Row
 from valerie.runs.documents import RequirementDocument, RunSpec
 from valerie.runs.statistic import Statistic, parse_statistic
 from valerie.runs.where import Where, choices_of, compile_where
@@ -29,11 +29,11 @@ class Requirement:
     where: Where | None
     functions: tuple[str, ...]
 
-    def holds(self, row: Mapping[str, Any]) -> bool:
+    def holds(self, row: Row) -> bool:
         """Return whether a row of results lies in the region."""
         return self.where is None or self.where.holds(row)
 
-    def excludes(self, row: Mapping[str, Any]) -> bool:
+    def excludes(self, row: Row) -> bool:
         """Return whether a row lies outside the region whatever its missing values are."""
         return self.where is not None and self.where.excludes(row)
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any, Final
+from functools import partial
+from typing import Final, NamedTuple
 
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.parameters.assignment import canonical_json
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation, at
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
+from valerie.plain import Keywords
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.backgrounds import few_backgrounds
 from valerie.runs.documents import BlockDocument, RunSpec
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.oversights import oversights, sensor_warnings, shortfall
@@ -25,6 +29,7 @@ from valerie.runs.vocabulary import Vocabulary
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.light.solar import require_one_notation
+from valerie.sensing.settings import Distortion
 
 #: Largest number of variants of a run, unless the caller sets another limit.
 MAX_VARIANTS: Final = 1_000_000
@@ -77,10 +82,24 @@ class ResolvedRun:
             return assignment
         return motion.at(assignment, self.times.elapsed[time_index] + seconds, within=True)
 
+    def around(self, assignment: Mapping[str, Value], time_index: int) -> Course:
+        """Return how a variant moves around a frame's moment."""
+        motion = self.times.motion
+        values = {} if motion is None else {path: value for path, value in assignment.items() if motion.owns(path)}
+        return Course(
+            partial(self.near, assignment, time_index), canonical_json([self.seconds(assignment, time_index), values])
+        )
+
     def seconds(self, assignment: Mapping[str, Value], time_index: int) -> float:
         """Return the moment of a frame in seconds; 0 in a run without time."""
         motion = self.times.motion
         return 0.0 if motion is None else motion.seconds(assignment, self.times.elapsed[time_index])
+
+    @property
+    def infers_backgrounds(self) -> bool:
+        """True if functions see each background without movables, too (``infer_backgrounds`` of the spec)."""
+        chosen = self.spec.infer_backgrounds
+        return few_backgrounds(self.space, self.manifest, self.cameras, self.times) if chosen is None else chosen
 
     def rejection(self, assignment: Mapping[str, Value]) -> str | None:
         """Return the reason why a variant is rejected; None if it is legal at every moment of its sequence."""
@@ -93,6 +112,19 @@ class ResolvedRun:
             if reason := rejection_reason(self.at(assignment, index), self.manifest):
                 return f"{reason} at {self.seconds(assignment, index):g} s"
         return None
+
+
+class Course(NamedTuple):
+    """How a variant moves around a frame's moment.
+
+    Attributes:
+        near: returns the assignment of the moment that is a number of seconds later.
+        values: canonical JSON of the moment and of the variant's own times and keyframes, which decide all that ``near`` returns
+            for one run.
+    """
+
+    near: Callable[[float], Mapping[str, Value]]
+    values: bytes
 
 
 def resolve(
@@ -134,6 +166,7 @@ def resolve(
     cameras = spec.cameras if spec.cameras is not None else manifest.cameras
     needs = [needs_of(sensor, used) for sensor in spec.sensors]
     _check_focal_lengths(needs, cameras, manifest, problems)
+    _check_rolling_shutters(spec, used, problems)
     _check_sun(space, problems)
     definitions = tuple(vocabulary.definitions.values())
     requirements = resolve_requirements(spec, definitions, cameras, problems)
@@ -270,7 +303,7 @@ class _SpaceResolver:
 
     def _distribution(self, varied: Varied, definition: ParameterDefinition, place: str) -> Distribution:
         written = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
-        arguments: dict[str, Any] = {}
+        arguments: Keywords = {}
         for key, value in written.items():
             if key == "values":
                 arguments[key] = tuple(
@@ -295,6 +328,8 @@ def _check_annotations(spec: RunSpec, times: Times, problems: list[InvalidInput]
     for i, kind in enumerate(spec.annotations):
         if kind is AnnotationKind.FLOW and times.step is None:
             problem, limit = "flow leads to the next frame of a sequence", "sequence: {frames: …, step: …}"
+        elif kind is AnnotationKind.SCAN:
+            problem, limit = "made for a sensor with a rolling shutter, and only for it", "shutter: {line_time_us: …}"
         elif kind is AnnotationKind.VELOCITY and times.motion is None:
             problem, limit = "nothing moves in this run", "sequence, time or trajectories"
         else:
@@ -336,11 +371,26 @@ def _check_sun(space: ParameterSpace, problems: list[InvalidInput]) -> None:
         problems.append(problem)
 
 
+def _check_rolling_shutters(spec: RunSpec, used: Collection[str], problems: list[InvalidInput]) -> None:
+    """Check that a frame is read line by line in one way: it has one scan."""
+    ways: dict[tuple[float, Distortion], int] = {}
+    for i, sensor in enumerate(spec.sensors):
+        if sensor.rolls or "sensor.shutter.line_time_us" in used:
+            ways.setdefault((sensor.shutter.line_time_us, sensor.distortion), i)
+    if "sensor.shutter.line_time_us" in used:  # each variant has one line time for all sensors
+        ways = {(0.0, distortion): i for (_, distortion), i in ways.items()}
+    if len(ways) > 1:
+        problem = "the rolling shutters of one run differ in line time or distortion"
+        limit = "one of both; vary sensor.shutter.line_time_us to compare line times"
+        problems.append(InvalidInput(problem, field=f"sensors.{max(ways.values())}.shutter.line_time_us", limit=limit))
+
+
 def _annotations(spec: RunSpec, needs: list[SensorNeeds], *, moves: bool) -> tuple[AnnotationKind, ...]:
-    needs_velocity = moves and any(need.velocity is not None for need in needs)
-    if needs_velocity and AnnotationKind.VELOCITY not in spec.annotations:
-        return (*spec.annotations, AnnotationKind.VELOCITY)
-    return spec.annotations
+    requested = {
+        AnnotationKind.VELOCITY: moves and any(need.velocity is not None for need in needs),
+        AnnotationKind.SCAN: moves and any(need.scan for need in needs),
+    }
+    return (*spec.annotations, *(kind for kind, need in requested.items() if need and kind not in spec.annotations))
 
 
 def _too_many(count: int, limit: int, place: str, value: object = None) -> InvalidInput:

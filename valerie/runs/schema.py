@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from valerie import plugins
 from valerie.parameters.definitions import ParameterType
+from valerie.plain import JsonObject
 from valerie.runs.documents import BlockDocument, RunSpec
 from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
 
@@ -17,7 +18,7 @@ _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 _DESIGNS: Final = ("grid", "latin_hypercube", "sobol", "halton", "random", "points")
 
 
-def run_spec_schema() -> dict[str, Any]:
+def run_spec_schema() -> JsonObject:
     """Return the JSON Schema (2020-12) of a spec in either notation."""
     schema = RunSpec.model_json_schema(mode="validation")
     definitions = schema["$defs"]
@@ -48,7 +49,7 @@ def run_spec_schema() -> dict[str, Any]:
     return {"$schema": _DIALECT, "title": "VALERIE run spec", **_without_titles(schema)}
 
 
-def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
+def _vary(definitions: JsonObject) -> JsonObject:
     definitions["Varied"] = {
         "description": "the distribution of one parameter, with units",
         "oneOf": [_mapping_form(model, definitions) for model in DISTRIBUTIONS.values()],
@@ -67,7 +68,7 @@ def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _mapping_form(model: type[VariedDocument], definitions: dict[str, Any]) -> dict[str, Any]:
+def _mapping_form(model: type[VariedDocument], definitions: JsonObject) -> JsonObject:
     """Return the schema of ``homogeneous: {from: 0 m, to: 9 m, step: 1 m}``, or of ``choice: [a, b]``."""
     form = definitions[model.__name__]
     fields = {key: value for key, value in form["properties"].items() if key not in ("parameter", "distribution")}
@@ -91,7 +92,7 @@ def _mapping_form(model: type[VariedDocument], definitions: dict[str, Any]) -> d
     return {"type": "object", "properties": {key: arguments}, "required": [key], "additionalProperties": False}
 
 
-def _list_form(model: type[VariedDocument]) -> dict[str, Any]:
+def _list_form(model: type[VariedDocument]) -> JsonObject:
     """Return the schema of ``[name, HOMOGENEOUS, minimum, maximum, step]``."""
     least = 2 + len(model.listed)
     return {
@@ -103,9 +104,9 @@ def _list_form(model: type[VariedDocument]) -> dict[str, Any]:
     }
 
 
-def _renderers() -> list[dict[str, Any]]:
+def _renderers() -> list[JsonObject]:
     """Return the schemas of a name, of each built-in engine with settings, and of a plugin with any settings."""
-    forms: list[dict[str, Any]] = [
+    forms: list[JsonObject] = [
         {"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}
     ]
     for name in plugins.RENDERERS:
@@ -132,7 +133,7 @@ def _renderers() -> list[dict[str, Any]]:
     return forms
 
 
-def _parameters() -> dict[str, Any]:
+def _parameters() -> JsonObject:
     quantity = {"$ref": "#/$defs/Quantity"}
     types = [kind.value for kind in ParameterType]
     declared = {
@@ -175,7 +176,7 @@ def _parameters() -> dict[str, Any]:
     }
 
 
-def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
+def _trajectories(definitions: JsonObject) -> JsonObject:
     """Return the schema of trajectories by object or in a list, with keyframes as mappings or as lists of numbers."""
     quantity = {"$ref": "#/$defs/Quantity"}
     numbers = {"type": "array", "minItems": 3, "maxItems": 4, "items": quantity, "description": "[time, x, y, heading]"}
@@ -197,7 +198,7 @@ def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _describe(schema: dict[str, Any]) -> None:
+def _describe(schema: JsonObject) -> None:
     """Move the text about each attribute from the model's description (its docstring) to the field's description."""
     summary, _, attributes = schema.get("description", "").partition("Attributes:\n")
     if summary:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import orjson
 
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
+from valerie.plain import JsonObject
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
 from valerie.scene.graph.naming import ROOT
@@ -25,13 +26,45 @@ class Response(NamedTuple):
         document: canonical JSON of everything that changes the picture.
         needs_depth: True if the picture also depends on the depth of the truth.
         distorts: True if the truth must be distorted like the picture.
-        needs_velocity: True if the picture depends on how things move.
+        needs_velocity: True if the picture depends on velocities.
+        rolls: True if the picture is read line by line.
     """
 
     document: bytes
     needs_depth: bool
     distorts: bool
     needs_velocity: bool
+    rolls: bool
+
+
+class RollingShutter(NamedTuple):
+    """How a frame is read line by line.
+
+    Attributes:
+        setting: of a sensor that does so, with the variant's values.
+        blurs: True if one of these sensors has an exposure time.
+    """
+
+    setting: SensorSetting
+    blurs: bool
+
+    @property
+    def document(self) -> list[object]:
+        """Return what a scan depends on besides the scene."""
+        return [self.setting.shutter.line_time_us, self.setting.distortion.model_dump(), self.blurs]
+
+
+def rolling_shutter(sensors: Iterable[SensorSetting], assignment: Mapping[str, Value]) -> RollingShutter | None:
+    """Return how the sensors of a run read a frame line by line; None if none does.
+
+    Args:
+        sensors: of the spec; those with a rolling shutter agree in line time and distortion.
+        assignment: of the variant.
+    """
+    rolling = [setting for setting in (setting_of(s, assignment, moves=True) for s in sensors) if setting.rolls]
+    if not rolling:
+        return None
+    return RollingShutter(rolling[0], any(setting.needs_velocity for setting in rolling))
 
 
 def sensor_values(assignment: Mapping[str, Value]) -> dict[str, Value]:
@@ -67,10 +100,12 @@ def response_of(setting: SensorSetting, sensor: Mapping[str, Value], run_seed: i
 def _response(setting: SensorSetting, sensor: bytes, run_seed: int, moves: bool) -> Response:
     of_variant = setting_of(setting, orjson.loads(sensor), moves=moves)
     document = canonical_json(short_document(of_variant, run_seed))
-    return Response(document, of_variant.needs_depth, of_variant.moves_truth, of_variant.needs_velocity)
+    return Response(
+        document, of_variant.needs_depth, of_variant.moves_truth, of_variant.needs_velocity, of_variant.rolls
+    )
 
 
-def short_document(setting: SensorSetting, run_seed: int) -> dict[str, Any]:
+def short_document(setting: SensorSetting, run_seed: int) -> JsonObject:
     """Return everything that changes the picture of a frame, by parameter, with the run's seed if effects are random."""
     document = setting.response()
     return {**document, "seed": run_seed} if setting.needs_seed else document
@@ -81,12 +116,14 @@ class SensorNeeds(NamedTuple):
 
     Attributes:
         focal_length, depth, velocity: the effect that needs this input, in words; None if no effect does.
+        scan: whether a rolling shutter reads the picture line by line.
         idle: one sentence for each setting that changes nothing.
     """
 
     focal_length: str | None
     depth: str | None
     velocity: str | None
+    scan: bool
     idle: tuple[str, ...]
 
 
@@ -96,8 +133,6 @@ _OF_FOCAL_LENGTH: Final = {
     "distortion": ("distortion.k1", "distortion.k2", "distortion.p1", "distortion.p2", "distortion.k3"),
     "vignetting": ("lens.vignetting",),
 }
-#: Effects that need velocities, and the parameters that turn them on.
-_OF_VELOCITY: Final = {"motion blur": ("shutter.exposure_ms",), "a rolling shutter": ("shutter.line_time_us",)}
 #: Parameters that change nothing while all of the others listed are 0.
 _IDLE_WITHOUT: Final = {
     "lens.focus_distance_m": ("lens.f_number",),
@@ -125,11 +160,12 @@ def needs_of(setting: SensorSetting, used: Collection[str]) -> SensorNeeds:
         for name, others in _IDLE_WITHOUT.items()
         if (_PREFIX + name in used or name in document) and not active(others)
     ]
-    shutter_effect = next((effect for effect, names in _OF_VELOCITY.items() if active(names)), None)
+    blur = "motion blur" if active(["shutter.exposure_ms"]) else None
     return SensorNeeds(
         focal_length=lens_effects[0] if lens_effects else None,
-        depth="defocus" if "defocus" in lens_effects else shutter_effect,
-        velocity=shutter_effect,
+        depth="defocus" if "defocus" in lens_effects else blur,
+        velocity=blur,
+        scan=active(["shutter.line_time_us"]),
         idle=tuple(idle),
     )
 

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
+from valerie.plain import Written
 from valerie.runs.documents import (
     BlockDocument,
     DeclaredParameter,
@@ -46,7 +47,7 @@ _TAGS: Final = frozenset(DISTRIBUTIONS)
 _TYPES: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
 
 
-def parse(source: str | bytes | dict[str, Any] | RunSpec) -> RunSpec:
+def parse(source: str | bytes | Written | RunSpec) -> RunSpec:
     """Read a spec in either notation.
 
     Args:

@@ -68,6 +68,7 @@ class ProductKind(StrEnum):
     LIGHT = AnnotationKind.LIGHT.value
     FLOW = AnnotationKind.FLOW.value
     VELOCITY = AnnotationKind.VELOCITY.value
+    SCAN = AnnotationKind.SCAN.value
     #: A function's map of train ids.
     PREDICTION = "prediction"
     #: Confusion counts of a prediction against a truth.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import check_range
 from valerie.parameters.units import is_quantity, to_unit
+from valerie.plain import Written
 from valerie.rendering.engine import Ability, Engine
 from valerie.runs.documents import DeclaredParameter, RunSpec
 from valerie.scene.assets.manifest import Manifest
@@ -82,7 +83,7 @@ class Vocabulary:
         self.definitions[path] = self._narrowed(parameter, asset, place)
 
     def _narrowed(self, parameter: DeclaredParameter, asset: ParameterDefinition, place: str) -> ParameterDefinition:
-        changes: dict[str, Any] = {"name": parameter.name}
+        changes: Written = {"name": parameter.name}
         if parameter.choices:
             for k, choice in enumerate(parameter.choices):
                 asset.check(choice, field=f"{place}.choices.{k}")
@@ -164,7 +165,7 @@ class Vocabulary:
             return definition.check(self.number(written, definition, place), field=place)
         return definition.check(written, field=place)
 
-    def values(self, written: Mapping[str, Any], place: str) -> dict[str, Value]:
+    def values(self, written: Written, place: str) -> dict[str, Value]:
         """Return path to value for a mapping of names to values as the spec writes them.
 
         An entry with a problem is left out, and the problem added to `problems`.

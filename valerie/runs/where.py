@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.plain import Row
 from valerie.runs.documents import RunSpec
 
 #: Columns that are known as soon as the truth is made, without any function.
@@ -53,7 +54,7 @@ class Where:
         """True if the expression depends on a function under test."""
         return not self.names.isdisjoint(names_from(*OF_FUNCTION))
 
-    def holds(self, row: Mapping[str, Any]) -> bool:
+    def holds(self, row: Row) -> bool:
         """Return whether a row is selected.
 
         Args:
@@ -61,7 +62,7 @@ class Where:
         """
         return self._constraint.holds(row)
 
-    def excludes(self, row: Mapping[str, Any]) -> bool:
+    def excludes(self, row: Row) -> bool:
         """Return whether a row is out for certain, whatever the values are that it lacks."""
         return self._opposite.holds(row)
 

@@ -1,4 +1,7 @@
-"""Automatic exposure: metering brings the log-average luminance of an image to that of a street in daylight."""
+"""Automatic exposure: metering brings the log-average luminance of an image to that of a street in daylight.
+
+A run meters the background of a frame, so frames that differ only in people share an exposure.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ DAYLIGHT: Final = 0.1
 #: Range of the automatic exposure, stops. It is enough to darken sunlit snow, and too little to turn night into day.
 DARKEST_EV: Final = -6.0
 BRIGHTEST_EV: Final = 11.0
+#: What the exposure time gives of it; the rest is gain, which amplifies noise.
+LONGEST_EV: Final = 5.0
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)
 #: Keeps the logarithm finite; below the smallest positive value of a linear image.
 _LEAST: Final = 1e-8

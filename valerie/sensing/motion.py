@@ -1,14 +1,13 @@
-"""Motion blur and rolling shutter.
+"""Motion blur.
 
-Both need the scene at moments other than the frame's. A surface point that is at p now and moves with velocity v(p) is at
+It needs the scene at moments other than the frame's. A surface point that is at p now and moves with velocity v(p) is at
 q = p + v(p) t at time t. The output is computed pixel by pixel, so the task is to find p for each q, and several surfaces may
 arrive at q. There are three candidates: the surface at q now; the fastest surface nearby, if it really arrives at q and lies in
 front; and the background that a surface uncovers as it moves away. Velocities are constant while the shutter is open.
 
 Sources: M. Potmesil and I. Chakravarty, "Modeling motion blur in computer-generated images", SIGGRAPH 1983,
 doi:10.1145/800059.801169; M. McGuire et al., "A reconstruction filter for plausible motion blur", I3D 2012,
-doi:10.1145/2159616.2159639 (the fastest of a neighbourhood, and depth); C.-K. Liang et al., "Analysis and compensation of rolling
-shutter effect", IEEE TIP 17(8), 2008, doi:10.1109/TIP.2008.925384.
+doi:10.1145/2159616.2159639 (the fastest of a neighbourhood, and depth).
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ class Movement:
             return None
         return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
-    def source(self, x: Places, y: Places, seconds: Places, reach_s: float) -> tuple[Places, Places]:
+    def source(self, x: Places, y: Places, seconds: Places | np.float64, reach_s: float) -> tuple[Places, Places]:
         """Return the coordinates, in the image of the frame's moment, of the surfaces that (x, y) show at other moments.
 
         Args:
@@ -104,40 +103,32 @@ class Movement:
         return self._fastest[size]
 
 
-def collect_light(light: Floats, movement: Movement, row_seconds: Places, exposure_s: float) -> Floats:
-    """Return the light that an open shutter collects, row by row.
+def collect_light(light: Floats, movement: Movement, exposure_s: float) -> Floats:
+    """Return the light that an open shutter collects.
 
     Args:
-        light: (H, W, 3), linear, at the frame's moment.
+        light: (H, W, 3), linear, in the middle of the exposure.
         movement: motion in the same image.
-        row_seconds: (H, 1) or (H, W), middle of each pixel's exposure, seconds after the frame's moment.
         exposure_s: duration of the exposure, seconds.
 
     Returns:
         (H, W, 3); the input array itself if nothing moves.
     """
-    reach = float(np.max(np.abs(row_seconds))) + 0.5 * exposure_s
+    reach = 0.5 * exposure_s
     area = movement.area(reach)
     if area is None:
         return light
     rows, columns = area
-    samples = int(np.ceil(movement.highest_speed * exposure_s / _STRIDE)) + 1 if exposure_s else 1
-    samples = min(samples, _MOST_SAMPLES)
+    samples = min(int(np.ceil(movement.highest_speed * exposure_s / _STRIDE)) + 1, _MOST_SAMPLES)
     x = np.arange(columns.start, columns.stop, dtype=np.float64)[None, :]
     y = np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
-    moments = row_seconds[rows] if row_seconds.shape[1] == 1 else row_seconds[rows, columns]
     total = np.zeros((rows.stop - rows.start, columns.stop - columns.start, light.shape[2]), np.float32)
     for k in range(samples):
         offset = ((k + 0.5) / samples - 0.5) * exposure_s
-        total += bilinear(light, *movement.source(x, y, moments + offset, reach))
+        total += bilinear(light, *movement.source(x, y, np.float64(offset), reach))
     result = light.copy()
     result[area] = total / np.float32(samples)
     return result
-
-
-def read_times(height: int, line_time_s: float) -> Places:
-    """Return the time, (H, 1) seconds, at which each row is read; 0 is the frame's moment, in the middle of the image."""
-    return ((np.arange(height, dtype=np.float64) - 0.5 * (height - 1)) * line_time_s)[:, None]
 
 
 def _fastest_around(velocity: Floats, size: int) -> Floats:

@@ -2,7 +2,7 @@
 
 The effects follow the path of the light:
 
-1. *scene-referred light*: defocus; motion blur and rolling shutter; dirt and drops on the front glass; distortion with
+1. *scene-referred light*: defocus; motion blur; dirt and drops on the front glass; distortion with
    lateral chromatic aberration, in one resampling; vignetting
 2. *electrons*: exposure, dead and hot pixels, shot noise, read noise, full well, gain, converter
 3. *camera values*: white balance
@@ -16,6 +16,7 @@ same table.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -32,8 +33,8 @@ from valerie.sensing.defocus import circle_of_confusion, defocus
 from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
-from valerie.sensing.metering import metered_ev
-from valerie.sensing.motion import Movement, collect_light, read_times
+from valerie.sensing.metering import LONGEST_EV, metered_ev
+from valerie.sensing.motion import Movement, collect_light
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
@@ -59,6 +60,7 @@ class Shot:
         velocity: (H, W, 2) float32, pixels per second to the right and down.
         run_seed: seed of the run.
         content: digests of the linear image, which give every image its own noise.
+        metered_ev: what automatic exposure adds (`valerie.sensing.metering.metered_ev`); None meters the linear image itself.
     """
 
     focal_length_mm: float | None = None
@@ -66,6 +68,7 @@ class Shot:
     velocity: NDArray[np.float32] | None = None
     run_seed: int = 0
     content: tuple[str, ...] = ()
+    metered_ev: float | None = None
 
 
 def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | None = None) -> NDArray[np.uint8]:
@@ -86,7 +89,7 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
         layout = f"{linear.dtype} {linear.shape}"
         raise InvalidInput("not a linear image", field="linear", value=layout, limit="(H, W, 3) float16")
     if setting.auto_exposure:
-        setting = setting.model_copy(update={"exposure_ev": setting.exposure_ev + metered_ev(linear)})
+        setting = _metered(setting, shot.metered_ev if shot is not None else None, linear)
     balance = white_balance_gains(setting.white_balance.temperature_k, setting.white_balance.tint)
     factor = 2.0**setting.exposure_ev
     if setting.gain_db:
@@ -101,6 +104,14 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
         factor = 1.0
     picture = _shown(values, [factor * gain for gain in balance], setting)
     return through_jpeg(picture, setting.jpeg_quality) if setting.jpeg_quality else picture
+
+
+def _metered(setting: SensorSetting, metered: float | None, linear: NDArray[np.float16]) -> SensorSetting:
+    """Return the setting with the metered exposure: by time as far as it reaches, then by gain."""
+    stops = metered_ev(linear) if metered is None else metered
+    by_time = min(stops, LONGEST_EV)
+    gain_db = setting.gain_db + 20.0 * math.log10(2.0) * (stops - by_time)
+    return setting.model_copy(update={"exposure_ev": setting.exposure_ev + by_time, "gain_db": gain_db})
 
 
 def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.float64]:
@@ -145,8 +156,7 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
             limit = (height, width, 2)
             raise InvalidInput("motion blur needs the velocity of every pixel", field="shot.velocity", limit=limit)
         movement = Movement(shot.velocity, shot.depth)
-        times = _row_times(setting, width, height, focal_px)
-        light = collect_light(light, movement, times, setting.shutter.exposure_ms * 1e-3)
+        light = collect_light(light, movement, setting.shutter.exposure_ms * 1e-3)
     if soiling.dirt:
         light = dirty(light, soiling.dirt, _specimen_seed(setting, shot, "dirt"))
     if soiling.drops:
@@ -164,18 +174,15 @@ def seen_from(
     height: int,
     *,
     focal_length_mm: float | None = None,
-    depth: Floats | None = None,
-    velocity: Floats | None = None,
 ) -> NDArray[np.intp]:
     """Return, for each pixel of the camera image, the flat index of the rendered pixel that it shows, (H, W).
 
     Ground truth is resampled with it.
 
     Args:
-        setting: the camera; only distortion and line time matter.
+        setting: the camera; only the distortion matters.
         width, height: pixels.
         focal_length_mm: as for `Shot`; needed if the lens distorts.
-        depth, velocity: as for `Shot`; needed for a rolling shutter.
 
     Raises:
         InvalidInput: The lens distorts and there is no focal length.
@@ -186,30 +193,41 @@ def seen_from(
             raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
         source = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
         x, y = source.x, source.y
-    line_time_s = setting.shutter.line_time_us * 1e-6
-    if line_time_s and depth is not None and velocity is not None:
-        times = read_times(height, line_time_s)
-        x, y = Movement(velocity, depth).source(x, y, times, float(times[-1, 0]))
     column = np.clip(np.floor(x + 0.5), 0, width - 1)
     row = np.clip(np.floor(y + 0.5), 0, height - 1)
     flat: NDArray[np.intp] = (row * width + column).astype(np.intp)
     return flat
 
 
-def _row_times(setting: SensorSetting, width: int, height: int, focal_px: float) -> NDArray[np.float64]:
-    """Return the read time of each rendered pixel, seconds: that of the row to which the lens maps it."""
-    line_time_s = setting.shutter.line_time_us * 1e-6
-    if setting.distortion.identity or not line_time_s:
-        return read_times(height, line_time_s)
+def read_lines(
+    setting: SensorSetting, width: int, height: int, focal_length_mm: float | None = None
+) -> NDArray[np.float64]:
+    """Return the row of the picture that shows each rendered pixel; 0 is the middle of the picture.
+
+    Args:
+        setting: the camera; only the distortion matters.
+        width, height: pixels.
+        focal_length_mm: as for `seen_from`.
+
+    Returns:
+        (H, W), or (H, 1) without distortion.
+
+    Raises:
+        InvalidInput: The lens distorts and there is no focal length.
+    """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
+    if setting.distortion.identity:
+        return (np.arange(height, dtype=np.float64) - half_y)[:, None]
+    if focal_length_mm is None:
+        raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
+    focal_px = focal_length_px(focal_length_mm, width)
     x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
     y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
     _, lens_y = distort(setting.distortion, x, y)
     zoom = pixel_map(setting.distortion, width, height, focal_px).zoom
     # Pixels that the lens maps outside the image have no row. They take the nearest one.
-    rows = np.clip(lens_y * focal_px * zoom, -half_y, half_y)
-    times: NDArray[np.float64] = rows * line_time_s
-    return times
+    lines: NDArray[np.float64] = np.clip(lens_y * focal_px * zoom, -half_y, half_y)
+    return lines
 
 
 def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats:

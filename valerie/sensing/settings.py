@@ -6,12 +6,13 @@ the effects and in ``docs/sensor.md``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.plain import JsonObject
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 
 ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
@@ -142,7 +143,7 @@ class SensorSetting(BaseModel):
             group, _, field = name.rpartition(".")
             yield name, getattr(getattr(self, group) if group else self, field)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> JsonObject:
         """Return exposure, curve, gamma and every value that is not neutral, by name below ``sensor``.
 
         Digests of specs and images include it. Since neutral values are absent, a new effect leaves old digests unchanged.
@@ -151,7 +152,7 @@ class SensorSetting(BaseModel):
             name: value for name, value in self.values() if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
         }
 
-    def response(self) -> dict[str, Any]:
+    def response(self) -> JsonObject:
         """Return the part of `document` that affects the image."""
         document = self.document()
         idle: list[str] = []
@@ -161,7 +162,9 @@ class SensorSetting(BaseModel):
             idle += ["noise.full_well_electrons", "noise.headroom_ev"]
         if not self.needs_seed:
             idle += ["specimen"]
-        return {name: value for name, value in document.items() if name not in idle}
+        # The exposure follows from the background; other digests stay as they are.
+        metered = {"auto_exposure": "background"} if self.auto_exposure else {}
+        return {name: value for name, value in document.items() if name not in idle} | metered
 
     @property
     def counts_electrons(self) -> bool:
@@ -184,7 +187,12 @@ class SensorSetting(BaseModel):
     @property
     def needs_velocity(self) -> bool:
         """True if the image depends on velocities."""
-        return self.shutter != _NO_SHUTTER
+        return self.shutter.exposure_ms > 0.0
+
+    @property
+    def rolls(self) -> bool:
+        """True if the image is read line by line."""
+        return self.shutter.line_time_us > 0.0
 
     @property
     def needs_depth(self) -> bool:
@@ -194,18 +202,18 @@ class SensorSetting(BaseModel):
     @property
     def moves_truth(self) -> bool:
         """True if labels lie elsewhere in the camera image than in the rendered image."""
-        return not self.distortion.identity or self.shutter.line_time_us > 0.0
+        return not self.distortion.identity or self.rolls
 
     def without_shutter(self) -> SensorSetting:
         """Return the same camera with a neutral shutter."""
-        return self.model_copy(update={"shutter": _NO_SHUTTER}) if self.needs_velocity else self
+        return self if self.shutter == _NO_SHUTTER else self.model_copy(update={"shutter": _NO_SHUTTER})
 
     @property
     def needs_focal_length(self) -> bool:
         """True if the image depends on the camera's focal length."""
         return self.defocuses or self.lens.vignetting > 0.0 or not self.distortion.identity
 
-    def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
+    def with_assignment(self, sensor: JsonObject) -> SensorSetting:
         """Return this setting with the ``sensor.…`` values of a variant, e.g. ``{"sensor.exposure_ev": 0.5}``.
 
         Raises:

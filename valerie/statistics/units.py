@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.statistics.observations import dense
 
 
 class Estimand(StrEnum):
@@ -70,9 +71,9 @@ class Units:
 
     def of(self, rows: NDArray[np.bool_]) -> Units:
         """Return the units of the ``rows`` ((N,) bool) alone; units without rows are gone."""
-        kept, index = np.unique(self.index[rows], return_inverse=True)
+        index, kept = dense(self.index[rows])
         replicate = None if self.replicate is None else self.replicate[kept]
-        return Units(self.estimand, index.astype(np.int64), len(kept), replicate)
+        return Units(self.estimand, index, len(kept), replicate)
 
 
 def sampling_units(

@@ -15,10 +15,11 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
+from valerie.rendering.annotations.scan import Scan
 from valerie.scene.graph.model import JOINTS
 from valerie.storage import envelope
 
-Annotation = Normals | Boxes | FlowMap | Joints
+Annotation = Normals | Boxes | FlowMap | Joints | Scan
 
 #: Type of each array of boxes, and its shape behind the number of instances.
 _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
@@ -93,6 +94,23 @@ def decode_joints(data: bytes, *, key: str = "") -> Joints:
         CorruptArtifact: not whole, consistent joints.
     """
     return Joints(**_rows(AnnotationKind.JOINTS, _JOINTS, data, key))
+
+
+def decode_scan(data: bytes, *, key: str = "") -> Scan:
+    """Read a scan that `encode_annotation` packed.
+
+    Raises:
+        CorruptArtifact: not a whole, consistent scan.
+    """
+    arrays, _ = envelope.unpack(AnnotationKind.SCAN.value, data, key=key)
+    try:
+        scan = Scan(**arrays)
+        whole = scan.consistent()
+    except (TypeError, ValueError, IndexError) as error:
+        raise CorruptArtifact(f"{key or 'artifact'}: not a scan: {error}") from error
+    if not whole:
+        raise CorruptArtifact(f"{key or 'artifact'}: the arrays of the scan do not fit together")
+    return scan
 
 
 def _rows(

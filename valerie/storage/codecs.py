@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from valerie.errors import CorruptArtifact
+from valerie.plain import JsonObject
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer
 from valerie.storage import envelope
 
@@ -178,7 +179,7 @@ def _array(
     return array
 
 
-def _truth(arrays: dict[str, NDArray[Any]], meta: dict[str, Any], key: str) -> GroundTruth:
+def _truth(arrays: dict[str, NDArray[Any]], meta: JsonObject, key: str) -> GroundTruth:
     class_map = _array(arrays, "class_map", np.uint8, (None, None), key)
     size = class_map.shape
     return GroundTruth(
@@ -200,7 +201,7 @@ def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]
 
 
 def _unpack_persons(
-    arrays: dict[str, NDArray[Any]], meta: dict[str, Any], size: tuple[int, ...], key: str
+    arrays: dict[str, NDArray[Any]], meta: JsonObject, size: tuple[int, ...], key: str
 ) -> tuple[PersonTruth, ...]:
     persons: list[PersonTruth] = []
     entries = meta.get("persons")

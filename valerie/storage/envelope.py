@@ -18,6 +18,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from valerie.errors import CorruptArtifact
+from valerie.plain import JsonObject
 
 #: Largest decompressed artifact: an 8192 × 8192 float16 RGB image has 384 MiB.
 MAX_BYTES: Final = 512 * 1024 * 1024
@@ -34,7 +35,7 @@ _DTYPES: Final[dict[str, np.dtype[Any]]] = {
 }
 
 
-def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> bytes:
+def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: JsonObject) -> bytes:
     """Put arrays and their metadata into one frame.
 
     Args:
@@ -50,9 +51,7 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any])
     return zstandard.ZstdCompressor(level=1, write_checksum=True, write_content_size=True).compress(raw)
 
 
-def unpack(
-    kind: str | tuple[str, ...], data: bytes, *, key: str = ""
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def unpack(kind: str | tuple[str, ...], data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[Any]], JsonObject]:
     """Return arrays (read-only views) and metadata of a frame that `pack` made.
 
     Args:
@@ -104,7 +103,7 @@ def intact(data: bytes) -> bool:
     return True
 
 
-def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], JsonObject]:
     (length,) = struct.unpack_from("<Q", raw)
     start = 8 + length
     if length > _MAX_HEADER or start > len(raw):

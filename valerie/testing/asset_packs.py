@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from valerie.errors import UnknownName
+from valerie.plain import Written
 from valerie.scene.assets.asset import AssetPack, SceneAsset, asset_manifest, asset_names, load_asset, load_pack
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
@@ -35,8 +35,8 @@ class AssetContract:
     """
 
     name: str
-    arguments: Mapping[str, Any] = {}
-    other: Mapping[str, Any]
+    arguments: ClassVar[Written] = {}
+    other: ClassVar[Written]
 
     @pytest.fixture
     def pack(self) -> AssetPack:

@@ -94,6 +94,17 @@ class BlankTruthPass:
         )
         return statics, layer
 
+    def part(self, scene: Scene, view: View, window: Rectangle) -> GroundTruth:
+        """See `valerie.rendering.truth.TruthMaker`: the square stands one pixel further right for each metre of the person."""
+        whole, inside, right = self.truth(scene, view), window.slices, round(_first_x(scene))
+        (person,) = whole.persons
+        return GroundTruth(
+            np.roll(whole.class_map, right, axis=1)[inside],
+            np.roll(whole.instance_map, right, axis=1)[inside],
+            whole.depth[inside],
+            (PersonTruth.of(person.instance_id, np.roll(person.amodal, right, axis=1), person.padded_pixels),),
+        )
+
     def normals(self, scene: Scene, view: View) -> Normals:  # noqa: ARG002
         """See `valerie.rendering.truth.TruthMaker`: every normal points up."""
         return Normals.of(np.broadcast_to(np.array([0.0, 0.0, 1.0]), (view.height, view.width, 3)))

@@ -20,6 +20,8 @@ class StrategyContract:
     dimensions = 3
     size = 16
     batches = 5
+    #: Scores of each point.
+    columns = 1
 
     @pytest.fixture
     def build(self) -> Callable[[], Strategy]:
@@ -29,13 +31,17 @@ class StrategyContract:
     def score(self, points: Points) -> Points:
         """Return scores in [0, 1], below 0.5 in one corner and NaN in another."""
         scores = np.clip(points[:, :2].mean(axis=1) + 0.2, 0, 1)
-        return np.where(points[:, -1] > 0.9, np.nan, scores)
+        return self.columned(np.where(points[:, -1] > 0.9, np.nan, scores))
+
+    def columned(self, scores: Points) -> Points:
+        """Return as many equal scores of each point as the strategy takes."""
+        return scores if self.columns == 1 else np.repeat(scores[:, None], self.columns, axis=1)
 
     def history(self, strategy: Strategy) -> list[Points]:
         """Return the batches of a strategy that is asked, told and asked again."""
         batches = []
         for _ in range(self.batches):
-            points = strategy.ask(self.size)
+            points = strategy.ask(self.size).points
             if not len(points):
                 break
             batches.append(points.copy())
@@ -61,14 +67,14 @@ class StrategyContract:
     def test_a_strategy_works_when_no_score_is_defined(self, build: Callable[[], Strategy]) -> None:
         strategy = build()
         for _ in range(self.batches):
-            points = strategy.ask(self.size)
+            points = strategy.ask(self.size).points
             if not len(points):
                 break
-            strategy.tell(points, np.full(len(points), np.nan))
+            strategy.tell(points, self.columned(np.full(len(points), np.nan)))
 
     def test_scores_of_other_points_are_refused(self, build: Callable[[], Strategy]) -> None:
         strategy = build()
-        points = strategy.ask(self.size)
+        points = strategy.ask(self.size).points
         with pytest.raises(InvalidInput, match="points"):
             strategy.tell(points + 0.001, self.score(points))
         with pytest.raises(InvalidInput, match="scores"):

@@ -44,7 +44,11 @@ async function send(path, options = {}) {
 }
 
 export const get = async (path, options) => (await send(path, options)).json();
-export async function post(path) { return (await send(path, { method: "POST" })).json(); }
+export const getBytes = async (path, options) => (await send(path, options)).arrayBuffer();
+export async function post(path, document) {
+  const body = document === undefined ? {} : { body: JSON.stringify(document), headers: { "Content-Type": "application/json" } };
+  return (await send(path, { method: "POST", ...body })).json();
+}
 export async function remove(path) { await send(path, { method: "DELETE" }); }
 
 // Recent pictures, which show at once on the way back and forth.

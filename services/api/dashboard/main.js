@@ -2,6 +2,7 @@
 import { forgetToken, hasToken } from "./api.js";
 import { watch } from "./connection.js";
 import { h } from "./dom.js";
+import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
 import { runView } from "./run.js";
@@ -12,6 +13,7 @@ const ROUTES = [
   [/^\/?$/, "runs", () => runsView],
   [/^\/runs\/([\w-]+)$/, "runs", () => runView],
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
+  [/^\/explore$/, "explore", () => exploreView],
   [/^\/functions$/, "functions", () => functionsView],
   [/^\/workers$/, "workers", () => workersView],
 ];

@@ -1,4 +1,4 @@
-// The table of the paper's section 6.2, and the findings.
+// The verdicts on the requirements, the table of the paper's section 6.2, and the findings.
 import { h, table } from "./dom.js";
 import { count, percent } from "./format.js";
 
@@ -7,9 +7,10 @@ const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.hi
 const interval = (one, spread) => ends(one && !one.reason ? one : spread);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
-export function summarySection({ summary, findings }) {
+export function summarySection({ verdicts, summary, findings }) {
+  const judged = verdictList(verdicts);
   const warnings = summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
-  if (!summary.rows.length) return h("section", { class: "card" }, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
+  if (!summary.rows.length) return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
   const head = [
     "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
@@ -37,13 +38,24 @@ export function summarySection({ summary, findings }) {
   const spread = summary.rows.find((row) => row.pacc_mean_spread)?.pacc_mean_spread;
   const reasons = [...new Set(summary.rows.map((row) => row.pacc_mean_interval?.reason).filter(Boolean))];
   const brackets = spread ? `[Middle 80 % of the means of ${count(spread.places)} places].` : "[95 % interval].";
-  return h("section", { class: "card" }, h("h2", {}, "Summary"), warnings,
+  return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings,
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", brackets, reasons.map((reason) => ` No confidence interval: ${reason}.`),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
     list("Findings", findings.items), list("Candidates, not confirmed", findings.candidates),
     findings.items.length ? null : h("p", { class: "small soft under" }, `${count(findings.comparisons)} comparisons; none is confirmed.`),
     findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
+}
+
+// The look of an outcome.
+const OUTCOMES = { met: "good", "not met": "bad", undecided: "wait" };
+
+function verdictList(verdicts) {
+  if (!verdicts.length) return null;
+  return h("div", { class: "verdicts" }, h("h2", {}, "Requirements"), h("ul", {}, verdicts.map((one) => h("li", {},
+    h("span", { class: `chip ${OUTCOMES[one.outcome]}` }, one.outcome), h("strong", {}, ` ${one.id} · ${one.function}`), one.text ? `: ${one.text}` : "",
+    h("div", { class: "small soft" }, `${one.quantity}${one.where ? ` where ${one.where}` : ""} is ${percent(one.estimate)}; ${one.sign === ">=" ? "at least" : "at most"} ${percent(one.bound)} is required.`,
+      one.reason ? ` Undecided: ${one.reason}${one.further === null ? "" : `; about ${count(one.further)} more would decide it`}.` : "")))));
 }
 
 const list = (title, findings) => (findings.length

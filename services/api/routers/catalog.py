@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Path, status
@@ -19,7 +18,7 @@ from services.api.schemas.catalog import (
     WorkerRead,
 )
 from valerie.db import processes
-from valerie.db.engine import reading
+from valerie.db.engine import database_time, reading
 from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
 from valerie.measures import MEASURES
@@ -70,7 +69,7 @@ def measures() -> list[MeasureRead]:
 @router.get("/workers", responses=problems(422), summary="Living worker processes")
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
-        return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=time.time())]
+        return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=database_time(connection))]
 
 
 @router.get(

@@ -152,7 +152,17 @@ def annotation(
 )
 def artifact(
     kind: Literal[
-        "background", "layer", "statics", "truth", "normals", "boxes", "joints", "flow", "velocity", "prediction"
+        "background",
+        "layer",
+        "statics",
+        "truth",
+        "normals",
+        "boxes",
+        "joints",
+        "flow",
+        "velocity",
+        "scan",
+        "prediction",
     ],
     digest: Annotated[
         str,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
 
@@ -17,6 +17,7 @@ from valerie.errors import NotFound, UnknownName
 from valerie.pipeline.functions import catalog, registry
 from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
 from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.plain import JsonObject
 
 router = APIRouter(prefix="/v1", tags=["functions"])
 
@@ -30,7 +31,7 @@ Reference = Annotated[
 ]
 #: One import at a time in this process, since it takes memory and time.
 _IMPORTS: Final = threading.Lock()
-_FORM: Final[dict[str, Any]] = {
+_FORM: Final[JsonObject] = {
     "requestBody": {
         "required": True,
         "description": "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision "
@@ -56,7 +57,7 @@ _FORM: Final[dict[str, Any]] = {
         },
     }
 }
-_PNG: Final[dict[str, Any]] = {
+_PNG: Final[JsonObject] = {
     "requestBody": {
         "required": True,
         "description": "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import orjson
 from fastapi import APIRouter, Query, Response
@@ -15,7 +15,7 @@ from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.analysis.table import encoded
-from valerie.analysis.verdicts import from_json, verdict_table
+from valerie.analysis.verdicts import RequirementVerdict, verdict_table
 from valerie.db import long_table
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
@@ -24,6 +24,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
+from valerie.plain import JsonObject, typed
 from valerie.runs.spec import ResolvedRun
 
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
@@ -31,7 +32,7 @@ router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
 #: Column of names to the column of the database with the position of the name in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
-_ROW: dict[str, Any] = example_of(EvaluationRow.model_json_schema())
+_ROW: JsonObject = example_of(EvaluationRow.model_json_schema())
 _CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
 _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
@@ -140,7 +141,11 @@ def verdicts(
     format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
 ) -> Response:
     stored = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
-    return _file(encoded(verdict_table(from_json(stored["verdicts"])), format_), f"{run_id}-verdicts", format_)
+    return _file(
+        encoded(verdict_table(typed(tuple[RequirementVerdict, ...], stored["verdicts"])), format_),
+        f"{run_id}-verdicts",
+        format_,
+    )
 
 
 @router.get(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
@@ -27,6 +27,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
+from valerie.plain import JsonObject
 from valerie.runs.forecast import Plan
 from valerie.runs.spec import RunSpec, parse
 from valerie.runs.states import RunState
@@ -34,7 +35,7 @@ from valerie.runs.states import RunState
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-_SPEC_BODY: dict[str, Any] = {
+_SPEC_BODY: JsonObject = {
     "requestBody": {
         "required": True,
         "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
@@ -45,7 +46,7 @@ _SPEC_BODY: dict[str, Any] = {
     }
 }
 #: The plan of `SPEC`.
-_PLAN: Final[dict[str, Any]] = {
+PLAN: Final[JsonObject] = {
     "name": SPEC["name"],
     "asset": "urban-street",
     "spec_digest": DIGEST,
@@ -83,11 +84,11 @@ _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
 
-async def _body(request: Request) -> bytes:
+async def body(request: Request) -> bytes:
     return await request.body()
 
 
-def _spec(body: Annotated[bytes, Depends(_body)]) -> RunSpec:
+def _spec(body: Annotated[bytes, Depends(body)]) -> RunSpec:
     # Runs in a thread, so that a large document does not hold up other requests.
     return parse(body)
 
@@ -98,7 +99,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 @router.post(
     "/plan",
     openapi_extra=_SPEC_BODY,
-    responses={**problems(413, 422), **example(_PLAN)},
+    responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
 def plan(spec: Spec, context: ContextDependency) -> Plan:

@@ -63,7 +63,7 @@ class PointColumns(Read):
     axes: list[PlotAxis] = Field(description="what this run's pACC can be plotted over")
 
 
-_INTERVAL: Final = {
+INTERVAL: Final = {
     "low": 0.83,
     "high": 0.905,
     "estimate": 0.871,
@@ -128,12 +128,12 @@ class SummaryRead(Read):
                         "defined": 28,
                         "undefined": {"fully hidden": 2},
                         "pacc_mean": 0.871,
-                        "pacc_mean_interval": _INTERVAL,
+                        "pacc_mean_interval": INTERVAL,
                         "pacc_mean_spread": None,
                         "pacc_min": 0.312,
                         "pacc_max": 0.984,
                         "pacc_pooled": 0.889,
-                        "pacc_pooled_interval": {**_INTERVAL, "low": 0.842, "high": 0.921, "estimate": 0.889},
+                        "pacc_pooled_interval": {**INTERVAL, "low": 0.842, "high": 0.921, "estimate": 0.889},
                         "precision_mean": 0.842,
                         "precision_pooled": 0.851,
                         "iou_mean": 0.748,

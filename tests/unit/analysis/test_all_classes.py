@@ -1,4 +1,5 @@
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from valerie.analysis.wording import classes_text
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import collection_scores
+from valerie.plain import typed
 
 ROAD, SKY = 0, 10
 
@@ -60,10 +62,10 @@ def test_the_text_gives_both_averages(net: AllClasses) -> None:
 
 def test_a_summary_with_classes_survives_json_and_one_without_is_read(net: AllClasses) -> None:
     summary = summarize(EvaluationTable.from_rows([], {}), classes=[net])
-    document = json.loads(json.dumps(summary.to_json()))
-    assert Summary.from_json(document) == summary
+    document = json.loads(json.dumps(asdict(summary)))
+    assert typed(Summary, document) == summary
     del document["classes"]
-    assert Summary.from_json(document).classes == ()
+    assert typed(Summary, document).classes == ()
 
 
 @pytest.fixture
@@ -90,7 +92,7 @@ def test_the_text_lists_means_over_different_classes_separately(net: AllClasses,
 
 def test_judged_classes_survive_json(person_only: AllClasses) -> None:
     summary = summarize(EvaluationTable.from_rows([], {}), classes=[person_only])
-    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+    assert typed(Summary, json.loads(json.dumps(asdict(summary)))) == summary
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,16 @@
 """The ledger of claims on planted tables, whose answers are known."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from valerie.analysis.claims import Outcome, from_json, ledger_table, parse_claims, to_json, write_ledger
+from valerie.analysis.claims import Entry, Outcome, ledger_table, parse_claims, write_ledger
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.plain import typed
 
 PLACES = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 12).tolist()}
 PAPER = Path(__file__).parents[3] / "examples" / "claims" / "paper.yaml"
@@ -144,7 +146,7 @@ def test_a_claim_has_one_complete_test(claim):
 
 def test_a_ledger_survives_json_and_becomes_a_table(table):
     entries = answers(table, flip={**COLOURS, "at_least": 0.15})
-    assert from_json(to_json(entries)) == entries
+    assert typed(tuple[Entry, ...], list(map(asdict, entries))) == entries
     arrow = ledger_table(entries)
     assert arrow.num_rows == 2
     assert arrow["outcome"].to_pylist()[0] == "reproduced"

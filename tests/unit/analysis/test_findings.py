@@ -2,6 +2,7 @@
 
 import json
 from collections import defaultdict
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from valerie.analysis.findings import Findings
 from valerie.analysis.summary import summarize
 from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
+from valerie.plain import typed
 from valerie.runs.spec import parse
 from valerie.statistics.contrasts import Matching
 
@@ -226,7 +228,7 @@ def test_equal_input_gives_equal_findings_and_they_survive_json(run):
     first, second = find_findings(table, seed=3), find_findings(table, seed=3)
 
     assert first == second
-    assert Findings.from_json(json.loads(json.dumps(first.to_json()))) == first
+    assert typed(Findings, json.loads(json.dumps(asdict(first)))) == first
 
 
 def test_names_with_braces_are_not_formatted(run):

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from valerie.analysis.summary import Summary, summarize
 from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
+from valerie.plain import typed
 from valerie.statistics.intervals import Refusal, mean_interval
 from valerie.statistics.units import Estimand, sampling_units
 
@@ -207,9 +209,9 @@ def test_a_threshold_out_of_bounds_is_refused(threshold):
 def test_a_summary_survives_json(dropping_table):
     summary = summarize(dropping_table)
 
-    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+    assert typed(Summary, json.loads(json.dumps(asdict(summary)))) == summary
     summary = summarize(drawn(dropping_table.arrow.to_pylist(), dropping_table.parameters))
-    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+    assert typed(Summary, json.loads(json.dumps(asdict(summary)))) == summary
 
 
 def test_an_empty_table_has_an_empty_summary():
@@ -276,4 +278,4 @@ def test_pictures_without_content_are_counted_once_each_and_stay_in_every_rate()
     assert {group.frames for group in summary.rows} == {4, 5}
     many = summarize(table_of(*(row(f"f{i}", 5, 5, 0, picture_mean=0.1, picture_deviation=0.1) for i in range(5))))
     assert many.warnings == ("5 of 5 pictures are black (frames f0, f1, f2, …).",)
-    assert Summary.from_json(json.loads(json.dumps(many.to_json()))) == many
+    assert typed(Summary, json.loads(json.dumps(asdict(many)))) == many

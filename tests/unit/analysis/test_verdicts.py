@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.stats import binomtest
 from tests.planted_tables import X, drawn, drawn_space, planted_table, requirement
 from valerie.analysis.design import Design
 from valerie.analysis.verdict_text import notes, sentence
-from valerie.analysis.verdicts import RequirementVerdict, from_json, judge_requirements, to_json, verdict_table
+from valerie.analysis.verdicts import RequirementVerdict, judge_requirements, verdict_table
+from valerie.plain import typed
 from valerie.statistics.verdicts import Basis, Outcome, judge_sample
 
 NAN = float("nan")
@@ -236,7 +238,7 @@ def test_each_function_has_its_own_verdict_and_verdicts_survive_json_and_tables(
     table = planted_table([0.9, 0.1], [0, 0], function=["good", "bad"])
     verdicts = judge_requirements([requirement("mean(pacc) >= 0.5", ("good", "bad"))], table, drawn("points", 1))
     assert [(v.function, v.outcome) for v in verdicts] == [("good", "met"), ("bad", "not met")]
-    assert from_json(json.loads(json.dumps(to_json(verdicts)))) == verdicts
+    assert typed(tuple[RequirementVerdict, ...], json.loads(json.dumps(list(map(asdict, verdicts))))) == verdicts
     rows = verdict_table(verdicts)
     assert rows["outcome"].to_pylist() == ["met", "not met"]
     assert rows["missed"].to_pylist() == [0, 1]

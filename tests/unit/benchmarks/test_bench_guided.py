@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import bench_guided, planted_scores
+from benchmarks import bench_guided, planted_modes, planted_scores
 
 
 @pytest.mark.parametrize("family", planted_scores.FAMILIES)
@@ -24,3 +24,16 @@ def test_a_coverage_far_below_the_goal_is_called_low() -> None:
     assert bench_guided.low([True] * 80 + [False] * 20)
     assert not bench_guided.low([True] * 94 + [False] * 6)
     assert not bench_guided.low([])
+
+
+@pytest.mark.parametrize("family", ["slopes", "cliffs", "mixed"])
+def test_planted_modes_hold_the_volumes_that_they_state_and_fail_under_any_seed(family: str) -> None:
+    planted = planted_modes.Planted(family, 3)
+    points = np.random.default_rng(0).random((50_000, planted.dimensions))
+    inside = planted.modes(points)
+    np.testing.assert_allclose(inside.mean(axis=0)[:3], planted_modes.VOLUMES[:3], rtol=0.25)
+    some = inside.any(axis=1)
+    fails = planted.score(points) < planted_modes.AT_LEAST
+    assert fails[some].all()
+    assert np.mean(fails[~some]) == pytest.approx(planted_modes.CHANCE, rel=0.3)
+    assert not (fails & (planted.score(points, 1) < planted_modes.AT_LEAST))[~some].sum() > 10

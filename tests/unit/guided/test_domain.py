@@ -111,3 +111,34 @@ def test_a_missing_value_and_an_unknown_parameter_are_named() -> None:
         Domain(DEFINITIONS, [Variation("distence", Uniform())])
     with pytest.raises(InvalidInput, match=r"vary\.1.*twice"):
         Domain(DEFINITIONS, [Variation("x", Uniform()), Variation("scene.x", Uniform())])
+
+
+def test_the_operational_density_is_conditional_on_legal_variants() -> None:
+    domain = Domain(
+        DEFINITIONS,
+        [Variation("x", Uniform()), Variation("lit", Choice(values=(False, True)))],
+        lambda values: "in a house" if values["scene.x"] > 5 else None,
+    )
+    points = domain.draw(np.random.default_rng(0), 2000)
+    assert points.shape == (2000, 2)
+    assert domain.legal(points).all()
+    assert domain.legal(np.array([[0.74, 0.0], [0.76, 0.0]])).tolist() == [True, False]
+    assert np.histogram(points[:, 0], 5, (0, 0.75))[0] == pytest.approx(400, abs=90)
+    nowhere = Domain(DEFINITIONS, [Variation("x", Uniform())], lambda _: "everywhere a house")
+    with pytest.raises(InvalidInput, match="hardly any variant is legal"):
+        nowhere.draw(np.random.default_rng(0), 10)
+
+
+def test_models_see_a_circle_for_a_full_turn_and_no_order_among_choices() -> None:
+    everything = domain()
+    middle = np.full((1, everything.dimensions), 0.5)
+    places = {"heading": 3, "coat": 8}
+
+    def apart(name: str, first: float, second: float) -> float:
+        ends = np.repeat(middle, 2, axis=0)
+        ends[:, places[name]] = first, second
+        return float(np.linalg.norm(np.diff(everything.features(ends), axis=0)))
+
+    assert apart("heading", 0.0, 0.999) == pytest.approx(0.001, rel=0.01)
+    assert apart("heading", 0.2, 0.21) == pytest.approx(0.01, rel=0.01)
+    assert (apart("coat", 0.1, 0.4), apart("coat", 0.1, 0.9)) == pytest.approx((0, 1))

@@ -11,6 +11,7 @@ from scipy.special import expit
 from scipy.stats import binomtest, chi2
 
 from valerie.errors import InvalidInput
+from valerie.guided.domain import Cube
 from valerie.guided.estimate import Estimate
 from valerie.guided.strategy import Strategy, pursue
 from valerie.testing.strategies import StrategyContract
@@ -25,7 +26,7 @@ def smooth(points: Points) -> Points:
 
 @cache
 def told(score: Callable[[Points], Points], seed: int, budget: int = 384) -> Estimate:
-    strategy = Estimate(4, at_least=0.5, seed=seed, first=128, pool=4000)
+    strategy = Estimate(Cube(4), at_least=0.5, seed=seed, first=128, pool=4000)
     pursue(strategy, score, budget=budget, batch=128)
     return strategy
 
@@ -104,28 +105,28 @@ def test_undefined_scores_are_neither_failures_nor_passes() -> None:
 
 
 def test_a_batch_rests_on_the_scores_told_so_far_while_another_is_open() -> None:
-    strategy = Estimate(4, at_least=0.5, seed=0, first=64, pool=1000)
-    first = strategy.ask(64)
+    strategy = Estimate(Cube(4), at_least=0.5, seed=0, first=64, pool=1000)
+    first = strategy.ask(64).points
     assert len(strategy.ask(64)) == 0
     strategy.tell(first, smooth(first))
-    second, third = strategy.ask(32), strategy.ask(32)
+    second, third = strategy.ask(32).points, strategy.ask(32).points
     strategy.tell(second, smooth(second))
     strategy.tell(third, smooth(third))
-    again = Estimate(4, at_least=0.5, seed=0, first=64, pool=1000)
-    again.tell(again.ask(64), smooth(first))
+    again = Estimate(Cube(4), at_least=0.5, seed=0, first=64, pool=1000)
+    again.tell(again.ask(64).points, smooth(first))
     again.ask(32)
-    np.testing.assert_array_equal(again.ask(32), third)
+    np.testing.assert_array_equal(again.ask(32).points, third)
 
 
 def test_a_bound_or_scores_outside_the_range_and_a_rate_without_scores_are_refused() -> None:
     with pytest.raises(InvalidInput, match="at_least"):
-        Estimate(2, at_least=1.0, seed=0)
+        Estimate(Cube(2), at_least=1.0, seed=0)
     with pytest.raises(InvalidInput, match="first"):
-        Estimate(2, at_least=0.5, seed=0, first=5)
-    strategy = Estimate(2, at_least=0.5, seed=0)
+        Estimate(Cube(2), at_least=0.5, seed=0, first=5)
+    strategy = Estimate(Cube(2), at_least=0.5, seed=0)
     with pytest.raises(InvalidInput, match="lack scores"):
         strategy.rate()
-    points = strategy.ask(4)
+    points = strategy.ask(4).points
     with pytest.raises(InvalidInput, match="0…1"):
         strategy.tell(points, [0.5, 2.0, 0.5, 0.5])
 
@@ -133,4 +134,4 @@ def test_a_bound_or_scores_outside_the_range_and_a_rate_without_scores_are_refus
 class TestEstimate(StrategyContract):
     @pytest.fixture
     def build(self) -> Callable[[], Strategy]:
-        return lambda: Estimate(3, at_least=0.5, seed=0, first=32, pool=500)
+        return lambda: Estimate(Cube(3), at_least=0.5, seed=0, first=32, pool=500)

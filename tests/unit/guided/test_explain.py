@@ -67,7 +67,7 @@ def test_larger_batches_need_fewer_rounds() -> None:
     for batch in (1, 4, 16):
         strategy = Explain(mixed(12), np.full(12, 0.9), np.full(12, 0.1), at_least=0.5, batch=batch)
         rounds.append(0)
-        while len(points := strategy.ask(batch)):
+        while len(points := strategy.ask(batch).points):
             strategy.tell(points, np.where(points[:, 3] > 0.6, 0.0, 1.0))
             rounds[-1] += 1
     assert rounds[0] > rounds[1] > rounds[2]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,15 @@ from tests.world.boxes import spec
 from valerie.db import frames, results, runs, sweeping
 from valerie.db.engine import reading, writing
 from valerie.db.models import Block
-from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
+from valerie.errors import (
+    Conflict,
+    InvalidInput,
+    NotFound,
+    RenderingError,
+    StorageFull,
+    StorageUnavailable,
+    TransientError,
+)
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
@@ -262,6 +271,71 @@ class TestStorage:
             assert pipeline.run(run) == "completed"
         assert {product.attempts for product in pipeline.products()} == {1}
 
+    @pytest.mark.parametrize(
+        "error",
+        [
+            StorageFull("no space left on the device"),
+            StorageUnavailable("read-only file system"),
+            OSError(errno.ENOSPC, "No space left on device", "/tmp/x"),
+        ],
+        ids=lambda error: type(error).__name__,
+    )
+    def test_a_full_or_read_only_disk_pauses_a_run_that_ends(
+        self, pipeline: Pipeline, error: Exception, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        store, full = type(pipeline.context.store), [True]
+        put, check = store.put, store.check
+
+        def refuse(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
+            if full[0] and key.startswith("runs/"):
+                raise error
+            return put(self, key, *arguments, **keywords)
+
+        def look(self: Any) -> None:
+            if full[0]:
+                raise StorageFull("no space left on the device")
+            check(self)
+
+        monkeypatch.setattr(store, "put", refuse)
+        monkeypatch.setattr(store, "check", look)
+        run = pipeline.submit(spec(xs=2, ys=1))
+        assert pipeline.run(run, until=["paused"]) == "paused"
+        assert pipeline.row(run).reason.startswith("storage: ")
+        pipeline.step()
+        assert pipeline.state(run) == "paused"
+        full[0] = False
+        assert pipeline.run(run) == "completed"
+
+    def test_a_transient_fault_while_a_run_ends_is_tried_again(
+        self, pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        store, faults = type(pipeline.context.store), [2]
+        put = store.put
+
+        def stumble(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
+            if key.startswith("runs/") and faults[0]:
+                faults[0] -= 1
+                raise TransientError("the database did not answer")
+            return put(self, key, *arguments, **keywords)
+
+        monkeypatch.setattr(store, "put", stumble)
+        assert pipeline.run(pipeline.submit(spec(xs=2, ys=1))) == "completed"
+        assert faults == [0]
+
+    def test_a_defect_in_the_results_ends_the_run(self, pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+        store = type(pipeline.context.store)
+        put = store.put
+
+        def crash(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
+            if key.startswith("runs/"):
+                raise ZeroDivisionError("oops")
+            return put(self, key, *arguments, **keywords)
+
+        monkeypatch.setattr(store, "put", crash)
+        run = pipeline.submit(spec(xs=2, ys=1))
+        assert pipeline.run(run) == "failed"
+        assert pipeline.row(run).reason == "the results could not be written: oops"
+
     def test_a_run_pauses_before_the_last_megabytes(self, pipelines: Callable[..., Pipeline]) -> None:
         pipeline = pipelines(min_free_mb=10**9)
         run = pipeline.submit()
@@ -314,6 +388,21 @@ class TestTheControlLoop:
         assert pipeline.run(run) == "completed"
         assert killed is not pipeline.loop
         assert len(rows(pipeline, run)) == 2 * 1200
+
+    def test_a_small_run_is_fed_beside_a_large_one_that_fills_the_window(
+        self, pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        pipeline = pipelines(feed_window=80)
+        monkeypatch.setattr(feeding, "BLOCK_PRODUCTS", 80)
+        large = pipeline.submit(spec(xs=10, ys=10))
+        while pipeline.loop.tick(everything=True):
+            pass
+        fed = pipeline.row(large).next_index
+        assert 0 < fed < 100
+        small = pipeline.submit(spec(xs=2, ys=1, constants={"sun-1.elevation": 12}))
+        pipeline.loop.tick(everything=True)
+        assert pipeline.row(small).next_index == 2
+        assert pipeline.row(large).next_index == fed, "the large run has more than its half already"
 
     def test_messages_that_a_stopped_broker_refused_are_sent_again(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()

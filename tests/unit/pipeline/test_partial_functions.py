@@ -25,6 +25,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.comparison import compare_versions
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.plain import typed
 from valerie.runs.frames import FrameKey
 from valerie.storage.keys import run_key
 
@@ -71,7 +72,7 @@ def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipe
     assert blank["pixel_accuracy"] < 1.0, "it is judged by all classes"
 
     summary = orjson.loads(pipeline.context.store.get(run_key(run, "summary.json")))
-    text = summary_text(Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"]))
+    text = summary_text(typed(Summary, summary["summary"]), typed(Findings, summary["findings"]))
     both = "person-or-not 100.0 / 100.0, narrowed 100.0 / 100.0"
     assert f"Mean IoU of person alone, frame mean / pooled: {both}." in text
     assert "Mean IoU of all classes, frame mean / pooled: blank " in text

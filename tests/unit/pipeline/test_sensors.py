@@ -15,6 +15,7 @@ from valerie.analysis.summary import summarize
 from valerie.db import frames, measured, results
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson
+from valerie.errors import InvalidInputs
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
@@ -218,16 +219,40 @@ def test_a_shutter_requests_velocities_once_and_no_other_renders(pipeline: Pipel
 
 
 def test_labels_lean_with_the_image_of_a_rolling_shutter(pipeline: Pipeline) -> None:
-    run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "rolling", "shutter": {"line_time_us": 1000}}]}))
+    # The square of the blank engine stands a pixel further right for each metre that the person is.
+    rolling = {"name": "rolling", "shutter": {"line_time_us": 1000}}
+    run = pipeline.submit(small(**{**MOVING, "sensors": [rolling, {"name": "plain"}]}))
     assert pipeline.run(run) == "completed"
+    assert pipeline.made() == {"background": 1, "layer": 2, "truth": 2, "scan": 2, "prediction": 4, "evaluation": 4}
     source = find_picture(pipeline.context, FrameKey(run, 0, 0, 0), kind="truth", sensor="rolling")
     truth = source.capture.seen_truth(ProductReader(pipeline.context.store))
-    middles = [np.flatnonzero(row == 24001).mean() for row in truth.instance_map[9:27]]
-    # A row is read a millisecond after the one above it.
-    assert np.polyfit(np.arange(9, 27), middles, 1)[0] == pytest.approx(0.2, abs=0.03)
+    firsts = [int(np.flatnonzero(row == 24001)[0]) for row in truth.instance_map[9:27]]
+    # Each row is that of its own moment: the person has moved from −1 m to 1 m within 10 rows.
+    assert firsts == [16 + round(float(np.clip(-1 + 0.2 * (row - 17.5), -1, 1))) for row in range(9, 27)]
     rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
     assert all(row["tp"] + row["fn"] == row["pixel_area"] for row in rows)
     assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
+
+
+def test_frames_that_differ_only_in_people_share_a_metered_exposure(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[{"name": "metered", "auto_exposure": True}]))
+    assert pipeline.run(run) == "completed"
+    pictures = [
+        paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, variant, 0), kind="picture"))
+        for variant in (0, 1)
+    ]
+    outside = np.ones(pictures[0].shape[:2], np.bool_)
+    outside[9:27, 16:48] = False  # the square of the blank engine, which differs
+    assert (pictures[0] != pictures[1]).any()
+    np.testing.assert_array_equal(pictures[0][outside], pictures[1][outside])
+
+
+def test_rolling_shutters_of_one_run_agree(pipeline: Pipeline) -> None:
+    sensors = [{"name": str(time), "shutter": {"line_time_us": time}} for time in (0, 10, 20)]
+    warnings = plan_run(pipeline.context, parse(small(**{**MOVING, "sensors": sensors[:2]}))).warnings
+    assert any("sensor 10: a rolling shutter renders each frame in slices" in text for text in warnings)
+    with pytest.raises(InvalidInputs, match="differ in line time or distortion"):
+        plan_run(pipeline.context, parse(small(**{**MOVING, "sensors": sensors})))
 
 
 def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: Pipeline) -> None:

@@ -43,20 +43,24 @@ def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles
     return Triangles(RayMeshIntersector(mesh), np.concatenate(labels), np.concatenate(instances))
 
 
-def pixel_rays(camera: Camera, view: View) -> NDArray[np.float64]:
-    """Return rays through pixel centres, (H, W, 3), of depth 1 along the optical axis, without the engine's code."""
+def pixel_rays(camera: Camera, view: View, row: int | None = None) -> NDArray[np.float64]:
+    """Return rays through pixel centres, (H, W, 3), of depth 1 along the optical axis, without the engine's code.
+
+    With ``row``, only those of this row, (1, W, 3).
+    """
     focal = camera.focal_length_mm / camera.sensor_width_mm * view.width
-    rows, columns = np.mgrid[0 : view.height, 0 : view.width]
+    first, last = (0, view.height) if row is None else (row, row + 1)
+    rows, columns = np.mgrid[first:last, 0 : view.width]
     x, y = (columns + 0.5 - view.width / 2) / focal, -(rows + 0.5 - view.height / 2) / focal
     rays: NDArray[np.float64] = np.stack([x, y, -np.ones_like(x)], axis=2) @ camera.transform[:3, :3].T
     return rays
 
 
 def trace(
-    triangles: Triangles, camera: Camera, view: View
+    triangles: Triangles, camera: Camera, view: View, row: int | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float64]]:
-    """Trace class map, instance map and depth along the optical axis."""
-    rays = pixel_rays(camera, view).reshape(-1, 3)
+    """Trace class map, instance map and depth along the optical axis; with ``row``, of this row alone."""
+    rays = pixel_rays(camera, view, row).reshape(-1, 3)
     origins = np.broadcast_to(camera.position, rays.shape)
     hit = triangles.intersector.intersects_first(origins, rays)
     hits = hit >= 0
@@ -66,7 +70,7 @@ def trace(
     normal = np.cross(plane[:, 1] - plane[:, 0], plane[:, 2] - plane[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = ((plane[:, 0] - origins) * normal).sum(axis=1) / (rays * normal).sum(axis=1)
-    shape = (view.height, view.width)
+    shape = (-1, view.width)
     return classes.reshape(shape), instances.reshape(shape), np.where(hits, depth, np.inf).reshape(shape)
 
 

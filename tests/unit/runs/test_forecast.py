@@ -23,7 +23,7 @@ PLACES = {
 
 
 def resolved(street: Manifest, **given: Any) -> ResolvedRun:
-    document = {"name": "one", "asset": "urban-street", "functions": FUNCTIONS, **given}
+    document = {"name": "one", "asset": "urban-street", "functions": FUNCTIONS, "infer_backgrounds": False, **given}
     return resolve(parse(document), street, asset_digest="a", max_variants=None)
 
 

@@ -7,6 +7,7 @@ from valerie.parameters.assignment import digest
 from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.pins import Pins
 from valerie.runs.spec import parse, resolve
+from valerie.runs.states import UPLOADED_ROUTE
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.variation.variant import split
 
@@ -54,6 +55,25 @@ def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, 
     assert darker.annotations == asked.annotations[1:]
     moved = frame(street, pins, {X: 4.0}, annotations=["boxes"])
     assert moved.annotations[0].product != darker.annotations[0].product
+
+
+def test_the_prediction_of_a_background_follows_from_it_alone_and_changes_evaluations_alone(
+    street: Manifest, pins: Pins
+) -> None:
+    deep = {"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 10}}
+    sensors = [{"name": "plain"}, {"name": "dark", "exposure_ev": -2}, deep]
+    plain, asked = (frame(street, pins, {}, sensors=sensors, infer_backgrounds=on) for on in (False, True))
+    assert changed(plain, asked) == {"evaluation"}
+    assert {one.empty for one in plain.evaluations} == {None}
+    # One for each sensor and function; a defocused lens needs depths, which are those of the whole frame.
+    assert len({one.empty for one in asked.evaluations if one.sensor_index < 2}) == 4
+    assert {one.empty for one in asked.evaluations if one.sensor_index == 2} == {None}
+    moved = frame(street, pins, {X: 4.0}, sensors=sensors, infer_backgrounds=True)
+    assert [one.empty for one in moved.evaluations] == [one.empty for one in asked.evaluations]
+    uploaded = with_function(pins, FUNCTIONS[0], route=UPLOADED_ROUTE)
+    first, second, *_ = frame(street, uploaded, {}, infer_backgrounds=True).evaluations
+    assert first.empty is None
+    assert second.empty is not None
 
 
 MADE = {"prediction", "evaluation"}

@@ -19,6 +19,7 @@ def test_every_product_has_the_stage_that_makes_it() -> None:
         "light": Stage.RENDER,
         "flow": Stage.RENDER,
         "velocity": Stage.RENDER,
+        "scan": Stage.RENDER,
         "prediction": Stage.INFER,
         "evaluation": Stage.EVAL,
     }

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from valerie.sensing.metering import BRIGHTEST_EV, DARKEST_EV, DAYLIGHT, metered_ev
-from valerie.sensing.sensor import develop
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.metering import BRIGHTEST_EV, DARKEST_EV, DAYLIGHT, LONGEST_EV, metered_ev
+from valerie.sensing.sensor import Shot, develop
+from valerie.sensing.settings import Noise, SensorSetting
 
 
 def grey(value: float) -> np.ndarray:
@@ -41,6 +41,20 @@ def test_a_metered_picture_is_the_one_of_that_exposure_and_a_correction_adds_to_
         metered = SensorSetting(auto_exposure=True, exposure_ev=correction)
         fixed = SensorSetting(exposure_ev=ev + correction)
         np.testing.assert_array_equal(develop(night, metered), develop(night, fixed))
+
+
+def test_the_exposure_of_the_background_counts_and_what_time_cannot_give_is_gain() -> None:
+    night = grey(0.0004)
+    shared = Shot(metered_ev=2.0)
+    np.testing.assert_array_equal(
+        develop(night, SensorSetting(auto_exposure=True), shared), develop(night, SensorSetting(exposure_ev=2.0))
+    )
+    noise = Noise(shot=True, full_well_electrons=1000)
+    dark = Shot(metered_ev=LONGEST_EV + 2.0)
+    metered = develop(night, SensorSetting(auto_exposure=True, noise=noise), dark)
+    gain_db = 40 * np.log10(2.0)
+    amplified = develop(night, SensorSetting(exposure_ev=LONGEST_EV, gain_db=gain_db, noise=noise), dark)
+    np.testing.assert_array_equal(metered, amplified)
 
 
 def test_without_automatic_exposure_the_setting_decides() -> None:

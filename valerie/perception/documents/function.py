@@ -32,6 +32,7 @@ from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.class_maps import CLASS_LISTS, MAX_CLASSES, class_lookup
 from valerie.perception.documents.options import OPTIONS, Options
+from valerie.plain import Written
 from valerie.validation import problem_of
 
 #: Raised when the meaning of the document changes; the first part of every digest.
@@ -293,7 +294,7 @@ class FunctionDocument(_Part):
         )
 
 
-def parse_function(source: str | bytes | dict[str, Any], **known: object) -> FunctionDocument:
+def parse_function(source: str | bytes | Written, **known: object) -> FunctionDocument:
     """Read a document that a user wrote.
 
     Args:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.documents.options import HuggingFaceOptions
+from valerie.plain import JsonObject
 
 if TYPE_CHECKING:
     from torch import nn
@@ -54,7 +55,7 @@ def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[Functi
     with weights.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     processor = _json(folder / _PROCESSOR) if (folder / _PROCESSOR).exists() else {}
-    values: dict[str, Any] = {
+    values: JsonObject = {
         "name": name,
         "kind": "huggingface",
         "architecture": str(config.get("model_type", "")),
@@ -128,7 +129,7 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
     return Logits(model).eval()
 
 
-def _require_complete(report: Mapping[str, Any], field: str) -> None:
+def _require_complete(report: JsonObject, field: str) -> None:
     """Refuse incomplete weights: transformers draws missing ones at random, with no more than a warning."""
     problems = [f"{name} is missing" for name in sorted(report["missing_keys"])]
     problems += [f"{name} is unknown" for name in sorted(report["unexpected_keys"])]
@@ -140,7 +141,7 @@ def _require_complete(report: Mapping[str, Any], field: str) -> None:
         raise InvalidInput(f"the weights are not those of the configuration: {first}{more}", field=field)
 
 
-def _classes(config: Mapping[str, Any], field: str) -> list[str]:
+def _classes(config: JsonObject, field: str) -> list[str]:
     named = config.get("id2label")
     if not isinstance(named, dict) or not named:
         raise InvalidInput("the configuration names no classes", field=f"{field}: {_CONFIG}: id2label")
@@ -153,8 +154,8 @@ def _classes(config: Mapping[str, Any], field: str) -> list[str]:
     return [numbered[number] for number in range(len(numbered))]
 
 
-def _input(processor: Mapping[str, Any]) -> dict[str, Any]:
-    entries: dict[str, Any] = {"multiple_of": 32}
+def _input(processor: JsonObject) -> JsonObject:
+    entries: JsonObject = {"multiple_of": 32}
     size = processor.get("size")
     if processor.get("do_resize", True) and isinstance(size, dict) and {"height", "width"} <= set(size):
         entries = {"mode": "resize", "size": [size["width"], size["height"]]}
@@ -165,7 +166,7 @@ def _input(processor: Mapping[str, Any]) -> dict[str, Any]:
     return entries
 
 
-def _json(path: Path) -> dict[str, Any]:
+def _json(path: Path) -> JsonObject:
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise InvalidInput("the file is too large", field=path.name, limit=f"{_MAX_JSON_BYTES} bytes")

@@ -202,7 +202,7 @@ class FrameFolder(Frames):
         return np.frombuffer(raw, np.uint8).reshape(shape)
 
     def _handle(self, shard: Shard) -> Any:
-        handles: dict[str, Any] | None = getattr(self._open, "handles", None)
+        handles: dict[str, safe_open] | None = getattr(self._open, "handles", None)
         if handles is None:
             handles = self._open.handles = {}
         if shard.file not in handles:

@@ -5,14 +5,36 @@ from __future__ import annotations
 import os
 import secrets
 import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from sqlalchemy import Engine
 
-from valerie.broker import Broker, create_app
+from valerie.broker import Broker
 from valerie.db.engine import open_engine
 from valerie.settings import Settings
 from valerie.storage.store import ArtifactStore, open_store
+
+
+@contextmanager
+def beating_in_a_thread(seconds: float, beat: Callable[[], None]) -> Iterator[None]:
+    """Call ``beat`` every so many seconds while the body runs."""
+    stop = threading.Event()
+
+    def run() -> None:
+        while not stop.wait(seconds):
+            beat()
+
+    thread = threading.Thread(target=run, name="heartbeat", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(timeout=5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +45,8 @@ class Context:
         settings: of the deployment.
         engine, store, broker: database, artifact store and message broker.
         owner: unique name of this process in leases: host, process id and a random part.
+        elapsed: seconds since any fixed moment, which no clock that is set moves: for the pauses of this process.
+        beating: see `beating_in_a_thread`.
     """
 
     settings: Settings
@@ -30,6 +54,8 @@ class Context:
     store: ArtifactStore
     broker: Broker
     owner: str
+    elapsed: Callable[[], float] = time.monotonic
+    beating: Callable[[float, Callable[[], None]], AbstractContextManager[None]] = beating_in_a_thread
 
 
 def open_context(settings: Settings) -> Context:
@@ -43,7 +69,7 @@ def open_context(settings: Settings) -> Context:
         settings=settings,
         engine=open_engine(settings.database_url),
         store=open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
-        broker=Broker(create_app(settings)),
+        broker=Broker(settings),
         owner=process_name(),
     )
 

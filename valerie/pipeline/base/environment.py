@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from importlib.metadata import PackageNotFoundError, distributions, version
 
+from valerie.plain import JsonObject
 from valerie.spelling import package_name
 
 
@@ -16,7 +17,7 @@ def software() -> str:
         return "valerie (not installed)"
 
 
-def environment() -> dict[str, object]:
+def environment() -> JsonObject:
     """Return the versions of this program, Python and all installed packages, and the kind of machine, as JSON values."""
     packages = {package_name(package.name): package.version for package in distributions()}
     return {

@@ -15,13 +15,14 @@ STORAGE_REASON: Final = "storage: "
 
 
 def pause_for_storage(context: Context, error: ValerieError) -> None:
-    """Pause every running run, with ``error`` as the reason."""
+    """Pause every run that stores products or results, with ``error`` as the reason."""
+    storing = (RunState.RUNNING, RunState.FINISHING)
     with writing(context.engine) as connection:
-        for run in runs.in_states(connection, (RunState.RUNNING,)):
+        for run in runs.in_states(connection, storing):
             runs.change_state(
                 connection,
                 run.id,
-                expected=(RunState.RUNNING,),
+                expected=storing,
                 state=RunState.PAUSED,
                 reason=f"{STORAGE_REASON}{error}",
             )

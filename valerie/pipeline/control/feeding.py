@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final, NamedTuple
 
 import orjson
@@ -68,9 +67,16 @@ class Feeder:
         self._resolved, self._pins = stored.resolved, stored.pins
         self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
-    def feed(self, engine: Engine, first: int, now: float) -> Fed:
-        """Write the block that begins at variant ``first``, unless another process did or the run was stopped."""
-        rows = self._rows(first)
+    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> Fed:
+        """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
+
+        Args:
+            engine: database.
+            first: index of a variant.
+            now: Unix seconds.
+            part: of a whole block: runs that are fed at the same time share it.
+        """
+        rows = self._rows(first, part * BLOCK_PRODUCTS)
         following = first + len(rows.variants)
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
@@ -86,7 +92,7 @@ class Feeder:
             runs.set_values(connection, self._run_id, next_index=following, rejected_count=rejected)
         return Fed(len(rows.wanted), ready)
 
-    def _rows(self, first: int) -> _Rows:
+    def _rows(self, first: int, limit: float) -> _Rows:
         run_id, resolved = self._run_id, self._resolved
         places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
         engine_route, truth_route = self._pins.engine.route, self._pins.truth.route
@@ -95,7 +101,7 @@ class Feeder:
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
         for index, (block, assignment) in enumerate(resolved.space.values(first, last), start=first):
-            if len(rows.wanted) >= BLOCK_PRODUCTS:
+            if len(rows.wanted) >= limit:
                 break
             reason = resolved.rejection(assignment)
             rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
@@ -104,21 +110,25 @@ class Feeder:
                 continue
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
+                frame = self._inputs.frame(moment, camera, course=resolved.around(assignment, time))
                 background, layer, truth = frame.products.required
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))
                 want(truth, Wanted(truth, ProductKind.TRUTH, truth_route, background))
                 rows.frames.append((run_id, index, camera, time, background, layer, truth))
                 for kind, product, inputs in frame.annotations:
-                    want(product, Wanted(product, kind, truth_route, background, *inputs))
+                    route = engine_route if kind is ProductKind.SCAN else truth_route
+                    want(product, Wanted(product, kind, route, background, *inputs))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
-                for sensor, function, prediction, scores, third, distorted in frame.evaluations:
+                for sensor, function, prediction, scores, third, distorted, empty in frame.evaluations:
                     route, group, scores_group = targets[function]
                     want(prediction, Wanted(prediction, ProductKind.PREDICTION, route, group, layer, background, third))
-                    want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, prediction, truth))
+                    if empty is not None:
+                        want(empty, Wanted(empty, ProductKind.PREDICTION, route, group, background))
+                    parts = prediction, truth, empty
+                    want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, *parts))
                     rows.evaluations.append(
-                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted)
+                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted, empty)
                     )
         return rows
 
@@ -130,7 +140,7 @@ class _Rows:
     variants: list[tuple[str, int, int, str, str | None]] = field(default_factory=list)
     frames: list[tuple[str, int, int, int, str, str, str]] = field(default_factory=list)
     annotations: list[tuple[str, int, int, int, str, str]] = field(default_factory=list)
-    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool]] = field(default_factory=list)
+    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool, str | None]] = field(default_factory=list)
     wanted: dict[str, Wanted] = field(default_factory=dict)
     rejected: int = 0
 
@@ -139,4 +149,4 @@ _VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
 _KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
 _FRAME: Final = (*_KEY, "background", "layer", "truth")
 _ANNOTATION: Final = (*_KEY, "kind", "product")
-_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted")
+_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted", "empty")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Final
@@ -10,7 +9,7 @@ from typing import Final
 from sqlalchemy import Connection
 
 from valerie.db import blocks, products, runs
-from valerie.db.engine import writing
+from valerie.db.engine import database_time, writing
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
@@ -94,15 +93,16 @@ def delete(context: Context, run_id: str) -> None:
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
     # In one transaction: a run that is running again while its products stay parked would never end.
     with writing(context.engine) as connection:
+        now = database_time(connection)
         pins = runs.get(connection, run_id).pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:
-            runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, time.time()))
+            runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, now))
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
         blocks.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
         products.revive(connection, digests)
-        ready = products.promote(connection, digests, time.time())
+        ready = products.promote(connection, digests, now)
     send_ready(context, ready)
 
 

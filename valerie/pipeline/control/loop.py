@@ -6,17 +6,20 @@ step is one transaction. Another process, or the same one restarted, goes on whe
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Collection, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import Final
 
 import structlog
 
 from valerie.db import processes, products, runs, sweeping, totals
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
-from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
+from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
@@ -26,6 +29,7 @@ from valerie.pipeline.control import feeding
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress import ProgressBook
+from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.pins import Offer
 from valerie.runs.states import RunState
@@ -38,18 +42,25 @@ _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
 
-    def __init__(self, context: Context) -> None:
+    Args:
+        context: of this process.
+        proposer: advances studies (default: a thread).
+    """
+
+    def __init__(self, context: Context, *, proposer: Executor | None = None) -> None:
         self._context = context
         self._settings = context.settings
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
+        # A strategy may compute for seconds, and the lease must be prolonged meanwhile.
+        self._proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
+        self._studies = StudyKeeper(context)
+        self._advancing: Future[None] | None = None
         self._finish_sent: dict[str, float] = {}
-        self._next_sweep = 0.0
-        self._next_probe = 0.0
-        self._next_count = 0.0
+        self._next_sweep = self._next_probe = self._next_count = -math.inf
 
     def wake(self) -> None:
         """Begin the next round at once: something was submitted."""
@@ -73,6 +84,7 @@ class ControlLoop:
             if not busy:
                 self._wake.wait(timeout=pause)
                 self._wake.clear()
+        self._proposer.shutdown()
         try:
             with writing(self._context.engine) as connection:
                 processes.release_lease(connection, ROLE, owner=self._context.owner)
@@ -84,16 +96,18 @@ class ControlLoop:
 
         With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
         """
-        now = time.time()
+        elapsed = self._context.elapsed()
         if everything:
-            self._next_count = self._next_sweep = self._next_probe = now
+            self._next_count = self._next_sweep = self._next_probe = elapsed
         with writing(self._context.engine) as connection:
+            now = database_time(connection)
             held = processes.hold_lease(
                 connection, ROLE, owner=self._context.owner, now=now, seconds=self._settings.lease_seconds
             )
         if not held:
             self._book.forget()
             self._feeders.clear()
+            self._studies = StudyKeeper(self._context)
             return False
         self._pin_submitted(now)
         with reading(self._context.engine) as connection:
@@ -101,21 +115,22 @@ class ControlLoop:
         running = [run for run in active if run.state is RunState.RUNNING]
         paused = [run for run in active if run.state is RunState.PAUSED]
         more = self._feed(running, now)
-        if now >= self._next_count:
+        if elapsed >= self._next_count:
             started = time.thread_time()
             for run in running:
                 self._count(run.id)
+            self._advance_studies(wait=everything)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
-            self._next_count = time.time() + max(0.5, 10 * (time.thread_time() - started))
-        self._finish([run.id for run in active if run.state is RunState.FINISHING], now)
-        if now >= self._next_sweep:
+            self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
+        self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
+        if elapsed >= self._next_sweep:
             self._sweep(now)
             fail_overdue(self._context, running, now)
-            self._next_sweep = now + self._settings.sweep_seconds
+            self._next_sweep = elapsed + self._settings.sweep_seconds
             self._guard_space()
-        if paused and now >= self._next_probe:
+        if paused and elapsed >= self._next_probe:
             self._resume_when_possible(paused)
-            self._next_probe = now + _PROBE_SECONDS
+            self._next_probe = elapsed + _PROBE_SECONDS
         self._feeders = {run.id: self._feeders[run.id] for run in running if run.id in self._feeders}
         return more
 
@@ -157,15 +172,22 @@ class ControlLoop:
         return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
-        """Write the next block of each run that has one, while the window has room; return whether it still has."""
+        """Write the next block of each run that has one and room in the window; return whether there may be more.
+
+        Runs with variants left share the window equally, whatever the others have filled: a small run does not wait for a
+        large one. A run alone has the whole window, and the first block even where other runs fill it.
+        """
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
             return False
         with reading(self._context.engine) as connection:
             room = self._settings.feed_window - totals.unfinished_count(connection)
-        for run in hungry:
-            if room <= 0:
-                return False
+        share = self._settings.feed_window / len(hungry)
+        more = False
+        for run in sorted(hungry, key=lambda run: self._book.unfinished(run.id)):
+            own = self._book.unfinished(run.id)
+            if own >= share if len(hungry) > 1 else room <= 0 < own:
+                continue
             feeder = self._feeders.get(run.id)
             if feeder is None:
                 try:
@@ -175,10 +197,11 @@ class ControlLoop:
                 except ValerieError as error:
                     self._fail(run.id, str(error))
                     continue
-            fed = feeder.feed(self._context.engine, run.next_index, now)
-            room -= fed.products
+            fed = feeder.feed(self._context.engine, run.next_index, now, part=1 / len(hungry))
+            self._book.note_fed(run.id, fed.products)
+            more = more or fed.products > 0
             send_ready(self._context, fed.ready)
-        return room > 0
+        return more
 
     def _fail(self, run_id: str, reason: str, *, expected: RunState = RunState.RUNNING) -> None:
         with writing(self._context.engine) as connection:
@@ -199,35 +222,52 @@ class ControlLoop:
             with writing(self._context.engine) as connection:
                 runs.change_state(connection, run_id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
 
-    def _finish(self, finishing: Collection[str], now: float) -> None:
+    def _finish(self, finishing: Collection[str], elapsed: float) -> None:
         for run_id in finishing:
-            if now - self._finish_sent.get(run_id, 0.0) > self._settings.resend_seconds:
-                self._finish_sent[run_id] = now
+            if elapsed - self._finish_sent.get(run_id, -math.inf) > self._settings.resend_seconds:
+                self._finish_sent[run_id] = elapsed
                 try:
                     self._context.broker.send_finish(run_id)
                 except TransientError as error:
                     log.warning("control.broker", reason=str(error))
         self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in finishing}
 
+    def _advance_studies(self, *, wait: bool) -> None:
+        if self._advancing is None or self._advancing.done():
+            last, self._advancing = self._advancing, self._proposer.submit(self._studies.advance)
+            if last is not None:
+                last.result()
+        if wait:
+            self._advancing.result()
+
     # -- sweeping --------------------------------------------------------------------------------------------------------
 
     def _sweep(self, now: float) -> None:
         """Take back what the dead held, send lost messages again, pass failures on."""
         with writing(self._context.engine) as connection:
+            sweeping.bound_times(connection, now=now, lease_seconds=self._settings.lease_seconds)
             expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
             sweeping.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
             stale = sweeping.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
         # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
-        empty = {route: self._context.broker.queue_length(route) == 0 for route in {ready.route for ready in stale}}
-        lost = [ready for ready in stale if empty[ready.route]]
+        waiting = self._waiting({ready.route for ready in stale}) if stale else {}
+        lost = [ready for ready in stale if waiting.get(ready.route) == 0]
         if lost:
             with writing(self._context.engine) as connection:
                 sweeping.mark_sent(connection, [ready.digest for ready in lost], now)
         if expired or late or lost:
             log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
         send_ready(self._context, [*expired, *late, *lost])
+
+    def _waiting(self, routes: Collection[str]) -> dict[str, int]:
+        """Return the number of messages in each queue; nothing while the broker does not answer."""
+        try:
+            return self._context.broker.queue_lengths(routes)
+        except TransientError as error:
+            log.warning("control.broker", reason=str(error))
+            return {}
 
     def _guard_space(self) -> None:
         """Pause the runs before the last megabyte is gone: the database and the logs need space, too."""
@@ -247,7 +287,8 @@ class ControlLoop:
         except (StorageFull, StorageUnavailable):
             return
         for run in waiting:
-            resume(self._context, run.id)
+            with suppress(Conflict, NotFound):  # a user was faster
+                resume(self._context, run.id)
 
 
 def _require_space(context: Context) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
+from threading import Thread
 from typing import NamedTuple
 
 from prometheus_client import CollectorRegistry, generate_latest
@@ -12,40 +13,54 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from sqlalchemy import text
 
 from valerie.db import processes, runs, totals
-from valerie.db.engine import reading
+from valerie.db.engine import database_time, reading
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.states import EVAL_QUEUE, ProductState, Stage
 
+#: Whatever does not answer a check in this time is reported as unknown.
+CHECK_SECONDS = 5.0
+#: Checks that still wait for an answer, by deployment and name.
+_waiting: dict[tuple[int, str], Thread] = {}
+
 
 def check(context: Context) -> dict[str, str]:
-    """Return ``ok``, or what is wrong, for database, broker and artifact store."""
+    """Return ``ok``, or what is wrong, for database, broker and artifact store, within `CHECK_SECONDS`."""
 
     def database() -> None:
         with reading(context.engine) as connection:
             connection.execute(text("SELECT 1"))
 
-    checks = {
+    checks: dict[str, Callable[[], object]] = {
         "database": database,
-        "broker": lambda: context.broker.queue_length(EVAL_QUEUE),
+        "broker": lambda: context.broker.queue_lengths([EVAL_QUEUE]),
         "artifacts": context.store.check,
     }
-    answers = {}
-    for name, call in checks.items():
+    answers = dict.fromkeys(checks, f"it does not answer within {CHECK_SECONDS:g} s")
+
+    def ask(name: str) -> None:
         try:
-            call()
+            checks[name]()
             answers[name] = "ok"
         except ValerieError as error:
             answers[name] = str(error)
-    return answers
+
+    deadline = time.monotonic() + CHECK_SECONDS
+    asked = []
+    for name in checks:
+        key = (id(context), name)
+        if key in _waiting and _waiting[key].is_alive():  # of an earlier call: a second thread would wait with it
+            continue
+        thread = _waiting[key] = Thread(target=ask, args=(name,), name=f"check-{name}", daemon=True)
+        thread.start()
+        asked.append(thread)
+    for thread in asked:
+        thread.join(timeout=max(0.0, deadline - time.monotonic()))
+    return dict(answers)
 
 
 def metrics(context: Context) -> str:
-    """Return metrics in the Prometheus text format.
-
-    Raises:
-        TransientError: the database does not answer.
-    """
+    """Return metrics in the Prometheus text format; those of a part that does not answer are left out."""
     registry = CollectorRegistry()
     registry.register(_Collector(context))
     return generate_latest(registry).decode()
@@ -75,36 +90,36 @@ def queues(context: Context) -> list[Queue]:
     Raises:
         TransientError: the database does not answer.
     """
-    now = time.time()
     with reading(context.engine) as connection:
         backlog = totals.backlog(connection)
-        alive = processes.workers(connection, now=now)
+        alive = processes.workers(connection, now=database_time(connection))
     serving: Counter[str] = Counter()
     for worker in alive:
         serving.update(
             {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
         )
     counts = {(route, state): count for route, state, count in backlog}
-    listed = []
-    answering = True
-    for route in sorted({route for route, _ in counts} | serving.keys() | {EVAL_QUEUE}):
-        messages = None
-        if answering:
-            try:
-                messages = context.broker.queue_length(route)
-            except TransientError:
-                answering = False  # one time-out is enough
-        listed.append(
-            Queue(
-                route=route,
-                waiting=counts.get((route, ProductState.WAITING), 0),
-                ready=counts.get((route, ProductState.READY), 0),
-                running=counts.get((route, ProductState.RUNNING), 0),
-                messages=messages,
-                workers=serving[route],
-            )
+    routes = sorted({route for route, _ in counts} | serving.keys() | {EVAL_QUEUE})
+    messages = _messages(context, routes)
+    return [
+        Queue(
+            route=route,
+            waiting=counts.get((route, ProductState.WAITING), 0),
+            ready=counts.get((route, ProductState.READY), 0),
+            running=counts.get((route, ProductState.RUNNING), 0),
+            messages=messages.get(route),
+            workers=serving[route],
         )
-    return listed
+        for route in routes
+    ]
+
+
+def _messages(context: Context, routes: Collection[str]) -> dict[str, int]:
+    """Return the number of messages in each queue; nothing where the broker does not answer."""
+    try:
+        return context.broker.queue_lengths(routes)
+    except TransientError:
+        return {}
 
 
 class _Collector:
@@ -115,22 +130,31 @@ class _Collector:
 
     def collect(self) -> Iterator[Metric]:
         """Return the metrics of this moment."""
-        now = time.time()
-        with reading(self._context.engine) as connection:
-            unfinished = totals.backlog(connection)
-            kinds = totals.totals(connection)
-            alive = processes.workers(connection, now=now)
-            states = runs.count_by_state(connection)
+        up = GaugeMetricFamily(
+            "valerie_up", "Whether a part answers; without it, its metrics are unknown", labels=["part"]
+        )
+        try:
+            with reading(self._context.engine) as connection:
+                unfinished = totals.backlog(connection)
+                kinds = totals.totals(connection)
+                alive = processes.workers(connection, now=database_time(connection))
+                states = runs.count_by_state(connection)
+        except TransientError:
+            up.add_metric(["database"], 0)
+            up.add_metric(["broker"], float(bool(_messages(self._context, [EVAL_QUEUE]))))
+            yield up
+            return
+        messages = _messages(self._context, sorted({route for route, _, _ in unfinished} | {EVAL_QUEUE}))
+        up.add_metric(["database"], 1)
+        up.add_metric(["broker"], float(bool(messages)))
+        yield up
         backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
         for route, state, count in unfinished:
             backlog.add_metric([route, state], count)
         yield backlog
         depth = GaugeMetricFamily("valerie_queue_messages", "Messages waiting in a queue", labels=["route"])
-        for route in sorted({route for route, _, _ in unfinished} | {EVAL_QUEUE}):
-            try:
-                depth.add_metric([route], self._context.broker.queue_length(route))
-            except TransientError:
-                break
+        for route, count in messages.items():
+            depth.add_metric([route], count)
         yield depth
         done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
         failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from typing import Final
 
 from valerie.db import processes, totals
-from valerie.db.engine import reading
+from valerie.db.engine import database_time, reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -25,7 +24,7 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
     with reading(context.engine) as connection:
-        offers = processes.offers(connection, now=time.time())
+        offers = processes.offers(connection, now=database_time(connection))
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
         resolved = resolve_new(spec, context.settings, registered=names)

@@ -6,7 +6,6 @@ feeding window holds.
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Final
 from sqlalchemy import Engine
 
 from valerie.db import blocks, processes, runs, totals
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
@@ -56,16 +55,31 @@ class ProgressBook:
         self._engine = engine
         self._closed: dict[str, dict[int, BlockCounts]] = {}
         self._history: dict[str, deque[tuple[float, BlockCounts]]] = {}
+        self._unfinished: dict[str, int] = {}
+
+    def unfinished(self, run_id: str) -> int:
+        """Return how many products of a run are unfinished at most: some are shared with other runs, or within it.
+
+        Those that people are to upload are left out, and what follows from them.
+        """
+        if run_id not in self._unfinished:
+            self.update(run_id)
+        return self._unfinished[run_id]
+
+    def note_fed(self, run_id: str, products: int) -> None:
+        """Add products that were written since the last `update`."""
+        self._unfinished[run_id] = self.unfinished(run_id) + products
 
     def forget(self) -> None:
         """Read the finished blocks again: another process counted meanwhile."""
         self._closed.clear()
         self._history.clear()
+        self._unfinished.clear()
 
     def update(self, run_id: str) -> bool:
         """Count a run, finish its finished blocks and write its progress; return whether nothing is left to do."""
-        now = time.time()
         with reading(self._engine) as connection:
+            now = database_time(connection)
             run = runs.get(connection, run_id)
             counted = {
                 block.number: blocks.count_block(connection, run_id, block.first, block.last)
@@ -82,6 +96,7 @@ class ProgressBook:
         total = BlockCounts.total([*closed.values(), *counted.values()])
         finished = {number: counts for number, counts in counted.items() if counts.is_final}
         closed.update(finished)
+        self._unfinished[run_id] = max(0, total.unfinished - 2 * awaited)
         progress = self._progress(_Look(now, run, total, backlog, served, awaited))
         with writing(self._engine) as connection:
             for number, counts in finished.items():
@@ -92,6 +107,8 @@ class ProgressBook:
     def _progress(self, look: _Look) -> Progress:
         run = look.run
         history = self._history.setdefault(run.id, deque())
+        if history and look.now < history[-1][0]:  # the clock was set back
+            history.clear()
         history.append((look.now, look.total))
         while len(history) > 2 and look.now - history[1][0] >= _RATE_LONGEST:
             history.popleft()

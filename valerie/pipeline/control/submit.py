@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import secrets
-import time
 
 from valerie.db import processes, runs
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
@@ -27,15 +26,15 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         Conflict: the idempotency key belongs to another spec.
         NotFound: ``parent_run`` does not exist.
     """
-    now = time.time()
     with reading(context.engine) as connection:
+        now = database_time(connection)
         offers = processes.offers(connection, now=now)
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
     resolved = resolve_new(spec, context.settings, registered=names)
     pins, reason = choose_pins(spec, offers, registered)
     run = SubmittedRun(
-        id=new_run_id(now),
+        id=new_id("r", now),
         name=spec.name,
         state=RunState.SUBMITTED,
         reason=reason,
@@ -57,8 +56,8 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         return runs.create(connection, run, idempotency_key=idempotency_key)
 
 
-def new_run_id(now: float) -> str:
-    """Return a short id that sorts by time: seven characters of seconds, five of chance."""
+def new_id(prefix: str, now: float) -> str:
+    """Return a short id that sorts by time: the prefix, seven characters of seconds, five of chance."""
     seconds = int(now)
     stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
-    return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))
+    return prefix + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))

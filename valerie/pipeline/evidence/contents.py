@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.parameters.definitions import Value
+from valerie.plain import JsonObject
 from valerie.runs.frames import FrameKey
 
 SPEC: Final = "spec.json"
@@ -117,8 +118,8 @@ def named_frames(document: object) -> list[NamedFrame]:
     return [frame for _, frame in sorted(named.items(), key=lambda item: item[0])]
 
 
-def _views(document: object) -> Iterator[Mapping[str, Any]]:
-    if isinstance(document, Mapping):
+def _views(document: object) -> Iterator[JsonObject]:
+    if isinstance(document, dict):
         if isinstance(document.get("frame_id"), str):
             yield document
         for value in document.values():

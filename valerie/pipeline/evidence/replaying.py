@@ -6,7 +6,6 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from random import SystemRandom
 from tempfile import TemporaryDirectory
@@ -176,7 +175,7 @@ class _Frames:
             raise Refused([f"{FRAMES}: {entry.variant}.{entry.camera}.{entry.time} is no frame of the spec"])
         ((_, assignment),) = resolved.space.values(entry.variant, entry.variant + 1)
         digests = self._inputs.frame(
-            resolved.at(assignment, entry.time), entry.camera, near=partial(resolved.near, assignment, entry.time)
+            resolved.at(assignment, entry.time), entry.camera, course=resolved.around(assignment, entry.time)
         )
         key = FrameKey(self._run.id, entry.variant, entry.camera, entry.time)
         return StoredFrame(key, digests.products, dict(assignment)), digests

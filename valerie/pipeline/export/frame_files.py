@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel
 
@@ -25,6 +25,7 @@ from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import ChosenFrame
+from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.variation.conditions import with_sun_angles
@@ -48,9 +49,9 @@ class CocoFragment(BaseModel):
     width: int
     height: int
     file_name: str
-    annotations: list[dict[str, Any]]
+    annotations: list[JsonObject]
     panoptic_name: str
-    segments: list[dict[str, Any]]
+    segments: list[JsonObject]
 
 
 class OpenLabelFragment(BaseModel):
@@ -65,7 +66,7 @@ class OpenLabelFragment(BaseModel):
 
     sequence: str
     number: int
-    camera: dict[str, Any]
+    camera: JsonObject
     frame: SequenceFrame
 
 
@@ -140,7 +141,7 @@ class FrameWriter:
         return fragment
 
     def _coco(
-        self, root: Path, labelled: LabelledFrame, split: str, picture: Path, instances: list[dict[str, Any]]
+        self, root: Path, labelled: LabelledFrame, split: str, picture: Path, instances: list[JsonObject]
     ) -> CocoFragment:
         """Write the panoptic picture; return the frame's entries."""
         height, width = labelled.class_map.shape
@@ -219,7 +220,7 @@ class FrameWriter:
         return camera_document(zoomed, size.width, size.height)
 
 
-def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[dict[str, Any]]) -> OpenLabelFragment:
+def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[JsonObject]) -> OpenLabelFragment:
     name = labelled.name
     assert labelled.camera is not None, "this format asks for the camera"
     height, width = labelled.class_map.shape

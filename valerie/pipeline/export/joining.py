@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute
@@ -21,6 +21,7 @@ from valerie.pipeline.export.folder import FRAGMENTS
 from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
 from valerie.pipeline.export.plan import ExportPlan
 from valerie.pipeline.reading.tables import read_table
+from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS
 from valerie.scene.graph.model import JOINTS
 
@@ -28,7 +29,7 @@ from valerie.scene.graph.model import JOINTS
 DOCUMENT: Final = "dataset.json"
 
 
-def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> dict[str, Any]:
+def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObject:
     """Write the documents that list all frames.
 
     Args:
@@ -90,9 +91,9 @@ def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
 
 
 def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], description: str) -> None:
-    images: list[dict[str, Any]] = []
-    instances: list[dict[str, Any]] = []
-    panoptic: list[dict[str, Any]] = []
+    images: list[JsonObject] = []
+    instances: list[JsonObject] = []
+    panoptic: list[JsonObject] = []
     for number, fragment in enumerate(fragments, start=1):
         size = {"width": fragment.width, "height": fragment.height}
         images.append({"id": number, **size, "file_name": fragment.file_name})

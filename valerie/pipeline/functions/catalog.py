@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -11,7 +10,7 @@ from pydantic import JsonValue
 
 from valerie import plugins
 from valerie.db import processes
-from valerie.db.engine import reading
+from valerie.db.engine import database_time, reading
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.cards import Row, card_rows
@@ -186,7 +185,7 @@ def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -
 
 def _offers(context: Context, stage: Stage) -> list[Offer]:
     with reading(context.engine) as connection:
-        return [offer for offer in processes.offers(connection, now=time.time()) if offer.stage is stage]
+        return [offer for offer in processes.offers(connection, now=database_time(connection)) if offer.stage is stage]
 
 
 def _numeric_classes(offers: list[Offer], name: str) -> tuple[str, ...]:

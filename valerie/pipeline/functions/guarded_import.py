@@ -13,7 +13,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pydantic import ValidationError
 
@@ -31,6 +31,7 @@ from valerie.pipeline.functions.import_job import (
     Trial,
     payload_of,
 )
+from valerie.plain import Written
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 
@@ -165,9 +166,9 @@ def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
     )
 
 
-def _entries(request: ImportRequest) -> dict[str, Any]:
+def _entries(request: ImportRequest) -> Written:
     """Return the entries of the document, as far as the owner gives them."""
-    entries: dict[str, Any] = load_document(request.document) if request.document else {}
+    entries: Written = load_document(request.document) if request.document else {}
     if "payload" in entries and request.path is not None:
         del entries["payload"]  # of an exported document: the file speaks for itself
     for field in ("name", "engine", "precision"):

@@ -9,10 +9,10 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from valerie.pipeline.functions.import_job import (
     Trial,
     payload_of,
 )
+from valerie.plain import Written
 
 #: Height and width of the picture of a trial.
 _SIZE: Final = (128, 256)
@@ -88,7 +89,7 @@ def _function(job: ImportJob) -> tuple[FunctionDocument, Path]:
 
 
 def _from_onnx(job: ImportJob) -> FunctionDocument:
-    """Check the file; return the document with what the file says of its making."""
+    """Check the file; return the document with the provenance that the file states."""
     with _required():
         from valerie.perception.importing.onnx_files import operator_set, read_onnx
     model = read_onnx(job.path, max_bytes=job.max_bytes)
@@ -141,7 +142,7 @@ def _required() -> Iterator[None]:
         ) from error
 
 
-def _merged(stated: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(stated: Written, entries: Written) -> Written:
     """Return what a file states, overridden by its owner's entries; parts are merged entry by entry."""
     merged = {**stated, **entries}
     for part in ("input", "output", "provenance"):

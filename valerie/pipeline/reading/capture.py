@@ -27,7 +27,7 @@ class Capture:
 
     Attributes:
         products: what shows the frame.
-        setting: the sensor setting with the variant's own values; without a shutter where there are no velocities.
+        setting: the sensor setting with the variant's own values; without a shutter where nothing moves.
         focal_length_mm: of the camera in this variant; None where the asset does not tell and the setting does not ask.
         run_seed: of the run.
         labels: kind of labels of the run.
@@ -45,16 +45,18 @@ class Capture:
         return self.setting.moves_truth
 
     @property
-    def velocity(self) -> str | None:
-        """The digest of the velocities that the picture depends on, if any."""
+    def motion(self) -> str | None:
+        """The digest of the scan or of the velocities that the picture depends on, if any."""
+        if self.setting.rolls:
+            return self.products.scan
         return self.products.velocity if self.setting.needs_velocity else None
 
     @property
     def tag(self) -> str:
         """32 hexadecimal characters that follow from everything the picture and its labels depend on."""
         products = list(self.products.required)
-        if self.velocity is not None:
-            products.append(self.velocity)
+        if self.motion is not None:
+            products.append(self.motion)
         return digest("capture", REVISION, products, short_document(self.setting, self.run_seed), self.labels.value)
 
     def zoom(self, width: int, height: int) -> float:
@@ -72,35 +74,39 @@ class Capture:
         Raises:
             MissingInput: an object is gone.
         """
-        image = reader.frame(self.products)
-        depth = reader.truth(self.products.truth).depth if self.setting.needs_depth else None
+        image, velocity = reader.frame(self.products), None
+        depth = self._truth(reader).depth if self.setting.needs_depth else None
+        if self.setting.rolls and self.products.scan is not None:
+            scan = reader.scan(self.products.scan)
+            image, velocity = scan.image(image), scan.velocity if self.setting.needs_velocity else None
+        elif self.setting.needs_velocity and self.products.velocity is not None:
+            velocity = reader.velocity(self.products.velocity).vectors
         content = (self.products.background, self.products.layer)
-        shot = Shot(self.focal_length_mm, depth, self._velocities(reader), self.run_seed, content)
+        metered = reader.metered_ev(self.products.background) if self.setting.auto_exposure else None
+        shot = Shot(self.focal_length_mm, depth, velocity, self.run_seed, content, metered)
         return develop(image.pixels, self.setting, shot)
 
-    def seen_from(self, reader: ProductReader, truth: GroundTruth) -> NDArray[np.intp]:
-        """Return the flat index of the rendered pixel that each pixel of the picture shows, (H, W).
+    def empty_picture(self, reader: ProductReader) -> NDArray[np.uint8]:
+        """Develop the background without movables: (H, W, 3) uint8 sRGB.
 
-        Args:
-            reader: reads the velocities.
-            truth: the frame's own.
+        Raises:
+            MissingInput: an object is gone.
+            InvalidInput: the sensor needs depths or velocities, which are those of the whole frame.
         """
-        height, width = truth.class_map.shape
-        return seen_from(
-            self.setting,
-            width,
-            height,
-            focal_length_mm=self.focal_length_mm,
-            depth=truth.depth,
-            velocity=self._velocities(reader),
-        )
+        background = self.products.background
+        metered = reader.metered_ev(background) if self.setting.auto_exposure else None
+        shot = Shot(self.focal_length_mm, None, None, self.run_seed, (background,), metered)
+        return develop(reader.background(background).pixels, self.setting, shot)
 
-    def seen_map(self, reader: ProductReader, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Move a map of the rendered image, (H, W, …), in step with the picture: by the nearest pixel."""
-        if not self.distorted:
+    def seen_map(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """Move a map of the rendered image, (H, W, …), with the lens: by the nearest pixel.
+
+        A rolling shutter leaves it at the frame's moment.
+        """
+        if self.setting.distortion.identity:
             return pixels
         height, width = pixels.shape[:2]
-        index = self.seen_from(reader, reader.truth(self.products.truth))
+        index = seen_from(self.setting, width, height, focal_length_mm=self.focal_length_mm)
         moved: NDArray[Any] = pixels.reshape(height * width, *pixels.shape[2:])[index]
         return moved
 
@@ -111,17 +117,23 @@ class Capture:
             MissingInput: an object is gone.
             MissingDependency: labels that are not exact need OpenCV.
         """
-        truth = labelled(reader.truth(self.products.truth), self.labels)
-        if not self.distorted:
+        truth = labelled(self._truth(reader), self.labels)
+        if self.setting.distortion.identity:
             return truth
-        return moved_truth(truth, self.setting, self.seen_from(reader, truth), self.focal_length_mm)
+        height, width = truth.class_map.shape
+        index = seen_from(self.setting, width, height, focal_length_mm=self.focal_length_mm)
+        return moved_truth(truth, self.setting, index, self.focal_length_mm)
 
-    def _velocities(self, reader: ProductReader) -> NDArray[np.float32] | None:
-        return None if self.velocity is None else reader.velocity(self.velocity).vectors
+    def _truth(self, reader: ProductReader) -> GroundTruth:
+        """Read the exact ground truth of the rendered image, line by line behind a rolling shutter."""
+        truth = reader.truth(self.products.truth)
+        if not self.setting.rolls or self.products.scan is None:
+            return truth
+        return reader.scan(self.products.scan).truth(truth)
 
 
 def capture_of(resolved: ResolvedRun, frame: StoredFrame, sensor: int) -> Capture:
-    """Return how a sensor of the run takes one of its frames.
+    """Return the capture of a frame of the run by one of its sensors.
 
     Args:
         resolved: the run.
@@ -129,7 +141,7 @@ def capture_of(resolved: ResolvedRun, frame: StoredFrame, sensor: int) -> Captur
         sensor: index in the sensors of the run's spec.
     """
     assignment = resolved.at(frame.assignment, frame.key.time)
-    moves = frame.products.velocity is not None
+    moves = resolved.times.motion is not None
     return Capture(
         products=frame.products,
         setting=setting_of(resolved.spec.sensors[sensor], assignment, moves=moves),
@@ -151,7 +163,7 @@ def moved_truth(
     Args:
         truth: of the pinhole camera, at the frame's moment.
         setting: the sensor; only its distortion counts.
-        index: (H, W), which pixel of the truth each pixel of the picture shows (`Capture.seen_from`).
+        index: (H, W), which pixel of the truth each pixel of the picture shows (`valerie.sensing.sensor.seen_from`).
         focal_length: millimetres, on a sensor 36 mm wide; needed where the lens distorts.
     """
     height, width = truth.class_map.shape

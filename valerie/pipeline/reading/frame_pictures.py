@@ -116,7 +116,7 @@ def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
         return ()
     products = capture.products
     image, truth = (products.background, products.layer), (products.truth,)
-    moving = () if capture.velocity is None else (capture.velocity,)
+    moving = () if capture.motion is None else (capture.motion,)
     if kind in _OF_TRUTH:
         return (*truth, *moving)
-    return image if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth, *moving)
+    return (*image, *moving) if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth, *moving)

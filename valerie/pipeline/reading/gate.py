@@ -5,11 +5,12 @@ from __future__ import annotations
 import orjson
 
 from valerie.analysis.gate import GateRun
-from valerie.analysis.verdicts import from_json
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 from valerie.pipeline.reading.tables import read_table
+from valerie.plain import typed
 
 
 def read_gate_run(context: Context, run_id: str) -> GateRun:
@@ -27,5 +28,5 @@ def read_gate_run(context: Context, run_id: str) -> GateRun:
         run.resolved.asset_digest,
         run.pins,
         read_table(context.engine, run),
-        from_json(summary["verdicts"]),
+        typed(tuple[RequirementVerdict, ...], summary["verdicts"]),
     )

@@ -20,8 +20,10 @@ from valerie.rendering.base import GroundTruth
 #: Kinds of picture that every frame has, and those that show a prediction.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-#: Kinds of picture that a frame has where its run asked for the annotation.
-ANNOTATION_KINDS: Final = tuple(kind.value for kind in AnnotationKind if kind.stored)
+#: Kinds of picture that a frame has where its run asked for the annotation. A scan shows in the picture of its sensor.
+ANNOTATION_KINDS: Final = tuple(
+    kind.value for kind in AnnotationKind if kind.stored and kind is not AnnotationKind.SCAN
+)
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1
@@ -68,11 +70,11 @@ class FramePainter:
         if kind == "depth":
             return _depth(capture.seen_truth(self._reader).depth)
         if kind == AnnotationKind.NORMALS and annotation is not None:
-            return capture.seen_map(self._reader, paint_normals(self._reader.normals(annotation)))
+            return capture.seen_map(paint_normals(self._reader.normals(annotation)))
         if kind == AnnotationKind.FLOW and annotation is not None:
-            return capture.seen_map(self._reader, paint_flow(self._reader.flow(annotation)))
+            return capture.seen_map(paint_flow(self._reader.flow(annotation)))
         if kind == AnnotationKind.VELOCITY and annotation is not None:
-            return capture.seen_map(self._reader, paint_flow(self._reader.velocity(annotation)))
+            return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
@@ -82,7 +84,7 @@ class FramePainter:
                 lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
-            return _blend(picture, capture.seen_map(self._reader, lines), capture.seen_map(self._reader, drawn), 0.9)
+            return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
         if kind == "truth-overlay":
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
         if kind == "picture" or prediction is None:

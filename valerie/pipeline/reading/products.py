@@ -16,10 +16,19 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
+from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.runs.frames import FrameProducts
+from valerie.sensing.metering import metered_ev
 from valerie.storage import codecs
-from valerie.storage.annotations import Annotation, decode_boxes, decode_flow, decode_joints, decode_normals
+from valerie.storage.annotations import (
+    Annotation,
+    decode_boxes,
+    decode_flow,
+    decode_joints,
+    decode_normals,
+    decode_scan,
+)
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -38,11 +47,23 @@ class ProductReader:
         self._store = store
         self._backgrounds: LRUCache[str, LinearImage] = LRUCache(_KEPT)
         self._statics: LRUCache[str, GroundTruth] = LRUCache(_KEPT)
+        self._metered: LRUCache[str, float] = LRUCache(_KEPT)
 
     def frame(self, products: FrameProducts) -> LinearImage:
         """Read the linear image of a frame."""
         layer = self._read("layer", products.layer, codecs.decode_layer)
-        return layer.over(self._kept(self._backgrounds, "background", products.background, codecs.decode_image))
+        return layer.over(self.background(products.background))
+
+    def background(self, digest: str) -> LinearImage:
+        """Read the linear image without movables."""
+        return self._kept(self._backgrounds, "background", digest, codecs.decode_image)
+
+    def metered_ev(self, background: str) -> float:
+        """Return the exposure that automatic exposure takes from a background."""
+        if background not in self._metered:
+            image = self._kept(self._backgrounds, "background", background, codecs.decode_image)
+            self._metered[background] = metered_ev(image.pixels)
+        return self._metered[background]
 
     def truth(self, digest: str) -> GroundTruth:
         """Read the ground truth of a frame."""
@@ -66,6 +87,7 @@ class ProductReader:
             AnnotationKind.JOINTS: self.joints,
             AnnotationKind.FLOW: self.flow,
             AnnotationKind.VELOCITY: self.velocity,
+            AnnotationKind.SCAN: self.scan,
         }
         return readers[kind](digest)
 
@@ -88,6 +110,10 @@ class ProductReader:
     def velocity(self, digest: str) -> FlowMap:
         """Read the velocities in a frame."""
         return self._read("velocity", digest, partial(decode_flow, kind=AnnotationKind.VELOCITY))
+
+    def scan(self, digest: str) -> Scan:
+        """Read what changes when a frame is read line by line."""
+        return self._read("scan", digest, decode_scan)
 
     def prediction(self, digest: str) -> NDArray[np.uint8]:
         """Read a prediction: (H, W) uint8 train ids."""

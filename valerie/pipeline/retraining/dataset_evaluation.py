@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.plain import JsonObject
 from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 
@@ -96,7 +97,7 @@ class DatasetResult:
     has_instances: bool
     functions: tuple[FunctionResult, ...]
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> JsonObject:
         """Return the result as JSON values, with `CollectionScores.as_document` per function."""
         return {
             "format": FORMAT,

@@ -77,9 +77,12 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
         for kind, link in annotations.items()
     ]
     for row in evaluations:
-        look = Look(row.sensor_index, row.function_index, row.prediction)
+        look = Look(row.sensor_index, row.function_index, row.prediction, row.empty)
         name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
         replayed.append(replay.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
+        if row.empty is not None:
+            empty = Job(row.empty, ProductKind.PREDICTION, 1, frame, look)
+            replayed.append(replay.compare(infer, empty, f"{name}, without movables"))
         replayed.append(
             replay.compare(evaluate, Job(row.scores, ProductKind.EVALUATION, 1, frame, look), name, stored=row)
         )

@@ -7,15 +7,14 @@ stored but not published is stored again with equal bytes, what was claimed come
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
 from typing import Final, Protocol, runtime_checkable
 
 import structlog
 
 from valerie.db import products
-from valerie.db.engine import writing
+from valerie.db.engine import database_time, reading, writing
 from valerie.db.products import Finished, Job
 from valerie.errors import (
     MissingInput,
@@ -71,12 +70,23 @@ class MayEnd(Protocol):
 
 
 def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
-    """Make those of ``digests`` that are still wanted; record what became of each."""
+    """Make those of ``digests`` that are still wanted; record what became of each.
+
+    Products that were tried before are made one by one, after the others: one that ends its process again and again must not
+    use up the attempts of its neighbours.
+    """
+    with reading(context.engine) as connection:
+        tried = products.tried(connection, digests)
+    for together in ([digest for digest in digests if digest not in tried], *([digest] for digest in tried)):
+        if together:
+            _make(context, maker, together)
+
+
+def _make(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     settings = context.settings
     with writing(context.engine) as connection:
-        jobs = products.claim(
-            connection, digests, owner=context.owner, now=time.time(), lease_seconds=settings.lease_seconds
-        )
+        now = database_time(connection)
+        jobs = products.claim(connection, digests, owner=context.owner, now=now, lease_seconds=settings.lease_seconds)
     if not jobs:
         return
     batch = _Batch(context, jobs)
@@ -84,7 +94,7 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
         maker.expect(jobs)
     if isinstance(maker, MayEnd):
         maker.before_end(batch.end)
-    with _heartbeat(context, batch):
+    with _renewing(context, batch):
         for job in jobs:
             batch.begin(job)
             batch.settle(job, _attempt(context, maker, job))
@@ -103,7 +113,7 @@ class _Batch:
         self._current = jobs[0]
         self._held = {job.digest for job in jobs}
         self._finished: list[Finished] = []
-        self._published_at = time.monotonic()
+        self._published_at = context.elapsed()
 
     @property
     def held(self) -> list[str]:
@@ -123,7 +133,7 @@ class _Batch:
                 self._held.discard(job.digest)
             else:
                 self._finished.append(product)
-            if time.monotonic() - self._published_at > _PUBLISH_SECONDS:
+            if self._context.elapsed() - self._published_at > _PUBLISH_SECONDS:
                 self.publish()
 
     def publish(self) -> None:
@@ -133,7 +143,7 @@ class _Batch:
                 _publish(self._context, self._finished)
                 self._held.difference_update(product.digest for product in self._finished)
                 self._finished = []
-            self._published_at = time.monotonic()
+            self._published_at = self._context.elapsed()
 
     def end(self, reason: str) -> None:
         """Publish the finished products and give the others back: this process ends, for ``reason``, in the middle of one."""
@@ -172,8 +182,8 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
 
 
 def _publish(context: Context, finished: Sequence[Finished]) -> None:
-    now = time.time()
     with writing(context.engine) as connection:
+        now = database_time(connection)
         published = products.publish(connection, finished, owner=context.owner, now=now)
     lost = {product.digest for product in finished} - set(published)
     if lost:
@@ -193,7 +203,8 @@ def _fail(context: Context, job: Job, error: BaseException) -> None:
     )
     log.error("stage.failed", digest=job.digest, **dict(fault))
     with writing(context.engine) as connection:
-        products.fail(connection, job.digest, owner=context.owner, error=fault, now=time.time())
+        now = database_time(connection)
+        products.fail(connection, job.digest, owner=context.owner, error=fault, now=now)
 
 
 def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
@@ -212,7 +223,7 @@ def _give_back(context: Context, digests: Collection[str], *, seconds: float, co
             connection,
             digests,
             owner=context.owner,
-            not_before=time.time() + seconds - context.settings.resend_seconds,
+            not_before=database_time(connection) + seconds - context.settings.resend_seconds,
             count_attempt=count_attempt,
         )
 
@@ -223,39 +234,25 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
         _fail(context, job, error)
         return
     log.warning("stage.input_lost", digest=job.digest, input=error.digest)
-    now = time.time()
     context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be taken for the new one
     with writing(context.engine) as connection:
         products.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
-        ready = products.promote(connection, [error.digest], now)
+        ready = products.promote(connection, [error.digest], database_time(connection))
     send_ready(context, ready)
 
 
-@contextmanager
-def _heartbeat(context: Context, batch: _Batch) -> Iterator[None]:
+def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
     """Renew the leases of a batch while the body computes."""
-    stop = threading.Event()
 
     def beat() -> None:
-        while not stop.wait(context.settings.heartbeat_seconds):
-            # Before the transaction: whoever holds the batch may be waiting for the database.
-            held = batch.held
-            try:
-                with writing(context.engine) as connection:
-                    products.renew(
-                        connection,
-                        held,
-                        owner=context.owner,
-                        until=time.time() + context.settings.lease_seconds,
-                    )
-            except TransientError as error:
-                log.warning("stage.heartbeat", reason=str(error))
+        # Before the transaction: whoever holds the batch may be waiting for the database.
+        held = batch.held
+        try:
+            with writing(context.engine) as connection:
+                until = database_time(connection) + context.settings.lease_seconds
+                products.renew(connection, held, owner=context.owner, until=until)
+        except TransientError as error:
+            log.warning("stage.heartbeat", reason=str(error))
 
-    thread = threading.Thread(target=beat, name="heartbeat", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(timeout=5)
+    return context.beating(context.settings.heartbeat_seconds, beat)

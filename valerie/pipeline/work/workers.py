@@ -7,6 +7,7 @@ only supervises, so that a crash of a driver costs a child, not the worker.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -21,10 +22,11 @@ from celery.signals import worker_process_init, worker_ready
 
 from valerie.broker import create_app
 from valerie.db import processes
-from valerie.db.engine import open_engine, unforked, writing
+from valerie.db.engine import database_time, open_engine, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
 from valerie.errors import MissingDependency, TransientError
+from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.child import Child
@@ -45,15 +47,14 @@ class Presence:
     def __init__(self, settings: Settings, stage: Stage, offers: Sequence[AnyOffer]) -> None:
         self._engine = open_engine(settings.database_url)
         self._stop = threading.Event()
-        now = time.time()
         self._worker = WorkerRow(
             id=process_name(),
             stage=stage,
             host=os.uname().nodename,
             pid=os.getpid(),
             offers=tuple(offers),
-            started_at=now,
-            seen_at=now,
+            started_at=0.0,
+            seen_at=0.0,
         )
         self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
@@ -68,6 +69,8 @@ class Presence:
         require_current(self._engine)
         self._health.parent.mkdir(parents=True, exist_ok=True)
         with unforked(), writing(self._engine) as connection:
+            now = database_time(connection)
+            self._worker = replace(self._worker, started_at=now, seen_at=now)
             processes.register_worker(connection, self._worker)
         self._health.touch()
         self._thread.start()
@@ -86,8 +89,8 @@ class Presence:
     def _run(self) -> None:
         while not self._stop.wait(_SEEN_EVERY_SECONDS):
             try:
-                now = time.time()
                 with unforked(), writing(self._engine) as connection:
+                    now = database_time(connection)
                     if not processes.worker_seen(connection, self._worker.id, now):
                         processes.register_worker(connection, replace(self._worker, seen_at=now))
                 self._health.touch()
@@ -182,6 +185,7 @@ def serve(
     child = register(app)
 
     def open_child(**_: object) -> None:
+        end_with_parent(signal.SIGKILL)  # a child in the middle of a product would work on for nobody
         context = open_context(settings)
         child.open(context, open_maker(context))
 

@@ -26,3 +26,5 @@ class AnnotationKind(StrEnum):
     FLOW = "flow"
     #: Image velocity of every pixel.
     VELOCITY = "velocity"
+    #: The frame as a rolling shutter reads it: image and truth, line by line.
+    SCAN = "scan"

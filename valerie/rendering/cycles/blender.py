@@ -25,6 +25,7 @@ import psutil
 from numpy.typing import NDArray
 
 from valerie.errors import MissingDependency, RenderingError, TransientError
+from valerie.plain import JsonObject
 from valerie.settings import Settings, load_settings
 
 #: Folder of the package `inside`, which is not installed in Blender's Python. At the end of the path, it hides no other module.
@@ -69,8 +70,8 @@ class BlenderProcess:
         self._memory = settings.cycles_max_memory_mb * 1_000_000
         self._folder = tempfile.TemporaryDirectory(prefix="valerie-cycles-")
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
-        self.known: dict[str, Any] = {}
-        self.settings: dict[str, Any] | None = None
+        self.known: JsonObject = {}
+        self.settings: JsonObject | None = None
         self.cpu_seconds = 0.0
         self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
             blender_program(python, "inside", self._folder.name),
@@ -94,7 +95,7 @@ class BlenderProcess:
 
     def ask(
         self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
-    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    ) -> tuple[JsonObject, dict[str, NDArray[Any]]]:
         """Send a request and return its answer: header and arrays.
 
         Args:
@@ -137,8 +138,8 @@ class BlenderProcess:
         self._folder.cleanup()
 
     def _exchange(
-        self, header: dict[str, Any], arrays: Arrays, silence: float
-    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        self, header: JsonObject, arrays: Arrays, silence: float
+    ) -> tuple[JsonObject, dict[str, NDArray[Any]]]:
         if not self.alive:
             raise self._ended("Blender is not running")
         outgoing = {name: np.ascontiguousarray(array) for name, array in arrays.items()}

@@ -7,14 +7,15 @@ Meshes and textures are recognised by identity, materials by value. Everything i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Set
 from dataclasses import asdict
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from valerie.plain import JsonObject
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
@@ -63,7 +64,7 @@ def render(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    settings: Mapping[str, Any],
+    settings: JsonObject,
     *,
     border: Rectangle | None = None,
     movables: bool = True,
@@ -75,8 +76,7 @@ def render(
         border: the rectangle to render; None for the whole image.
         movables: whether the image shows the movables.
     """
-    items = _items(scene, movables=movables)
-    _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
+    arrays = _ask(blender, scene, view, settings, border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
     return rained_on(arrays["pixels"], sky.drops, sky.haze, part, view.height)
 
@@ -85,7 +85,7 @@ def guided(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    settings: Mapping[str, Any],
+    settings: JsonObject,
     *,
     border: Rectangle | None = None,
     movables: bool = True,
@@ -94,10 +94,8 @@ def guided(
 
     Only the validation of layers uses it (docs/benchmarks.md); no product does.
     """
-    items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}
-    _, arrays = _ask(blender, scene, view, items, settings=noisy, border=border, guides=True, movables=movables)
-    return Guided(**arrays)
+    return Guided(**_ask(blender, scene, view, noisy, border=border, movables=movables, shows="guides"))
 
 
 def denoised(blender: BlenderProcess, guided_image: Guided) -> NDArray[np.float32]:
@@ -106,15 +104,14 @@ def denoised(blender: BlenderProcess, guided_image: Guided) -> NDArray[np.float3
 
 
 def object_index(
-    blender: BlenderProcess, scene: Scene, view: View, settings: Mapping[str, Any]
+    blender: BlenderProcess, scene: Scene, view: View, settings: JsonObject
 ) -> tuple[NDArray[np.int32], tuple[DrawItem, ...]]:
     """Return Cycles' object index at pixel centres, (H, W), and the items: 0 for the sky, else the item's position plus one.
 
     Only tests of the truth pass use it; no product does.
     """
-    items = _items(scene, movables=True)
-    _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
-    return arrays["index"].astype(np.int32), items
+    index = _ask(blender, scene, view, settings, shows="index")["index"]
+    return index.astype(np.int32), _items(scene, movables=True)
 
 
 def _items(scene: Scene, *, movables: bool) -> tuple[DrawItem, ...]:
@@ -125,17 +122,16 @@ def _ask(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    items: tuple[DrawItem, ...],
+    settings: JsonObject,
     *,
-    settings: dict[str, Any],
-    border: Rectangle | None,
-    index: bool = False,
-    guides: bool = False,
+    border: Rectangle | None = None,
     movables: bool = True,
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    camera = camera_of(scene, view)
+    shows: Literal["pixels", "guides", "index"] = "pixels",
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one pass of Blender: the pixels, these with the denoiser's guides, or the object index."""
+    camera, items = camera_of(scene, view), _items(scene, movables=movables)
     # The index pass takes one sample, see `inside.film`.
-    _keep_to(blender, {**settings, "samples": 1} if index else settings)
+    _keep_to(blender, {**settings, "samples": 1} if shows == "index" else settings)
     sky = sky_of(scene)
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
     # Blender's sky has no clouds, fog or dusk.
@@ -146,7 +142,7 @@ def _ask(
     placed = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([mesh.world for mesh in placed]) if placed else np.zeros((0, 4, 4))
-    return blender.ask(
+    _, arrays = blender.ask(
         "render",
         {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
         size=[view.width, view.height],
@@ -154,14 +150,15 @@ def _ask(
         camera=_camera(camera),
         objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
-        index=index,
-        guides=guides,
+        index=shows == "index",
+        guides=shows == "guides",
         lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
         **_light(scene, sky),
     )
+    return arrays
 
 
-def _keep_to(blender: BlenderProcess, settings: Mapping[str, Any]) -> None:
+def _keep_to(blender: BlenderProcess, settings: JsonObject) -> None:
     """Reset Blender if the last image had other settings.
 
     Cycles' persistent data (Blender 4.5) depends on the settings of its first image. After a change of the number of samples,
@@ -268,7 +265,7 @@ class _Sender:
         return True
 
 
-def _camera(camera: Camera) -> dict[str, Any]:
+def _camera(camera: Camera) -> JsonObject:
     return {
         "matrix": camera.transform.ravel().tolist(),
         "focal_length_mm": camera.focal_length_mm,
@@ -278,7 +275,7 @@ def _camera(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
+def _light(scene: Scene, sky: Sky) -> JsonObject:
     """Return sun, air and sky. The sun is ours at every elevation, and Blender's sky gets our sky's irradiance on the ground."""
     return {
         "light": {
@@ -299,7 +296,7 @@ def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
     }
 
 
-def _lamp(lamp: Lamp) -> dict[str, Any]:
+def _lamp(lamp: Lamp) -> JsonObject:
     """Return a lamp for Blender.
 
     Blender's energy is the power of a whole sphere: the radiant intensity is energy / 4π, and a white surface shows its

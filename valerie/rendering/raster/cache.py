@@ -30,6 +30,9 @@ class LeastRecentlyUsed(Generic[Entry]):
     def __len__(self) -> int:
         return len(self._entries)
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._entries
+
     def __iter__(self) -> Iterator[Entry]:
         """Iterate over the entries, the most recently used one last."""
         return iter(tuple(self._entries.values()))

@@ -133,11 +133,17 @@ class Canvas:
             none() for _ in range(6)
         )
 
-    def take(self, camera: Hashable, light: Hashable) -> None:
-        """Prepare for the statics seen by this camera under this light, and keep the tiles that are still valid."""
+    def take(self, camera: Hashable, light: Hashable, drawn: Area) -> None:
+        """Prepare for the statics seen by this camera under this light, and keep the tiles that are still valid.
+
+        Args:
+            camera: what the statics' G-buffer follows from.
+            light: what their image follows from.
+            drawn: area in which the G-buffer is drawn.
+        """
         if camera != self._camera:
             self.forget()
-            self._camera = camera
+            self._camera, self.drawn = camera, drawn
         if light != self._light:
             self.skylit, self.shaded = self.grid.none(), self.grid.none()
             self._light = light

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 
+from valerie.plain import Uniforms
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.uniforms import bind, set_uniforms
 
@@ -51,7 +52,7 @@ class SurfaceDrawer:
         self._panes = panes
         self._sampler = sampler
 
-    def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
+    def statics(self, statics: Statics, table: moderngl.Texture, values: Uniforms) -> None:
         """Draw all statics into the target in use."""
         geometry = statics.geometry
         for batch in geometry.batches if self._textures == "read" else geometry.whole:
@@ -63,7 +64,7 @@ class SurfaceDrawer:
             self._context.gl.clear_samplers()
 
     def movables(
-        self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Mapping[str, Any]
+        self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Uniforms
     ) -> None:
         """Draw placed meshes into the target in use."""
         program, ready = None, None
@@ -83,10 +84,10 @@ class SurfaceDrawer:
 
     def moved(
         self,
-        placed: Sequence[tuple[PlacedMesh, MeshBuffers, Mapping[str, Any]]],
+        placed: Sequence[tuple[PlacedMesh, MeshBuffers, Uniforms]],
         textures: TextureSet,
         table: moderngl.Texture,
-        values: Mapping[str, Any],
+        values: Uniforms,
     ) -> None:
         """Draw meshes into the target in use, each with its positions at another moment and its own uniforms."""
         for mesh, elsewhere, own in placed:
@@ -98,7 +99,7 @@ class SurfaceDrawer:
         kind: SurfaceKind,
         textures: TextureSet,
         table: moderngl.Texture,
-        values: Mapping[str, Any],
+        values: Uniforms,
         *,
         movable: bool,
         elsewhere: bool = False,
@@ -108,7 +109,7 @@ class SurfaceDrawer:
         defines = {"MOVABLE": 1} if movable else {}
         if elsewhere:
             defines["ELSEWHERE"] = 1
-        samplers: dict[str, Any] = {"material_table": table}
+        samplers: Uniforms = {"material_table": table}
         if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1
             samplers["color_textures"] = textures.arrays[kind.color_side]

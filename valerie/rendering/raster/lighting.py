@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.plain import Uniforms
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.raster.bounds import Reach
@@ -223,7 +224,7 @@ class Lighting:
             needs=needs,
         )
 
-    def _occlusion_values(self, pose: Viewpoint) -> dict[str, Any]:
+    def _occlusion_values(self, pose: Viewpoint) -> Uniforms:
         return {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
@@ -246,7 +247,7 @@ class _Step:
     screen_pass: ScreenPass
     target: Target
     textures: Mapping[str, moderngl.Texture]
-    values: Mapping[str, Any]
+    values: Uniforms
     samples: int = 1
     depth: Literal["ignored", "written", "tested"] = "ignored"
 
@@ -304,7 +305,7 @@ def _cells(parts: Spans) -> Spans:
     return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
 
 
-def _camera_values(pose: Viewpoint) -> dict[str, Any]:
+def _camera_values(pose: Viewpoint) -> Uniforms:
     """Return the uniforms of ``sample.glsl``."""
     camera, view = pose.camera, pose.view
     focal = camera.focal_length_px(view.width)
@@ -325,11 +326,11 @@ def _sample_textures(targets: ImageTargets) -> dict[str, moderngl.Texture]:
     return {"depth_map": surfaces.depth, "normals_map": normals, "albedo_map": albedo, "material_map": material}
 
 
-def _openness_values(maps: SkyMaps) -> dict[str, Any]:
+def _openness_values(maps: SkyMaps) -> Uniforms:
     return {"tiles": SKY_TILES, "tile_rows": maps.rows.reshape(-1), "tile_extents": maps.extents.reshape(-1)}
 
 
-def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> dict[str, Any]:
+def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> Uniforms:
     """Return the uniforms of the sky light. ``bounce`` is the radiance of the ground by lamps."""
     hidden = light.hidden.copy()
     if bounce is not None:
@@ -367,7 +368,7 @@ def _shading_textures(
     }
 
 
-def _shading_values(pose: Viewpoint, day: Daylight, movable_shadow: ShadowMap | None) -> dict[str, Any]:
+def _shading_values(pose: Viewpoint, day: Daylight, movable_shadow: ShadowMap | None) -> Uniforms:
     sky, static, movable = day.sky, day.shadow.light, (movable_shadow or day.shadow).light
     return {
         "light_rows": static.rows,
@@ -400,7 +401,7 @@ def _lamp_textures(lamps: LampLight, table: moderngl.Texture) -> dict[str, moder
     }
 
 
-def _lamp_values(lamps: LampLight) -> dict[str, Any]:
+def _lamp_values(lamps: LampLight) -> Uniforms:
     return {
         "lamp_count": len(lamps.lamps),
         "lamp_clip": lamps.matrices(),

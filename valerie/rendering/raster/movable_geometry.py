@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import moderngl
 import numpy as np
 
+from valerie.plain import Uniforms
 from valerie.rendering.projection import Points, box_corners
 from valerie.rendering.raster.buffers import Buffers
 from valerie.rendering.raster.materials import SurfaceKind
@@ -67,7 +66,7 @@ class PlacedMesh:
     row: int
     corners: Points
     mirrored: bool
-    values: Mapping[str, Any]
+    values: Uniforms
 
     @classmethod
     def place(cls, buffers: MeshBuffers, item: DrawItem, kind: SurfaceKind, row: int) -> PlacedMesh:

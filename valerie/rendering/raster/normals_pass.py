@@ -7,6 +7,7 @@ from typing import Final
 import moderngl
 import numpy as np
 
+from valerie.plain import Uniforms
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.projection import clip_from_view, view_from_world
@@ -91,6 +92,6 @@ def _target(gl: moderngl.Context, view: View) -> Target:
     return Target(gl, (view.width, view.height), ((2, "i2"),), depth=True)
 
 
-def _camera_values(camera: Camera, view: View) -> dict[str, object]:
+def _camera_values(camera: Camera, view: View) -> Uniforms:
     matrix = view_from_world(camera)
     return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}

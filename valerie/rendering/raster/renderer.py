@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.plain import Uniforms
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
@@ -28,7 +29,7 @@ from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
 from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
-from valerie.rendering.raster.tiles import Mask, TileGrid, widened
+from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
 from valerie.scene.graph.model import Camera, Scene
@@ -121,6 +122,23 @@ class RasterRenderer:
         top = view.height - y - height
         return Layer(Rectangle(x + changed.x, top + changed.y, changed.width, changed.height), pixels)
 
+    def part(self, scene: Scene, view: View, window: Rectangle) -> NDArray[np.float16]:
+        """Render a rectangle of the frame; see `valerie.rendering.base.Renderer`.
+
+        Where the background of the view is in the cache, only the movables are drawn.
+        """
+        # The filters mix neighbouring tiles, of which movables change some too.
+        wide = window.widened(3 * TILE).clipped(view.width, view.height)
+        with self._frame(scene, view, window=wide) as frame:
+            area = x, y, width, height = gl_rectangle(wide, view)
+            self._learn(frame, frame.canvas.grid.touching(area))
+            pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+            if frame.prepared.placed:
+                (left, bottom, across, up), after = self._with_movables(frame, area)
+                pixels[bottom - y : bottom - y + up, left - x : left - x + across] = after
+        top, left = window.y - wide.y, window.x - wide.x
+        return np.ascontiguousarray(pixels[::-1][top : top + window.height, left : left + window.width])
+
     def full(self, scene: Scene, view: View) -> LinearImage:
         """Render the whole frame at once. Of all caches, it uses only uploaded meshes and textures."""
         with self._context.current():
@@ -173,8 +191,13 @@ class RasterRenderer:
             canvas.forget()
 
     @contextmanager
-    def _frame(self, scene: Scene, view: View, *, movables: bool = True) -> Iterator[_Frame]:
-        """Prepare a scene and a view with the caches of their statics. An error leaves no half-finished result in a cache."""
+    def _frame(
+        self, scene: Scene, view: View, *, movables: bool = True, window: Rectangle | None = None
+    ) -> Iterator[_Frame]:
+        """Prepare a scene and a view with the caches of their statics. An error leaves no half-finished result in a cache.
+
+        With a window, the statics are drawn only around it, unless the cache has all of them.
+        """
         camera, sky = camera_of(scene, view), sky_of(scene)
         lamps, scene = lit_lamps(scene, sky), glowing(scene, sky)
         with self._context.current() as gl:
@@ -185,10 +208,15 @@ class RasterRenderer:
             table = table_texture(gl, prepared.table())
             sight: Hashable = (statics.key, *camera_key(camera, view))
             day: tuple[Hashable, ...] = (scene.sun, scene.environment, statics.materials)
+            drawn = Rectangle(0, 0, view.width, view.height)
+            if window is not None and sight not in self._static_surfaces:
+                drawn = window.widened(int(REACH.largest_occlusion) + 5 * TILE).clipped(view.width, view.height)
+                sight = (sight, drawn)
             lit: Hashable = (sight, *day, frame_lamps.still)
             try:
                 surfaces = self._static_surfaces.get(
-                    sight, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
+                    sight,
+                    lambda: self._draw_statics(prepared, camera, view, table, canvas.grid, gl_rectangle(drawn, view)),
                 )
                 light = self._light_views.get(
                     (sight, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
@@ -199,7 +227,7 @@ class RasterRenderer:
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
-                canvas.take(sight, lit)
+                canvas.take(sight, lit, gl_rectangle(drawn, view))
                 yield _Frame(
                     prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
                 )  # fmt: skip
@@ -313,10 +341,11 @@ class RasterRenderer:
         return dirty
 
     def _draw_statics(
-        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, grid: TileGrid
+        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, grid: TileGrid, area: Area
     ) -> StaticSurfaces:
         target = surface_target(self._context.gl, view)
-        target.use()
+        x, y, width, height = (n * SAMPLES for n in area)
+        target.use((x, y, width, height))
         target.clear()
         values = _camera_values(camera, view)
         # The depth pre-pass reduces texture reads to one per sample.
@@ -427,7 +456,7 @@ def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
     return grid.holding(widened(wide, by), left, bottom)
 
 
-def _camera_values(camera: Camera, view: View) -> dict[str, Any]:
+def _camera_values(camera: Camera, view: View) -> Uniforms:
     matrix = view_from_world(camera)
     return {
         "clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import moderngl
 import numpy as np
 
+from valerie.plain import Uniforms
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.raster.uniforms import bind, set_uniforms
@@ -137,7 +138,7 @@ class ScreenPass:
         target: Target,
         parts: Spans,
         textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
-        values: Mapping[str, Any],
+        values: Uniforms,
         *,
         depth: Literal["ignored", "written", "tested"] = "ignored",
         sampler: moderngl.Sampler | None = None,

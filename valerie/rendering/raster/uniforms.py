@@ -8,10 +8,11 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from valerie.plain import Uniforms
 from valerie.rendering.projection import Points
 
 
-def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
+def set_uniforms(program: moderngl.Program, values: Uniforms) -> None:
     """Set uniforms by name.
 
     Args:

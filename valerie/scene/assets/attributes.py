@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from typing import Any, Final, cast
+from typing import Final, cast
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
+from valerie.plain import Keywords
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.graph.draft import CameraPose, Draft, cloth_materials, figures, paint_materials
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, POSITIONS, Scene
@@ -249,7 +250,7 @@ def _camera_angle(name: str) -> tuple[Read, Write]:
     def write(draft: Draft, path: str, value: Value) -> None:
         number = _number(value, path)
 
-        changes: dict[str, Any] = {name: number}
+        changes: Keywords = {name: number}
         draft.camera_pose(path, lambda pose: replace(pose, **changes))
 
     return read, write

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 from valerie.errors import InvalidInput, InvalidInputs
+from valerie.plain import JsonObject
 
 
 class Severity(StrEnum):
@@ -41,7 +41,7 @@ class Finding:
     def __str__(self) -> str:
         return f"{self.severity}: {InvalidInput(self.message, field=self.where, value=self.value, limit=self.limit)}"
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> JsonObject:
         """Return the finding as plain data; ``value`` and ``limit`` as text, None where there is none."""
         return {
             "severity": str(self.severity),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import shapely
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, PERSON
+from valerie.plain import JsonObject
 from valerie.scene.assets.asset_folder import MANIFEST_FILE
 from valerie.scene.assets.manifest import parse_manifest
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
@@ -61,7 +62,7 @@ def draft_manifest(folder: Path) -> Path:
     return path
 
 
-def manifest_draft(folder: Path) -> dict[str, Any]:
+def manifest_draft(folder: Path) -> JsonObject:
     """Return the document that `draft_manifest` writes."""
     from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.reader import read_gltf
@@ -73,7 +74,7 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
         raise InvalidInput("no glTF file in or below the folder", field=str(folder), limit=".glb or .gltf")
     parts = {file: read_gltf(folder / file, folder) for file in files}
     own: list[str] = []
-    placed: list[dict[str, Any]] = []
+    placed: list[JsonObject] = []
     for file, part in parts.items():
         labels = object_labels([node.path for node in part.nodes], {})
         if any(labels[node.path].label_id for node in part.nodes if node.meshes):
@@ -81,7 +82,7 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
         else:
             placed.append({"file": file, "node": _free_name(file, placed)})
     name = plain_name(folder.resolve().name.lower(), also="_", longest=64) or "asset"
-    document: dict[str, Any] = {"name": name, "title": folder.resolve().name}
+    document: JsonObject = {"name": name, "title": folder.resolve().name}
     document |= ({"files": own} if own else {}) | ({"placed_files": placed} if placed else {})
     cameras = sorted({camera for file in own for camera in parts[file].cameras})
     known = {"extent": [-1, -1, 1, 1], "cameras": cameras or ["none"]}
@@ -102,7 +103,7 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
     return document
 
 
-def _free_name(file: str, placed: list[dict[str, Any]]) -> str:
+def _free_name(file: str, placed: list[JsonObject]) -> str:
     likely = likely_name(Path(file).stem)
     names = {entry["node"] for entry in placed}
     stem, number = likely.rsplit("-", 1) if likely else ("static", "1")
@@ -122,8 +123,8 @@ def _extent(boxes: Mapping[str, NDArray[np.float64]]) -> list[int]:
     return [x0, y0, max(x1, x0 + 1), max(y1, y0 + 1)]
 
 
-def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[dict[str, Any]]:
-    parameters: list[dict[str, Any]] = []
+def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[JsonObject]:
+    parameters: list[JsonObject] = []
     x0, y0, x1, y1 = extent
     for path in persons:
         x, y = (round(float(v), 3) for v in scene.nodes[path].transform[:2, 3])
@@ -141,7 +142,7 @@ def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[dic
     ]
 
 
-def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: list[int]) -> list[dict[str, Any]]:
+def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: list[int]) -> list[JsonObject]:
     """Return convex outlines of the things that are in a person's way."""
     points: dict[str, list[NDArray[np.float64]]] = {}
     for path, node in scene.nodes.items():

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.plain import JsonObject
 from valerie.scene.graph.model import Camera, Environment, Material, Matrix, Node, Sun, Texture
 
 #: Key of this project's properties in ``extras`` of a glTF object.
@@ -96,7 +97,7 @@ def _turned(matrix: Matrix, signs: NDArray[np.float64], *, both: bool) -> Matrix
     return result
 
 
-def own_extras(extras: Any) -> dict[str, Any]:
+def own_extras(extras: Any) -> JsonObject:
     """Return this project's part of an ``extras`` object; empty where there is none."""
     own = extras.get(EXTRAS_KEY) if isinstance(extras, dict) else None
     return own if isinstance(own, dict) else {}

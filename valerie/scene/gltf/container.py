@@ -13,6 +13,7 @@ import pygltflib
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
+from valerie.plain import JsonObject
 from valerie.scene.gltf.common import MAX_NODES, MAX_VERTICES, SUPPORTED_EXTENSIONS
 from valerie.scene.gltf.files import Resources, open_document
 
@@ -112,7 +113,7 @@ def open_container(path: Path, root: Path | None = None) -> Container:
     return Container(_parse(plain, path.name), binary, path.name, Resources(path, root))
 
 
-def _parse(plain: dict[str, Any], name: str) -> pygltflib.GLTF2:
+def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
     try:
         unsupported = sorted(set(plain.get("extensionsRequired") or ()) - SUPPORTED_EXTENSIONS)
         if unsupported:

@@ -12,10 +12,11 @@ import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import unquote
 
 from valerie.errors import InvalidInput
+from valerie.plain import JsonObject
 
 #: Largest file of an asset that is opened.
 MAX_FILE_BYTES: Final = 1024**3
@@ -75,7 +76,7 @@ class Resources:
         return path
 
 
-def open_document(path: Path) -> tuple[dict[str, Any], bytes | None]:
+def open_document(path: Path) -> tuple[JsonObject, bytes | None]:
     """Return the JSON of a .glb or .gltf, and the binary chunk if there is one.
 
     Raises:
@@ -119,7 +120,7 @@ def _chunks(raw: bytes, name: str) -> tuple[bytes, bytes | None]:
     return chunks[_JSON_CHUNK], chunks.get(_BINARY_CHUNK)
 
 
-def _plain(text: bytes, name: str) -> dict[str, Any]:
+def _plain(text: bytes, name: str) -> JsonObject:
     try:
         plain = json.loads(text.decode("utf-8"))
     except (ValueError, RecursionError) as error:
@@ -148,7 +149,7 @@ def external_uris(path: Path, name: str) -> tuple[tuple[str, str], ...]:
     return tuple(_external_uris(document, name))
 
 
-def _external_uris(document: dict[str, Any], name: str) -> Iterator[tuple[str, str]]:
+def _external_uris(document: JsonObject, name: str) -> Iterator[tuple[str, str]]:
     for kind in ("buffers", "images"):
         entries = document.get(kind)
         for index, entry in enumerate(entries if isinstance(entries, list) else ()):

@@ -7,11 +7,11 @@ extension has no switches, no size, no dipped beams and no glowing materials; th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any, Final
+from typing import Final
 
 from valerie.errors import InvalidInput
+from valerie.plain import JsonObject
 from valerie.scene.gltf.common import EXTRAS_KEY, own_extras
 from valerie.scene.graph.model import BEAMS, SWITCHES, Light
 
@@ -20,7 +20,7 @@ _WIDEST_SPOT: Final = math.pi / 2
 _DEFAULT: Final = Light()
 
 
-def read_light(document: Mapping[str, Any], path: str) -> Light:
+def read_light(document: JsonObject, path: str) -> Light:
     """Read the lamp of a node; a directional light is the sun, which the file's reader handles.
 
     Args:
@@ -63,10 +63,10 @@ def read_light(document: Mapping[str, Any], path: str) -> Light:
     return light
 
 
-def write_light(light: Light) -> dict[str, Any]:
+def write_light(light: Light) -> JsonObject:
     """Return the entry of a lamp in the file's list of lights."""
     narrow = light.outer <= _WIDEST_SPOT
-    kind: dict[str, Any] = {"type": "point"}
+    kind: JsonObject = {"type": "point"}
     if narrow:
         # The extension requires a gap between the two.
         inner = min(light.inner, max(light.outer - 1e-3, 0.0))

@@ -9,6 +9,7 @@ import numpy as np
 import pygltflib
 
 from valerie.errors import InvalidInput
+from valerie.plain import JsonObject
 from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, TRANSMISSION, own_extras
 from valerie.scene.graph.model import Material
 
@@ -26,7 +27,7 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
     hue = np.asarray(material.base_color) / max(*material.base_color, 1e-6)
     tint = (1.0 - material.specular_tint) + material.specular_tint * hue
     strength = max(*material.emissive, 1.0)
-    extensions: dict[str, Any] = {
+    extensions: JsonObject = {
         SPECULAR: {
             "specularFactor": min(material.specular, 1.0),
             "specularColorFactor": [float(c) * max(material.specular, 1.0) for c in tint],

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pygltflib
 
 from valerie.errors import InvalidInput
+from valerie.plain import JsonObject
 from valerie.scene.gltf.common import (
     LIGHTS,
     MAX_DEPTH,
@@ -204,14 +204,14 @@ class _Reader:
             f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, float(lens.znear), float(lens.zfar or 600.0)
         )
 
-    def _light(self, node: pygltflib.Node) -> dict[str, Any] | None:
+    def _light(self, node: pygltflib.Node) -> JsonObject | None:
         index = ((node.extensions or {}).get(LIGHTS) or {}).get("light")
         if index is None:
             return None
         lights = (self._document.extensions.get(LIGHTS) or {}).get("lights") or []
         return dict(item(lights, index, f"{self._container.name}: {LIGHTS}.lights"))
 
-    def _sun(self, light: dict[str, Any], world: Matrix, environment: Environment) -> Sun:
+    def _sun(self, light: JsonObject, world: Matrix, environment: Environment) -> Sun:
         own = own_extras(light.get("extras"))
         if own:
             return Sun(**{name: float(value) for name, value in own.items()})
@@ -232,7 +232,7 @@ class _Reader:
                 raise InvalidInput(
                     "no such position of a switch", field=field, value=position, limit=", ".join(POSITIONS)
                 )
-        numbers: dict[str, Any] = {name: float(value) for name, value in own.items() if name not in lamps}
+        numbers: JsonObject = {name: float(value) for name, value in own.items() if name not in lamps}
         return Environment(**numbers, **lamps)
 
 

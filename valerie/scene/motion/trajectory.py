@@ -16,13 +16,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, ParameterType, Value, wrap
+from valerie.plain import Written
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
 
@@ -183,6 +184,10 @@ class Motion:
             values = thing.at(assignment, time)
             moment |= thing.held(values) if within else values
         return moment
+
+    def owns(self, path: str) -> bool:
+        """Return True for the time and for the values of keyframes."""
+        return path in self._own
 
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:
         """Return the moment that lies ``elapsed`` seconds after a variant's first frame."""
@@ -359,7 +364,7 @@ def _declared_of(
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 
 
-def _facing(declared: Mapping[str, Any]) -> str | None:
+def _facing(declared: Written) -> str | None:
     return next((name for name in _FACING if name in declared), None)
 
 

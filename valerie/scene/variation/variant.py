@@ -103,6 +103,12 @@ def _object(entries: Mapping[str, bytes], paths: tuple[str, ...]) -> CanonicalJs
     return CanonicalJson(b"{%b}" % b",".join([entries[path] for path in paths if path in entries]))
 
 
+def picture_paths_without_movables(manifest: Manifest, camera: str) -> frozenset[str]:
+    """Return the paths that change what ``camera`` sees of the scene without movables, or how a sensor shows it."""
+    prepared = _prepare(manifest)
+    return frozenset((*prepared.cameras[camera].background, *prepared.sensor))
+
+
 def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
     """Return the scene of one variant; the asset does not change.
 

@@ -9,6 +9,8 @@ from sqlalchemy import Connection, event
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
+from valerie.db import sweeping
+from valerie.db.engine import writing
 from valerie.db.products import Finished, Job
 from valerie.pipeline.work.stages import run_stage
 from valerie.runs.states import Stage, stage_of
@@ -43,3 +45,28 @@ def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[...
     run_stage(pipeline.context, Maker(), digests)
     states = {product.digest: product.state for product in pipeline.products()}
     assert {states[digest] for digest in digests} == {"done"}
+
+
+def test_a_product_that_ends_its_process_every_time_costs_its_neighbours_nothing(pipeline: Pipeline) -> None:
+    pipeline.submit(spec(xs=4, ys=1))
+    pipeline.loop.tick(everything=True)
+    digests = [ready.digest for ready in pipeline.broker.ready if stage_of(ready.route) is Stage.RENDER]
+
+    class Maker:
+        def make(self, job: Job) -> Finished:
+            if job.digest == digests[2]:
+                raise KeyboardInterrupt  # nothing of the process goes on
+            return Finished(job.digest, bytes=1, pixels=1, cpu_seconds=0.0)
+
+    for _ in range(2 * pipeline.settings.max_attempts):
+        try:
+            run_stage(pipeline.context, Maker(), digests)
+        except KeyboardInterrupt:
+            # Redelivered at once, the message meets products that the dead process still holds; then their leases end.
+            run_stage(pipeline.context, Maker(), digests)
+            with writing(pipeline.context.engine) as connection:
+                attempts = pipeline.settings.max_attempts
+                sweeping.take_back_expired(connection, now=1e12, max_attempts=attempts)
+    states = {product.digest: product.state for product in pipeline.products()}
+    assert states.pop(digests[2]) == "failed"
+    assert {states[digest] for digest in digests if digest in states} == {"done"}

@@ -58,7 +58,7 @@ def test_the_run_says_what_it_waits_for_and_sends_no_message(waiting: tuple[Pipe
     assert row.reason.startswith("awaiting-predictions: 8 predictions are to be uploaded by ")
     assert row.progress.awaiting == 8
     assert row.progress.stages["infer"].done == 8, "those of the other function"
-    assert pipeline.broker.queue_length("infer.uploaded") == 0
+    assert pipeline.broker.queue_lengths(["infer.uploaded"]) == {"infer.uploaded": 0}
 
 
 def test_it_ends_with_results_when_all_are_uploaded(waiting: tuple[Pipeline, str]) -> None:

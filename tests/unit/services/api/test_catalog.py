@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import httpx
@@ -11,7 +12,7 @@ from services.api.app import create_app
 from tests.world.drawn import CLASS, FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
-from valerie.db import processes
+from valerie.db import processes, totals
 from valerie.db.engine import writing
 from valerie.errors import TransientError
 from valerie.labels import CITYSCAPES
@@ -90,15 +91,46 @@ def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
 
 def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world = DrawnWorld(settings_of(tmp_path))
+    world.broker.down = True
+    assert {queue.messages for queue in monitoring.queues(world.context)} == {None}
+    metrics = monitoring.metrics(world.context)
+    assert 'valerie_up{part="broker"} 0.0' in metrics
+    assert 'valerie_up{part="database"} 1.0' in metrics
+    assert "valerie_queue_messages{" not in metrics
+
+
+def test_metrics_say_that_the_database_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+
+    def locked(_: object) -> None:
+        raise TransientError("the database is locked")
+
+    monkeypatch.setattr(totals, "backlog", locked)
+    metrics = monitoring.metrics(world.context)
+    assert 'valerie_up{part="database"} 0.0' in metrics
+    assert 'valerie_up{part="broker"} 1.0' in metrics
+    assert "valerie_runs{" not in metrics
+
+
+def test_readiness_does_not_wait_for_a_store_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+    released = threading.Event()
     asked = []
 
-    def down(route: str) -> int:
-        asked.append(route)
-        raise TransientError("the broker does not answer")
+    def hang(_: object) -> None:
+        asked.append(1)
+        released.wait(60)
 
-    monkeypatch.setattr(world.broker, "queue_length", down)
-    assert {queue.messages for queue in monitoring.queues(world.context)} == {None}
-    assert len(asked) == 1, "one time-out is enough"
+    monkeypatch.setattr(type(world.context.store), "check", hang)
+    monkeypatch.setattr(monitoring, "CHECK_SECONDS", 0.1)
+    try:
+        for _ in range(3):
+            answers = monitoring.check(world.context)
+            assert (answers["database"], answers["broker"]) == ("ok", "ok")
+            assert "does not answer" in answers["artifacts"]
+        assert len(asked) == 1, "one thread waits, however often the probe comes"
+    finally:
+        released.set()
 
 
 def test_the_process_is_alive_without_database_or_broker(api: httpx.Client) -> None:

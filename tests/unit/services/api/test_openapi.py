@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import jsonschema
 import pytest
 
+from tests.unit.services.api.test_studies import begun_study
 from tests.world.drawn import DrawnRuns
 
 Operation = dict[str, Any]
@@ -87,15 +89,23 @@ def test_the_example_of_a_request_is_accepted(api: httpx.Client, document: dict[
     assert api.post("/v1/plan", content=contents["application/yaml"]["example"]).json()["variants"] == 5
 
 
-def test_answers_fit_their_schemas(api: httpx.Client, drawn: DrawnRuns, document: dict[str, Any]) -> None:
+def test_answers_fit_their_schemas(
+    fresh: httpx.Client, tmp_path: Path, drawn: DrawnRuns, document: dict[str, Any]
+) -> None:
+    api, study = fresh, begun_study(fresh, tmp_path / "data")
     run, frame = drawn.finished, api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"][0]["id"]
     seen = 0
     for path, item in document["paths"].items():
         content = item.get("get", {}).get("responses", {}).get("200", {}).get("content", {}).get("application/json")
         if content is None or path == "/readyz":
             continue
-        address = path.format(run_id=run, frame_id=frame, name="drawn-street", reference="deeplabv3plus-small")
-        answer = api.get(address)
+        address = path.format(
+            run_id=run, frame_id=frame, study_id=study, name="drawn-street", reference="deeplabv3plus-small"
+        )
+        sides = {"before": f"{run}:deeplabv3plus-small", "after": f"{run}:semantic-fpn-small"}
+        values = {"run": run, "column": "pacc", **sides}
+        needed = [one["name"] for one in item["get"].get("parameters", []) if one["in"] == "query" and one["required"]]
+        answer = api.get(address, params={name: values[name] for name in needed})
         assert answer.status_code == 200, (address, answer.text)
         jsonschema.validate(answer.json(), schema_of(document, content["schema"]))
         seen += 1

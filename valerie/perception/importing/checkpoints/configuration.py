@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
 from typing import Final
+
+from valerie.plain import ForeignEntries
 
 #: Entries with the text: of mmcv and of mmengine.
 _PLACES: Final = ("meta.config", "meta.cfg")
@@ -12,7 +13,7 @@ _MAX_TEXT: Final = 1_000_000
 _MAX_DEPTH: Final = 12
 
 
-def config_values(entries: Mapping[str, object]) -> dict[str, object]:
+def config_values(entries: ForeignEntries) -> ForeignEntries:
     """Return the literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``.
 
     Args:
@@ -28,14 +29,14 @@ def config_values(entries: Mapping[str, object]) -> dict[str, object]:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return {}
-    values: dict[str, object] = {}
+    values: ForeignEntries = {}
     for statement in tree.body:
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
             _collect(statement.value, statement.targets[0].id, values, 0)
     return values
 
 
-def _collect(node: ast.expr, name: str, into: dict[str, object], depth: int) -> None:
+def _collect(node: ast.expr, name: str, into: ForeignEntries, depth: int) -> None:
     if depth > _MAX_DEPTH:
         return
     if isinstance(node, ast.Call):  # dict(a=…, b=…), as these files write mappings

@@ -28,6 +28,7 @@ from valerie.perception.importing.network_weights import (
 )
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 from valerie.perception.networks.deeplabv3plus import DeepLabSettings
+from valerie.plain import Written
 
 #: ``format`` entry in the header of a payload; ``valerie train`` writes `FUNCTION_FORMAT`.
 FORMAT: Final = "valerie-network/1"
@@ -76,7 +77,7 @@ class ImportedNetwork:
         }
         return safetensors_bytes(self.tensors, entries)
 
-    def document_fields(self) -> dict[str, Any]:
+    def document_fields(self) -> Written:
         """Return the entries of a `valerie.perception.documents.function.FunctionDocument` that the checkpoint decides."""
         return {
             "kind": "network",
@@ -221,7 +222,7 @@ def _their_shapes(layout: Layout, architecture: str, count: int) -> dict[str, tu
     return {layout.name_of(name): shape for name, shape in _shapes_of(architecture, count).items()}
 
 
-def _choose(fitting: list[str], config: Mapping[str, object], wanted: str | None, field: str) -> tuple[str, list[str]]:
+def _choose(fitting: list[str], config: Written, wanted: str | None, field: str) -> tuple[str, list[str]]:
     """Return one of several architectures with the same tensors, and the assumptions behind the choice."""
     if wanted is not None:
         return wanted, []
@@ -240,7 +241,7 @@ def _choose(fitting: list[str], config: Mapping[str, object], wanted: str | None
     return fitting[0], [f"architecture: the tensors are also those of {', '.join(fitting[1:])}"]
 
 
-def _agree(settings: NetworkSettings, config: Mapping[str, object]) -> bool:
+def _agree(settings: NetworkSettings, config: Written) -> bool:
     """Return whether an architecture agrees with a configuration of mmsegmentation where the tensors cannot tell."""
     values = (config.get(name) for name in _SETTINGS)
     aligned, grid, contract, rates = (tuple(value) if isinstance(value, list) else value for value in values)
@@ -254,7 +255,7 @@ def _agree(settings: NetworkSettings, config: Mapping[str, object]) -> bool:
     )
 
 
-def _classes(entries: Mapping[str, object], count: int, field: str) -> tuple[tuple[str, ...], bool]:
+def _classes(entries: Written, count: int, field: str) -> tuple[tuple[str, ...], bool]:
     """Return the names of the classes, and whether the file states them."""
     for place in ("meta.CLASSES", "meta.dataset_meta.classes", "meta.dataset_meta.CLASSES"):
         names = entries.get(place)
@@ -276,9 +277,7 @@ def _fitting(classes: tuple[str, ...], count: int, field: str) -> tuple[str, ...
     return classes
 
 
-def _units_of(
-    layout: Layout, stored: StoredCheckpoint, config: Mapping[str, object], field: str
-) -> tuple[PictureUnits, bool]:
+def _units_of(layout: Layout, stored: StoredCheckpoint, config: Written, field: str) -> tuple[PictureUnits, bool]:
     """Return the units of the layout, updated with those in the file, and whether the file states any."""
     usual = layout.units
     for place, flag in (

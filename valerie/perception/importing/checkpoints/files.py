@@ -7,7 +7,7 @@ publishes them, and safetensors. The first bytes of a file decide its format, ne
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
@@ -17,6 +17,7 @@ from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
+from valerie.plain import ForeignEntries
 
 #: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
@@ -45,7 +46,7 @@ class StoredCheckpoint:
     """
 
     tensors: Mapping[str, NDArray[Any]]
-    entries: Mapping[str, object]
+    entries: ForeignEntries
     format: str
 
 
@@ -142,7 +143,7 @@ def _require_plain_archive(entries: list[zipfile.ZipInfo], size: int, field: str
         )
 
 
-def _refuse_programs(names: Mapping[str, object], field: str) -> None:
+def _refuse_programs(names: Iterable[str], field: str) -> None:
     tails = {name.partition("/")[2] for name in names}
     if "constants.pkl" in tails or any(tail.startswith("code/") for tail in tails):
         raise InvalidInput(
@@ -192,7 +193,7 @@ def _read_safetensors(path: Path, header: int, size: int) -> StoredCheckpoint:
         raise InvalidInput("the header is longer than it can be", field=field, value=f"{header} bytes", limit=limit)
     try:
         with safe_open(path, framework="numpy") as opened:
-            entries: dict[str, object] = dict(opened.metadata() or {})
+            entries: ForeignEntries = dict(opened.metadata() or {})
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, TypeError) as error:
         raise InvalidInput(f"not a readable safetensors file ({error})", field=field) from error
@@ -220,12 +221,12 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
     return StoredCheckpoint(tensors, _flattened(beside), kind)
 
 
-def _flattened(values: Mapping[Any, Any]) -> dict[str, object]:
+def _flattened(values: Mapping[Any, Any]) -> ForeignEntries:
     """Return text, numbers and lists of nested dictionaries by dotted name.
 
     Each dictionary is entered once: a pickle may hold one in many places, and a few of those make endless names.
     """
-    flat: dict[str, object] = {}
+    flat: ForeignEntries = {}
     seen = {id(values)}
     waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
     while waiting:

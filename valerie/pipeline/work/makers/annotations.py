@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from valerie.db.measured import MeasuredPerson
 from valerie.db.products import Job
@@ -11,7 +12,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.rendering.base import View
+from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.person_light import LightPass, measure_light
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.motion import VELOCITY_SPAN_S
@@ -19,41 +20,45 @@ from valerie.scene.graph.model import Scene
 from valerie.storage.annotations import Annotation, encode_annotation
 
 
-def annotate(
-    kind: AnnotationKind,
-    scene: Scene,
-    view: View,
-    *,
-    near: Callable[[float], Scene],
-    step: float,
-    truth: str,
-    reader: ProductReader,
-    truth_pass: TruthMaker,
-) -> bytes:
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenScene:
+    """A frame's scene through its camera, and how it goes on.
+
+    Attributes:
+        scene, view: of the frame.
+        later: returns the scene so many seconds later.
+        step: seconds until the next frame; 0 without a sequence.
+    """
+
+    scene: Scene
+    view: View
+    later: Callable[[float], Scene]
+    step: float
+
+
+def annotate(kind: AnnotationKind, seen: SeenScene, truth: Callable[[], GroundTruth], truth_pass: TruthMaker) -> bytes:
     """Make one annotation and return its stored form.
 
     Args:
         kind: of annotation.
-        scene, view: of the frame.
-        near: returns the scene so many seconds later.
-        step: seconds until the next frame.
-        truth: digest of the frame's truth.
-        reader: reads the truth.
-        truth_pass: of this process .
+        seen: the frame.
+        truth: reads the frame's truth.
+        truth_pass: of this process.
 
     Raises:
         MissingInput: the truth's object is gone.
     """
     annotation: Annotation
+    scene, view = seen.scene, seen.view
     if kind is AnnotationKind.NORMALS:
         annotation = truth_pass.normals(scene, view)
     elif kind is AnnotationKind.FLOW:
-        annotation = truth_pass.flow(scene, near(step), view, reader.truth(truth))
+        annotation = truth_pass.flow(scene, seen.later(seen.step), view, truth())
     elif kind is AnnotationKind.VELOCITY:
-        annotation = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, reader.truth(truth), VELOCITY_SPAN_S)
+        annotation = truth_pass.velocity(scene, seen.later(VELOCITY_SPAN_S), view, truth(), VELOCITY_SPAN_S)
     else:
         measure = measure_joints if kind is AnnotationKind.JOINTS else measure_boxes
-        annotation = measure(scene, view, reader.truth(truth))
+        annotation = measure(scene, view, truth())
     return encode_annotation(kind, annotation)
 
 

@@ -39,7 +39,8 @@ class EvaluateMaker:
         capture = capture_of(resolved, job.frame, job.look.sensor)
         truth = capture.seen_truth(self._reader)
         prediction = self._reader.prediction(job.look.prediction)
-        scored = score_frame(truth, prediction, card.judged_ids)
+        empty = None if job.look.empty is None else self._reader.prediction(job.look.empty)
+        scored = score_frame(truth, prediction, card.judged_ids, empty=empty)
         packed = codecs.encode_counts(scored.matrix)
         return Finished(
             digest=job.digest,

@@ -134,7 +134,9 @@ class InferMaker:
     def _picture(self, job: Job) -> NDArray[uint8]:
         """Return the picture that the function sees."""
         resolved = self._runs.run(job.frame.key.run_id).resolved
-        return capture_of(resolved, job.frame, _look(job).sensor).picture(self._reader)
+        look = _look(job)
+        capture = capture_of(resolved, job.frame, look.sensor)
+        return capture.empty_picture(self._reader) if job.digest == look.empty else capture.picture(self._reader)
 
     def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
         key = (name, pin.digest, pin.numeric_class)

@@ -10,22 +10,26 @@ from typing import Final
 from valerie import plugins
 from valerie.db.measured import MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job, Part
-from valerie.errors import TransientError
+from valerie.errors import RenderingError, TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
-from valerie.pipeline.work.makers.annotations import annotate, lit_persons
+from valerie.pipeline.work.makers.annotations import SeenScene, annotate, lit_persons
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
+from valerie.rendering.scanning import Reading, scan
 from valerie.rendering.truth import TruthMaker
+from valerie.runs.sensors import focal_length_mm, rolling_shutter
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import ProductKind
 from valerie.scene.variation.variant import apply
+from valerie.sensing.sensor import read_lines
 from valerie.storage import codecs
+from valerie.storage.annotations import encode_annotation
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -72,19 +76,37 @@ class RenderMaker:
         elif job.kind is ProductKind.LIGHT:
             light = self._light_pass(run.pins.truth.numeric_class)
             lights = lit_persons(job, scene, view, reader=self._reader, light=light)
+        elif job.kind is ProductKind.SCAN:
+            engine = self._engine(resolved, run.pins.engine.numeric_class)
+            elsewhere = _cpu_seconds_elsewhere(engine)
+            shutter = rolling_shutter(resolved.spec.sensors, assignment)
+            if shutter is None:
+                raise RenderingError(f"product {job.digest}: no sensor of the frame has a rolling shutter")
+            camera = focal_length_mm(resolved.manifest, view.camera, resolved.at(assignment, key.time))
+            products = job.frame.products
+            made = scan(
+                engine,
+                self._truth_pass(run.pins.truth.numeric_class),
+                lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
+                view,
+                (self._reader.frame(products), self._reader.truth(products.truth)),
+                Reading(
+                    read_lines(shutter.setting, view.width, view.height, camera),
+                    shutter.setting.shutter.line_time_us * 1e-6,
+                    shutter.blurs,
+                ),
+            )
+            data = encode_annotation(AnnotationKind.SCAN, made)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
-            data = annotate(
-                kind,
+            seen = SeenScene(
                 scene,
                 view,
-                near=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
+                later=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 step=resolved.times.step or 0.0,
-                truth=job.frame.products.truth,
-                reader=self._reader,
-                truth_pass=truth_pass,
             )
+            data = annotate(kind, seen, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
         else:
             engine = self._engine(resolved, run.pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
@@ -130,7 +152,7 @@ class RenderMaker:
 
 
 class _Statics:
-    """Stores the truths of statics, over which truths are stored, each once."""
+    """Stores each truth of statics once. The truths of frames are stored as layers over it."""
 
     def __init__(self, store: ArtifactStore) -> None:
         self._store = store

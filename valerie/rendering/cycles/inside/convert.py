@@ -13,6 +13,7 @@ import os
 import sys
 from typing import Any
 
+from .pipe import Message
 from .process import die_with_parent
 
 
@@ -84,7 +85,7 @@ def main(source: str, target: str, report: str) -> None:
     import bpy
 
     try:
-        result: dict[str, Any] = {"version": bpy.app.version_string, "notes": convert(bpy, source, target)}
+        result: Message = {"version": bpy.app.version_string, "notes": convert(bpy, source, target)}
     except Exception as error:
         result = {"error": f"{type(error).__name__}: {error}".strip()}
     with open(report, "w", encoding="utf-8") as file:  # noqa: PTH123

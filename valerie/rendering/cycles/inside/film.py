@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .pipe import ByName
+
 
 class Film:
     """Renders images through files in a folder, Blender's only way of returning unchanged linear values."""
@@ -38,13 +40,13 @@ class Film:
             layer.use_pass_object_index = False
         return np.rint(passes["index"][..., 0])
 
-    def guided(self, scene: Any) -> dict[str, Any]:
+    def guided(self, scene: Any) -> ByName:
         """Return the inputs of Cycles' denoiser: ``noisy``, ``albedo`` and ``normal``, each (h, w, 3) float32."""
         layer = scene.view_layers[0]
         layer.cycles.denoising_store_passes = True
         names = {"noisy": "Image", "albedo": "Denoising Albedo", "normal": "Denoising Normal"}
 
-        def passes(nodes: Any) -> dict[str, Any]:
+        def passes(nodes: Any) -> ByName:
             outputs = nodes.new("CompositorNodeRLayers").outputs
             return {name: outputs[output] for name, output in names.items()}
 
@@ -53,7 +55,7 @@ class Film:
         finally:
             layer.cycles.denoising_store_passes = False
 
-    def denoised(self, threads: int, arrays: dict[str, Any]) -> dict[str, Any]:
+    def denoised(self, threads: int, arrays: ByName) -> ByName:
         """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
         bpy = self._bpy
         scene = bpy.data.scenes.new("denoise")
@@ -62,7 +64,7 @@ class Film:
         take_threads(scene, threads)
         images = {name: float_image(bpy.data, name, arrays[name]) for name in ("noisy", "albedo", "normal")}
 
-        def denoiser_output(nodes: Any) -> dict[str, Any]:
+        def denoiser_output(nodes: Any) -> ByName:
             denoiser = nodes.new("CompositorNodeDenoise")
             denoiser.use_hdr, denoiser.prefilter, denoiser.quality = True, "ACCURATE", "HIGH"
             for name, socket in (("noisy", "Image"), ("albedo", "Albedo"), ("normal", "Normal")):
@@ -78,7 +80,7 @@ class Film:
             for image in images.values():
                 bpy.data.images.remove(image)
 
-    def _composited(self, scene: Any, outputs: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+    def _composited(self, scene: Any, outputs: Callable[[Any], ByName]) -> ByName:
         """Render a scene and return an image, (h, w, 3) float32, of each output that ``outputs`` adds to its compositor."""
         scene.use_nodes, scene.render.use_compositing = True, True
         tree = scene.node_tree

@@ -10,6 +10,7 @@ import numpy as np
 
 from .film import Film, float_image, write_floats
 from .nodes import Nodes
+from .pipe import Message
 from .placing import matrix_of
 
 #: Width and height of the panorama that measures the sky, pixels.
@@ -24,7 +25,7 @@ class SkyMeter:
         self._film = film
         self._skies: dict[tuple[float, float], float] = {}
 
-    def luminance(self, sky: dict[str, Any]) -> float:
+    def luminance(self, sky: Message) -> float:
         """Return the luminance of a white Lambertian surface under Blender's sky at strength 1, measured in a panorama."""
         key = (sky["elevation"], sky["dust"])
         if key not in self._skies:
@@ -68,13 +69,13 @@ class Light:
         self._data = data
         self._collection = scene.collection
         self._meter = meter
-        self._lamps: list[dict[str, Any]] = []
+        self._lamps: list[Message] = []
         self._sun = data.objects.new("sun", data.lights.new("sun", "SUN"))
         scene.collection.objects.link(self._sun)
         scene.world = data.worlds.new("world")
         self._world = World(scene.world)
 
-    def show(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
+    def show(self, light: Message, sky: Message, panorama: Any) -> None:
         """Light the scene with the sun, and with Blender's sky or a panorama."""
         strength = max(light["sun"])
         lamp = self._sun.data
@@ -91,7 +92,7 @@ class Light:
                 sky, strength=sky["irradiance"] / self._meter.luminance(sky) if sky["irradiance"] > 0 else 0.0
             )
 
-    def lamps(self, entries: list[dict[str, Any]]) -> None:
+    def lamps(self, entries: list[Message]) -> None:
         """Set the point and spot lights. If any differs, create all of them again, so that they keep the order of the list."""
         if entries == self._lamps:
             return
@@ -132,7 +133,7 @@ class World:
         surface = nodes.mixed(down, self._above.outputs[0], self._below.outputs[0])
         nodes.link(surface, nodes.add("ShaderNodeOutputWorld").inputs["Surface"])
 
-    def show(self, sky: dict[str, Any], strength: float) -> None:
+    def show(self, sky: Message, strength: float) -> None:
         """Show Blender's sky times ``strength``; the sun stands ``rotation`` radians clockwise from +y."""
         self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
         self._sky.dust_density = sky["dust"]
@@ -140,7 +141,7 @@ class World:
         self._above.inputs["Strength"].default_value = strength
         self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
 
-    def show_panorama(self, data: Any, sky: dict[str, Any], panorama: Any) -> None:
+    def show_panorama(self, data: Any, sky: Message, panorama: Any) -> None:
         """Show the sky of an equirectangular image, (H, W, 3), zenith in the first row."""
         old, image = self._panorama.image, float_image(data, "sky", panorama)
         self._panorama.image = image
@@ -162,7 +163,7 @@ def _shining_from(toward: Any, position: Any) -> Any:
     return pose
 
 
-def _fill_dipped(light: Any, lamp: dict[str, Any]) -> None:
+def _fill_dipped(light: Any, lamp: Message) -> None:
     """Give a spot light the emission of a dipped beam (formula in `valerie.rendering.beams`)."""
     light.use_nodes = True
     nodes, beam = Nodes(light.node_tree), lamp["beam"]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .nodes import Nodes
+from .pipe import ByName, Message
 
 
 class Materials:
@@ -15,8 +16,8 @@ class Materials:
 
     def __init__(self, data: Any) -> None:
         self._data = data
-        self._materials: dict[str, Any] = {}
-        self._textures: dict[str, Any] = {}
+        self._materials: ByName = {}
+        self._textures: ByName = {}
         self._air: Any = _air_group(data)
         self._water: Any = _water_group(data)
 
@@ -30,13 +31,13 @@ class Materials:
         for key in textures:
             self._data.images.remove(self._textures.pop(key))
 
-    def show(self, light: dict[str, Any]) -> None:
+    def show(self, light: Message) -> None:
         """Apply the water and the air of ``light`` to all materials."""
         self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
 
-    def texture(self, header: dict[str, Any], pixels: Any) -> None:
+    def texture(self, header: Message, pixels: Any) -> None:
         """Add a texture, (H, W, 3 or 4) uint8. With ``color`` in the header its values are sRGB, otherwise linear data."""
         height, width, channels = pixels.shape
         image = self._data.images.new(header["key"], width, height, alpha=channels == 4)
@@ -48,7 +49,7 @@ class Materials:
         image.pack()
         self._textures[header["key"]] = image
 
-    def material(self, header: dict[str, Any]) -> None:
+    def material(self, header: Message) -> None:
         """Add a material: Blender's Principled BSDF with the values of ``header``."""
         material = self._data.materials.new(header["key"])
         material.use_nodes = True

@@ -16,6 +16,11 @@ from typing import Any
 
 import numpy as np
 
+#: A message between VALERIE and Blender, without its arrays (`valerie.rendering.cycles.translation`).
+Message = dict[str, Any]
+#: Arrays, or objects of Blender, which has no types, by name.
+ByName = dict[str, Any]
+
 _HEADER = struct.Struct("<I")
 
 
@@ -27,7 +32,7 @@ class Pipe:
         self._answers = os.fdopen(answers, "wb", buffering=1 << 20)
         self._signed = 0.0
 
-    def read(self) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    def read(self) -> tuple[Message, ByName] | None:
         """Read a request, and return its header and arrays, or None at the end of the pipe."""
         length = self._requests.read(_HEADER.size)
         if len(length) < _HEADER.size:
@@ -40,7 +45,7 @@ class Pipe:
             arrays[entry["name"]] = np.frombuffer(data, dtype).reshape(shape)
         return header, arrays
 
-    def write(self, header: dict[str, Any], arrays: dict[str, Any] | None = None) -> None:
+    def write(self, header: Message, arrays: ByName | None = None) -> None:
         """Write an answer."""
         arrays = {name: np.ascontiguousarray(array) for name, array in (arrays or {}).items()}
         entries = [{"name": n, "dtype": a.dtype.str, "shape": list(a.shape)} for n, a in arrays.items()]

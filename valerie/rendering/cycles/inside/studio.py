@@ -14,7 +14,7 @@ import numpy as np
 from .film import Film, take_threads, write_floats
 from .light import Light, SkyMeter
 from .materials import Materials
-from .pipe import Pipe
+from .pipe import ByName, Message, Pipe
 from .placing import matrix_of
 
 #: Devices in the order of preference of "auto".
@@ -33,7 +33,7 @@ class Studio:
         self._threads = 0
         self._clear()
 
-    def hello(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def hello(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Choose the device and report it."""
         self._threads = int(header["threads"])
         choice = str(header["device"]).upper()
@@ -55,12 +55,12 @@ class Studio:
         self._clear()
         return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
 
-    def reset(self, _: dict[str, Any], __: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def reset(self, _: Message, __: ByName) -> tuple[Message, ByName]:
         """Clear the scene and Cycles' persistent data."""
         self._clear()
         return {}, {}
 
-    def forget(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def forget(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Remove meshes, materials and textures, and the objects that use them."""
         data = self._bpy.data
         removed = {*header["meshes"], *header["materials"]}
@@ -71,7 +71,7 @@ class Studio:
         self._materials.forget(header["materials"], header["textures"])
         return {}, {}
 
-    def mesh(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def mesh(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
         """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v points down), faces (F, 3)."""
         faces = arrays["faces"].astype(np.int32)
         mesh = self._bpy.data.meshes.new(header["key"])
@@ -91,17 +91,17 @@ class Studio:
         self._meshes[header["key"]] = mesh
         return {}, {}
 
-    def texture(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def texture(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
         """Add a texture: an ``image``, (H, W, 3 or 4) uint8; with ``color`` in the header its values are sRGB, else linear."""
         self._materials.texture(header, arrays["image"])
         return {}, {}
 
-    def material(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def material(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Add a material: Blender's Principled BSDF with the values of ``header``."""
         self._materials.material(header)
         return {}, {}
 
-    def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def render(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
         """Render the border (x, y, w, h) and return its image, (h, w, 3) float32.
 
         With ``guides``, return the inputs of the denoiser instead; with ``index``, the object index pass, (h, w).
@@ -117,7 +117,7 @@ class Studio:
             return {}, self._film.guided(self._scene)
         return {}, {"pixels": self._film.image(self._scene)}
 
-    def denoise(self, _: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def denoise(self, _: Message, arrays: ByName) -> tuple[Message, ByName]:
         """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
         return {}, self._film.denoised(self._threads, arrays)
 
@@ -125,7 +125,7 @@ class Studio:
         bpy = self._bpy
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.app.handlers.render_stats.append(self._pipe.alive)
-        self._meshes: dict[str, Any] = {}
+        self._meshes: ByName = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
         self._materials = Materials(bpy.data)
         self._lighting: object = None
@@ -142,7 +142,7 @@ class Studio:
         scene.camera = self._camera
         self._light = Light(bpy.data, scene, self._meter)
 
-    def _settings(self, settings: dict[str, Any], size: list[int], border: list[int] | None) -> None:
+    def _settings(self, settings: Message, size: list[int], border: list[int] | None) -> None:
         render, cycles = self._scene.render, self._scene.cycles
         width, height = size
         render.resolution_x, render.resolution_y = width, height
@@ -176,14 +176,14 @@ class Studio:
         cycles.pixel_filter_type = "BLACKMAN_HARRIS"
         cycles.filter_width = 1.5
 
-    def _camera_at(self, camera: dict[str, Any]) -> None:
+    def _camera_at(self, camera: Message) -> None:
         data = self._camera.data
         data.type, data.sensor_fit = "PERSP", "HORIZONTAL"
         data.lens, data.sensor_width = camera["focal_length_mm"], camera["sensor_width_mm"]
         data.clip_start, data.clip_end = camera["near"], camera["far"]
         self._camera.matrix_world = matrix_of(np.array(camera["matrix"]).reshape(4, 4))
 
-    def _objects_at(self, entries: list[dict[str, Any]], matrices: Any) -> None:
+    def _objects_at(self, entries: list[Message], matrices: Any) -> None:
         data = self._bpy.data
         # Noise depends on the order of the objects. From the first difference on, remove them and add them as in a new scene.
         names = [entry["name"] for entry in entries]
@@ -213,7 +213,7 @@ class Studio:
             thing.matrix_world = matrix_of(matrix)
             self._objects[name] = (thing, state)
 
-    def _light_at(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
+    def _light_at(self, light: Message, sky: Message, panorama: Any) -> None:
         state = (light, sky, None if panorama is None else panorama.tobytes())
         if self._lighting != state:
             self._light.show(light, sky, panorama)

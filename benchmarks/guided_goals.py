@@ -1,0 +1,255 @@
+"""Measure the goals find, map, compare and cascade on planted truth.
+
+*find* (`benchmarks.planted_modes`): planted modes in which a failure was repeated, beside as many scrambled Sobol' points.
+Batch k knows the scores up to batch k − 2. *map* (`benchmarks.planted_scores` in six dimensions, 30 % failing): wrong calls
+with 243 points, beside a grid of 729, interpolated, and beside the same process on Sobol' points alone. *compare* and
+*cascade*: coverage.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+from unittest import mock
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+from scipy.special import logit
+from scipy.stats import qmc
+
+from benchmarks import planted_modes, planted_scores
+from valerie.guided import map as mapping
+from valerie.guided.cascade import Cascade
+from valerie.guided.compare import Compare
+from valerie.guided.domain import Cube
+from valerie.guided.find import Find
+from valerie.guided.map import Call, Map
+from valerie.guided.strategy import pursue
+
+Floats = np.typing.NDArray[np.float64]
+
+AT_LEAST: Final = 0.5
+MAP_DIMENSIONS: Final = 6
+GRID: Final = 3
+MAP_BUDGET: Final = GRID**MAP_DIMENSIONS // 3
+BATCHES: Final = 32
+_CHECKED: Final = 4_000
+
+
+@dataclass(frozen=True, slots=True)
+class FindRow:
+    """Mean numbers of modes after each budget, found, reported and met by Sobol' points; CPU seconds of a batch."""
+
+    goal: str
+    family: str
+    repetitions: int
+    budgets: tuple[int, ...]
+    found: tuple[float, ...]
+    reported: tuple[float, ...]
+    sobol: tuple[float, ...]
+    overhead: float
+
+
+def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int, ...]) -> FindRow:
+    """Measure searches for modes, with covariates where the family has them; batches are a 32nd of the budget."""
+    table, overhead = [], []
+    for repetition in range(seed, seed + repetitions):
+        planted = planted_modes.Planted(family, repetition)
+        sobol = qmc.Sobol(planted.dimensions, rng=np.random.default_rng([repetition, 9])).random(2**14)
+        fails = planted.score(sobol) < AT_LEAST
+        row = []
+        for budget in budgets:
+            modes, clusters, seconds = _search(planted, repetition, budget)
+            # Sobol' points pay for the repeats of their failures, too.
+            met = planted.modes(sobol[np.arange(1, len(sobol) + 1) + np.cumsum(fails) <= budget])
+            row.append((modes, clusters, met.any(axis=0).sum()))
+            overhead.append(seconds)
+        table.append(row)
+    found, reported, by_sobol = (tuple(column.tolist()) for column in np.array(table, np.float64).mean(axis=0).T)
+    return FindRow("find", family, repetitions, budgets, found, reported, by_sobol, float(np.mean(overhead)))
+
+
+def _search(planted: planted_modes.Planted, seed: int, budget: int) -> tuple[int, int, float]:
+    """Return the modes found and reported, and the CPU seconds of a batch."""
+    covariates = planted.covariates if planted.family == "covariates" else None
+    strategy = Find(Cube(planted.dimensions), at_least=AT_LEAST, seed=seed, covariates=covariates)
+    told, asked = _Told(), Counter[bytes]()
+    waiting: list[Floats] = []
+    spent, batches, seconds = 0, 0, 0.0
+    while spent < budget or waiting:
+        before = time.process_time()
+        if spent < budget:
+            waiting.append(strategy.ask(min(budget // BATCHES, budget - spent)).points)
+            spent += len(waiting[-1])
+            batches += 1
+        seconds += time.process_time() - before
+        if len(waiting) == 2 or spent >= budget:
+            points = waiting.pop(0)
+            scores = _scores(planted, asked, points, told)
+            before = time.process_time()
+            strategy.tell(points, scores)
+            seconds += time.process_time() - before
+    known = strategy.result
+    return told.modes(planted), len(known.modes) if known else 0, seconds / batches
+
+
+class _Told:
+    """Points that failed under a second seed."""
+
+    def __init__(self) -> None:
+        self.failed: set[bytes] = set()
+        self.repeated: list[Floats] = []
+
+    def modes(self, planted: planted_modes.Planted) -> int:
+        return int(planted.modes(np.array(self.repeated)).any(axis=0).sum()) if self.repeated else 0
+
+
+def _scores(planted: planted_modes.Planted, asked: Counter[bytes], points: Floats, told: _Told) -> Floats:
+    repeats = []
+    for point in points:
+        repeats.append(asked[point.tobytes()])
+        asked[point.tobytes()] += 1
+    scores = np.empty(len(points))
+    for repeat in set(repeats):
+        chosen = np.array(repeats) == repeat
+        scores[chosen] = planted.score(points[chosen], repeat)
+    for point, repeat, score in zip(points, repeats, scores, strict=True):
+        if score < AT_LEAST and repeat == 0:
+            told.failed.add(point.tobytes())
+        elif score < AT_LEAST and point.tobytes() in told.failed:
+            told.repeated.append(point)
+    return scores
+
+
+@dataclass(frozen=True, slots=True)
+class MapRow:
+    """Mean shares of wrong calls of all points; of the map, those that it calls, and what it does not know."""
+
+    goal: str
+    family: str
+    repetitions: int
+    evaluations: int
+    wrong: float
+    not_known: float
+    worst: float
+    sobol_wrong: float
+    sobol_not_known: float
+    grid_wrong: float
+    overhead: float
+
+
+def measure_map(family: str, *, seed: int, repetitions: int, batch: int = 60) -> MapRow:
+    """Measure maps in six dimensions."""
+    table, overhead = [], []
+    for repetition in range(seed, seed + repetitions):
+        planted = planted_scores.plant(family, repetition, 0.3, MAP_DIMENSIONS)
+        points = np.random.default_rng([repetition, 3]).random((_CHECKED, MAP_DIMENSIONS))
+        truth = planted.score(points)
+        row = []
+        for exploring in (mapping.EXPLORING, 1.0):
+            with mock.patch.object(mapping, "EXPLORING", exploring):
+                strategy = Map(Cube(MAP_DIMENSIONS), at_least=AT_LEAST, seed=repetition)
+                started = time.process_time()
+                pursue(strategy, planted.score, budget=MAP_BUDGET, batch=batch)
+                if exploring < 1:
+                    overhead.append((time.process_time() - started) * batch / MAP_BUDGET)
+            row += _wrong(strategy.calls(points), truth)
+        table.append([*row, _grid_wrong(planted.score, points, truth)])
+    means, worst = np.array(table).mean(axis=0), np.array(table).max(axis=0)
+    return MapRow(
+        "map",
+        family,
+        repetitions,
+        MAP_BUDGET,
+        float(means[0]),
+        float(means[1]),
+        float(worst[0]),
+        float(means[2]),
+        float(means[3]),
+        float(means[4]),
+        float(np.mean(overhead)),
+    )
+
+
+def _wrong(calls: np.typing.NDArray[np.str_], truth: Floats) -> list[float]:
+    """Return the share of wrong calls among the points that are called, and the share that is not known."""
+    right = np.where(np.isnan(truth), Call.UNDEFINED, np.where(truth < AT_LEAST, Call.FAIL, Call.PASS))
+    known = calls != Call.NOT_KNOWN
+    return [float(np.mean(calls[known] != right[known])) if known.any() else 0.0, float(np.mean(~known))]
+
+
+def _grid_wrong(score: Callable[[Floats], Floats], points: Floats, truth: Floats) -> float:
+    nodes = (np.arange(GRID) + 0.5) / GRID
+    mesh = np.stack(np.meshgrid(*[nodes] * MAP_DIMENSIONS, indexing="ij"), axis=-1)
+    scores = score(mesh.reshape(-1, MAP_DIMENSIONS))
+    values = logit(np.clip(np.nan_to_num(scores, nan=AT_LEAST), 0.003, 0.997)).reshape(mesh.shape[:-1])
+    grid = RegularGridInterpolator([nodes] * MAP_DIMENSIONS, values, bounds_error=False, fill_value=None)
+    return float(np.mean(((grid(points) < 0) != (truth < AT_LEAST))[~np.isnan(truth)]))
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageRow:
+    """Coverage of an interval, and its mean cost."""
+
+    goal: str
+    case: str
+    repetitions: int
+    coverage: float
+    pairs: float
+    saved: float
+
+
+def measure_compare(case: str, *, seed: int, repetitions: int) -> CoverageRow:
+    """Measure the coverage of differences that stop at half a width of 0.02, or 0.005 for rare flips."""
+    flips = {"mild": None, "flips in 5 %": 0.05, "flips in 0.5 %": 0.005}[case]
+    within = 0.02 if flips is None or flips > 0.01 else 0.005
+
+    def scores(points: Floats) -> Floats:
+        if flips is None:
+            return np.column_stack([points[:, 0], np.clip(points[:, 0] + 0.3 * points[:, 1] - 0.1, 0, 1)])
+        return np.column_stack([np.ones(len(points)), points[:, 0] >= flips])
+
+    truth = -flips if flips is not None else float(np.diff(scores(np.random.default_rng(1).random((2**22, 2)))).mean())
+    held, pairs = [], []
+    for repetition in range(seed, seed + repetitions):
+        strategy = Compare(Cube(2), within=within, seed=repetition)
+        pursue(strategy, scores, budget=100_000, batch=100)
+        known = strategy.result
+        assert known is not None, "there are scores"
+        held.append(known.low <= truth <= known.high)
+        pairs.append(known.pairs)
+    return CoverageRow("compare", case, repetitions, float(np.mean(held)), float(np.mean(pairs)), float("nan"))
+
+
+def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
+    """Measure the coverage of estimates from two engines that cost 1 and 25; 40 batches of 60."""
+    rare = case.startswith("rare")
+    spread = {"correlation 0.8": 0.45, "correlation 0.95": 0.2, "rare failures": 0.0}[case]
+
+    def scores(points: Floats, level: int) -> Floats:
+        if rare:
+            fails = points[:, 0] < 0.02 if level == 0 else (points[:, 0] > 0.005) & (points[:, 0] < 0.025)
+            return np.where(fails, 0.1, 0.9)
+        cheap = 0.2 + 0.6 * points[:, 0]
+        return cheap if level == 0 else (1 - spread) * cheap + spread * points[:, 1]
+
+    truth = 0.02 if rare else 0.5
+    held, pairs, saved = [], [], []
+    for repetition in range(seed, seed + repetitions):
+        strategy = Cascade(Cube(2), seed=repetition, costs=(1, 25), at_least=AT_LEAST if rare else None)
+        for _ in range(40):
+            proposal = strategy.ask(60)
+            strategy.tell(proposal.points, scores(proposal.points, proposal.level))
+        known = strategy.result
+        assert known is not None, "there are enough pairs"
+        held.append(known.low <= truth <= known.high)
+        pairs.append(known.costly)
+        saved.append(known.saved)
+    return CoverageRow("cascade", case, repetitions, float(np.mean(held)), float(np.mean(pairs)), float(np.mean(saved)))
+
+
+COMPARE_CASES: Final = ("mild", "flips in 5 %", "flips in 0.5 %")
+CASCADE_CASES: Final = ("correlation 0.8", "correlation 0.95", "rare failures")

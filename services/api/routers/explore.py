@@ -1,0 +1,357 @@
+"""Rows of one or several runs, filtered and counted on the server for linked views; saved selections."""
+
+from __future__ import annotations
+
+import io
+from typing import Annotated, Literal
+
+import orjson
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
+
+from services.api.dependencies import ContextDependency
+from services.api.openapi import problems
+from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
+from services.api.schemas.explore import (
+    ColumnsRead,
+    ComparisonRead,
+    HistogramsRead,
+    LinksRead,
+    NewSelection,
+    RatesRead,
+    RowsRead,
+    SelectionRead,
+    SpecRead,
+    SwingsRead,
+)
+from valerie.analysis.child_specs import refined_spec
+from valerie.analysis.table import EvaluationTable
+from valerie.db import runs, selections
+from valerie.db.engine import reading, writing
+from valerie.db.runs import now_utc
+from valerie.db.selections import SelectionRow
+from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import Cell
+from valerie.pipeline.base.resolved_runs import read_run
+from valerie.pipeline.exploring import views
+from valerie.pipeline.exploring.exploration import Exploration, Selection
+from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
+from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
+from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
+
+router = APIRouter(prefix="/v1", tags=["explore"])
+
+_ARROW = "application/vnd.apache.arrow.stream"
+_JPEG = "image/jpeg"
+_EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet", "arrow": _ARROW}
+#: Columns that one question names at most.
+_MAX_COLUMNS = 40
+
+Runs = Annotated[
+    list[Annotated[str, Query(max_length=32)]],
+    Query(alias="run", min_length=1, max_length=MAX_RUNS, description="ids of runs", examples=[[RUN_ID]]),
+]
+WhereText = Annotated[
+    str,
+    Query(
+        alias="where",
+        max_length=2000,
+        description="selects rows; empty: all",
+        examples=["distance_m > 25 and pacc < 0.5"],
+    ),
+]
+ColumnNames = Annotated[
+    list[Annotated[str, Query(max_length=200)]],
+    Query(alias="column", min_length=1, max_length=_MAX_COLUMNS, examples=[["distance_m", "pacc"]]),
+]
+ColumnName = Annotated[str, Query(max_length=200, examples=["distance_m"])]
+Threshold = Annotated[
+    float | None, Query(gt=0, le=1, description="of the detection rate; default: the run's", examples=[0.5])
+]
+
+
+def _opened(request: Request, run: Runs) -> Exploration:
+    explorations: Explorations = request.app.state.explorations
+    return explorations.open(run)
+
+
+Opened = Annotated[Exploration, Depends(_opened)]
+
+
+def _selected(exploration: Opened, where: WhereText = "") -> Selection:
+    return exploration.select(where)
+
+
+Selected = Annotated[Selection, Depends(_selected)]
+
+
+@router.get("/explore/columns", responses=problems(404, 409, 422), summary="Columns of the rows of some runs")
+def columns(exploration: Opened, run: Runs, context: ContextDependency) -> ColumnsRead:
+    specs = {run_id: read_run(context, run_id).resolved.spec for run_id in run}
+    return ColumnsRead(
+        rows=len(exploration),
+        threshold=specs[run[0]].detection_threshold,
+        read_at=exploration.read_at,
+        functions={run_id: list(spec.functions) for run_id, spec in specs.items()},
+        columns=list(exploration.columns),
+    )
+
+
+@router.get(
+    "/explore/histograms", responses=problems(404, 409, 422), summary="Rows by bins of columns, all and those selected"
+)
+def histograms(exploration: Opened, selection: Selected, column: ColumnNames) -> HistogramsRead:
+    return HistogramsRead(
+        selected=selection.count, histograms=[views.histogram(exploration, name, selection) for name in column]
+    )
+
+
+@router.get(
+    "/explore/links",
+    responses=problems(404, 409, 422),
+    summary="Selected rows that go from a bin of one column to a bin of the next, for parallel coordinates",
+)
+def links(exploration: Opened, selection: Selected, column: ColumnNames) -> LinksRead:
+    return LinksRead(selected=selection.count, links=views.links(exploration, column, selection))
+
+
+@router.get(
+    "/explore/scatter",
+    response_class=Response,
+    responses={
+        **problems(404, 409, 422),
+        200: {"description": "Arrow stream", "content": {_ARROW: {"schema": {"type": "string", "format": "binary"}}}},
+    },
+    summary="Selected rows over two columns: points where they are few, else a density, as an Arrow stream",
+)
+def scatter(
+    exploration: Opened,
+    selection: Selected,
+    x: ColumnName = "distance_m",
+    y: ColumnName = "pacc",
+    color: ColumnName = "",
+    form: Annotated[Literal["auto", "cells"], Query(description="cells: a density of any number of rows")] = "auto",
+) -> Response:
+    return _arrow(views.scatter(exploration, x, y, color, selection, form=form))
+
+
+@router.get(
+    "/explore/rows",
+    responses={
+        **problems(404, 409, 422),
+        200: {
+            "content": {
+                "text/csv": {"schema": {"type": "string"}, "example": "frame_id,pacc\n"},
+                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+                _ARROW: {"schema": {"type": "string", "format": "binary"}},
+            }
+        },
+    },
+    response_model=RowsRead,
+    summary="Selected rows in the order of a column; csv, parquet and arrow give all of them",
+)
+def rows(
+    exploration: Opened,
+    selection: Selected,
+    sort: Annotated[
+        str, Query(max_length=201, description="a column; a leading - sorts in descending order", examples=["pacc"])
+    ] = "",
+    limit: Annotated[int, Query(ge=1, le=1000)] = 60,
+    offset: Annotated[int, Query(ge=0, le=100_000_000)] = 0,
+    number: Annotated[int | None, Query(ge=0, description="only the row of this number", examples=[5])] = None,
+    format_: Annotated[Literal["json", "csv", "parquet", "arrow"], Query(alias="format")] = "json",
+) -> Response:
+    if format_ != "json":
+        return _file(exploration.rows(selection), format_)
+    if number is None:
+        items = exploration.page(selection, sort=sort, limit=limit, offset=offset).to_pylist()
+    else:
+        items = list(_numbered(exploration, [number]).values())
+    return _json({"selected": selection.count, "items": items})
+
+
+@router.get(
+    "/explore/rates",
+    responses=problems(404, 409, 422),
+    summary="Mean pACC and detection rate of the selected rows beside the rest, with intervals",
+)
+def rates(
+    exploration: Opened, selection: Selected, run: Runs, context: ContextDependency, threshold: Threshold = None
+) -> RatesRead:
+    t = threshold or read_run(context, run[0]).resolved.spec.detection_threshold
+    groups = views.rates(exploration, selection, t)
+    return RatesRead(selected=selection.count, scored=selection.scored, threshold=t, groups=groups)
+
+
+def _side(text: str, field: str) -> Side:
+    run, colon, function = text.partition(":")
+    if not colon:
+        raise InvalidInput("not a side", field=field, value=text, limit="run:function")
+    return Side(run, function)
+
+
+_SideText = Annotated[str, Query(max_length=240, description="run:function", examples=[f"{RUN_ID}:{FUNCTION}"])]
+
+
+@router.get(
+    "/explore/comparison",
+    responses=problems(404, 409, 422),
+    summary="Two functions or two runs matched by variant: who was fixed, broken, missed by both",
+)
+def comparison(
+    exploration: Opened,
+    selection: Selected,
+    run: Runs,
+    context: ContextDependency,
+    before: _SideText,
+    after: _SideText,
+    outcome: Annotated[Outcome, Query(description="of the pairs to return")] = Outcome.BROKEN,
+    threshold: Threshold = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 24,
+) -> ComparisonRead:
+    compared = compare_sides(
+        exploration,
+        selection,
+        _side(before, "before"),
+        _side(after, "after"),
+        threshold=threshold or read_run(context, run[0]).resolved.spec.detection_threshold,
+        outcome=outcome,
+        limit=limit,
+    )
+    numbers = [number for pair in compared.pairs for number in (pair.before, pair.after)]
+    return ComparisonRead(comparison=compared, rows=_numbered(exploration, numbers))
+
+
+@router.get(
+    "/explore/swings",
+    responses=problems(404, 409, 422),
+    summary="Pairs of selected rows that differ in one varied parameter alone and most in pACC",
+)
+def swings(
+    exploration: Opened,
+    selection: Selected,
+    limit: Annotated[int, Query(ge=1, le=50, description="of each parameter")] = 6,
+) -> SwingsRead:
+    listed = largest_swings(exploration, selection, limit=limit)
+    numbers = [number for swing in listed for number in (swing.pair.before, swing.pair.after)]
+    return SwingsRead(swings=listed, rows=_numbered(exploration, numbers))
+
+
+@router.get(
+    "/explore/sheet",
+    response_class=Response,
+    responses={
+        **problems(404, 422),
+        200: {"description": "JPEG", "content": {_JPEG: {"schema": {"type": "string", "format": "binary"}}}},
+    },
+    summary="Thumbnails of frames in one picture, eight in a row",
+)
+def sheet(
+    request: Request,
+    tile: Annotated[
+        list[Annotated[str, Query(max_length=300)]],
+        Query(
+            min_length=1,
+            max_length=MAX_TILES,
+            description="frame:instance:function:sensor",
+            examples=[[f"{FRAME_ID}:24001:{FUNCTION}:default"]],
+        ),
+    ],
+    kind: Annotated[
+        str, Query(max_length=40, description=f"one of {', '.join(TILE_KINDS)}", examples=["picture"])
+    ] = "picture",
+    crop: Annotated[bool, Query(description="to the person; else the whole frame")] = False,
+    width: Annotated[int, Query(ge=32, le=320, description="of a thumbnail, pixels")] = 160,
+) -> Response:
+    if kind not in TILE_KINDS:
+        raise UnknownName("kind of thumbnail", kind, TILE_KINDS, field="kind")
+    tiles: Tiles = request.app.state.tiles
+    content = tiles.sheet([Tile.parse(text) for text in tile], kind=kind, crop=crop, width=width)
+    return Response(content, media_type=_JPEG, headers={"Cache-Control": "private, max-age=600"})
+
+
+@router.get(
+    "/explore/spec",
+    responses=problems(404, 409, 422),
+    summary="The spec of a run that looks closer at where the selected rows of one run lie",
+)
+def refine(
+    exploration: Opened,
+    selection: Selected,
+    run: Runs,
+    context: ContextDependency,
+    count: Annotated[int, Query(ge=1, le=100_000, description="variants of the new run", examples=[64])] = 64,
+) -> SpecRead:
+    if len(run) > 1:
+        raise InvalidInput("a spec refines one run", field="run", value=list(run), limit="one run")
+    resolved = read_run(context, run[0]).resolved
+    chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
+    return SpecRead(yaml=refined_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
+
+
+@router.get("/selections", responses=problems(422), summary="Saved selections, newest first")
+def list_selections(context: ContextDependency) -> list[SelectionRead]:
+    with reading(context.engine) as connection:
+        return [SelectionRead.model_validate(row, from_attributes=True) for row in selections.listed(connection)]
+
+
+@router.post(
+    "/selections",
+    status_code=status.HTTP_201_CREATED,
+    responses=problems(404, 409, 422),
+    summary="Save a selection under a name",
+)
+def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRead:
+    row = SelectionRow(**new.model_dump(), created_at=now_utc())
+    with writing(context.engine) as connection:
+        for run_id in new.runs:
+            runs.require(connection, run_id)
+        selections.save(connection, row)
+    return SelectionRead.model_validate(row, from_attributes=True)
+
+
+@router.delete(
+    "/selections/{name}",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=problems(404, 422),
+    summary="Delete a saved selection",
+)
+def delete_selection(
+    name: Annotated[str, Path(max_length=120, examples=["dark and far"])], context: ContextDependency
+) -> None:
+    with writing(context.engine) as connection:
+        selections.remove(connection, name)
+
+
+def _numbered(exploration: Exploration, numbers: list[int]) -> dict[int, dict[str, Cell]]:
+    known = sorted({number for number in numbers if number < len(exploration)})
+    return dict(zip(known, exploration.at(known), strict=True))
+
+
+def _arrow(table: pa.Table) -> Response:
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        # One batch, so that readers need not join any.
+        writer.write_table(table.combine_chunks())
+    return Response(sink.getvalue().to_pybytes(), media_type=_ARROW)
+
+
+def _file(table: pa.Table, form: str) -> Response:
+    if form == "arrow":
+        return _arrow(table)
+    sink = io.BytesIO()
+    if form == "parquet":
+        pa.parquet.write_table(table, sink, compression="zstd")
+    else:
+        pa.csv.write_csv(table, sink)
+    return Response(
+        sink.getvalue(),
+        media_type=_EXPORTS[form],
+        headers={"Content-Disposition": f'attachment; filename="selection.{form}"'},
+    )
+
+
+def _json(document: object) -> Response:
+    return Response(orjson.dumps(document), media_type="application/json")

@@ -1,0 +1,208 @@
+"""Studies: plan, begin, list, read, look at the next batch, accept it, change the mode, stop, resume."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
+
+from services.api.dependencies import (
+    ContextDependency,
+    Cursor,
+    Limit,
+    decode_cursor,
+    encode_cursor,
+    moment,
+    text,
+    wake_control,
+)
+from services.api.openapi import example, problems
+from services.api.routers.runs import PLAN, body
+from services.api.schemas.studies import (
+    REASON,
+    STUDY,
+    STUDY_ID,
+    BatchRead,
+    NextBatchRead,
+    StudyDetail,
+    StudyPage,
+    StudyRead,
+)
+from valerie.db import studies
+from valerie.db.engine import reading
+from valerie.db.studies import StudyRow
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control.studies import commands, reporting
+from valerie.plain import JsonObject
+from valerie.runs.study import StudyDocument, parse_study
+
+router = APIRouter(prefix="/v1", tags=["studies"])
+
+_YAML = """name: how often
+asset: urban-street
+vary: [[person-1.pos.x, UNIFORM, -3, 5]]
+functions: [deeplabv3plus-small]
+measure: min(pacc) >= 0.5
+goal: estimate
+budget: {variants: 256}
+"""
+_STUDY_BODY: JsonObject = {
+    "requestBody": {
+        "required": True,
+        "description": "A study as JSON or YAML; `valerie study new` writes one with comments.",
+        "content": {
+            "application/json": {"schema": {"type": "object"}, "example": STUDY},
+            "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
+        },
+    }
+}
+_NEXT: JsonObject = {
+    "number": 0,
+    "reason": REASON,
+    "legal": 32,
+    "rejected": 0,
+    "accepted": False,
+    "run_id": None,
+    "spec": "name: how often, batch 1\n…",
+    "plan": PLAN,
+}
+_OF_STUDY = problems(404, 422)
+_OF_CHANGE = problems(404, 409, 422)
+
+StudyId = Annotated[
+    str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a study", examples=[STUDY_ID])
+]
+
+
+def _document(content: Annotated[bytes, Depends(body)]) -> StudyDocument:
+    return parse_study(content)
+
+
+Document = Annotated[StudyDocument, Depends(_document)]
+
+
+@router.post(
+    "/studies/plan",
+    openapi_extra=_STUDY_BODY,
+    responses={**problems(413, 422), **example(_NEXT)},
+    summary="First batch of a study and its price; stores nothing",
+)
+def plan(document: Document, context: ContextDependency) -> NextBatchRead:
+    return _next(commands.plan_study(context, document))
+
+
+@router.post(
+    "/studies",
+    status_code=status.HTTP_202_ACCEPTED,
+    openapi_extra=_STUDY_BODY,
+    responses=problems(413, 422, 507),
+    summary="Begin a study",
+    response_description="accepted; Location names the study",
+)
+def create(document: Document, request: Request, response: Response, context: ContextDependency) -> StudyRead:
+    study_id = commands.begin(context, document)
+    wake_control(request)
+    response.headers["Location"] = f"/v1/studies/{study_id}"
+    return _read(context, study_id)
+
+
+@router.get("/studies", responses=problems(422), summary="Studies, newest first")
+def list_studies(context: ContextDependency, limit: Limit = 50, cursor: Cursor = None) -> StudyPage:
+    before = decode_cursor(cursor, moment, text)
+    with reading(context.engine) as connection:
+        rows = studies.page(connection, limit=limit + 1, before=None if before is None else (before[0], before[1]))
+    items = [_study(row) for row in rows[:limit]]
+    following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if len(rows) > limit else None
+    return StudyPage(items=items, next=following)
+
+
+@router.get("/studies/{study_id}", responses=_OF_STUDY, summary="One study with its batches")
+def read(study_id: StudyId, context: ContextDependency) -> StudyDetail:
+    with reading(context.engine) as connection:
+        row, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
+    return StudyDetail(
+        **_study(row).model_dump(),
+        document=row.document.to_yaml(),
+        batches=[BatchRead.model_validate(batch) for batch in batches],
+    )
+
+
+@router.get(
+    "/studies/{study_id}/next",
+    responses={**_OF_CHANGE, **example(_NEXT)},
+    summary="The newest open batch, with its reason, spec and price",
+)
+def next_batch(study_id: StudyId, context: ContextDependency) -> NextBatchRead:
+    return _next(commands.next_batch(context, study_id))
+
+
+@router.get(
+    "/studies/{study_id}/report",
+    responses={**_OF_CHANGE, 200: {"content": {"text/html": {"schema": {"type": "string", "format": "binary"}}}}},
+    response_class=Response,
+    summary="Report of a study, with what is known now",
+)
+def report(study_id: StudyId, context: ContextDependency) -> Response:
+    return Response(reporting.report(context, study_id), media_type="text/html; charset=utf-8")
+
+
+@router.post("/studies/{study_id}/accept", responses=_OF_CHANGE, summary="Accept the proposed batch")
+def accept(
+    study_id: StudyId,
+    request: Request,
+    context: ContextDependency,
+    count: Annotated[
+        int | None,
+        Query(ge=1, le=1000, description="another number of variants; the strategy proposes them", examples=[16]),
+    ] = None,
+) -> StudyRead:
+    commands.accept(context, study_id, count=count)
+    wake_control(request)
+    return _read(context, study_id)
+
+
+@router.post("/studies/{study_id}/mode", responses=_OF_CHANGE, summary="Accept batches by hand, or automatically")
+def mode(
+    study_id: StudyId,
+    request: Request,
+    context: ContextDependency,
+    by_hand: Annotated[bool, Query(description="a person accepts each batch", examples=[True])],
+) -> StudyRead:
+    commands.set_mode(context, study_id, by_hand=by_hand)
+    wake_control(request)
+    return _read(context, study_id)
+
+
+@router.post("/studies/{study_id}/stop", responses=_OF_CHANGE, summary="End a study with what is known")
+def stop(study_id: StudyId, context: ContextDependency) -> StudyRead:
+    commands.stop(context, study_id)
+    return _read(context, study_id)
+
+
+@router.post("/studies/{study_id}/resume", responses=_OF_CHANGE, summary="Resume a paused study")
+def resume(study_id: StudyId, request: Request, context: ContextDependency) -> StudyRead:
+    commands.resume(context, study_id)
+    wake_control(request)
+    return _read(context, study_id)
+
+
+def _read(context: Context, study_id: str) -> StudyRead:
+    with reading(context.engine) as connection:
+        return _study(studies.get(connection, study_id))
+
+
+def _study(row: StudyRow) -> StudyRead:
+    return StudyRead.model_validate(vars(row) | {"goal": row.document.goal.name})
+
+
+def _next(batch: commands.NextBatch) -> NextBatchRead:
+    return NextBatchRead(
+        number=batch.number,
+        reason=batch.reason,
+        legal=batch.legal,
+        rejected=batch.rejected,
+        accepted=batch.accepted,
+        run_id=batch.run_id,
+        spec=batch.spec.to_yaml(),
+        plan=batch.plan,
+    )

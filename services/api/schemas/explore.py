@@ -1,0 +1,154 @@
+"""Answers about the rows of one or several runs: columns, histograms, links, rates, pairs, saved selections."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+from pydantic import BaseModel, Field
+
+from services.api.schemas.base import FUNCTION, RUN_ID, Moment, Read
+from services.api.schemas.results import INTERVAL
+from valerie.measures import Cell
+from valerie.pipeline.exploring.exploration import ExploredColumn
+from valerie.pipeline.exploring.pairs import Comparison, Swing
+from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
+from valerie.plain import JsonObject
+
+_ROW: Final = {"frame_id": f"{RUN_ID}.5.0.0", "function": FUNCTION, "pacc": 0.9041}
+
+
+class ColumnsRead(Read):
+    """The columns of the rows of some runs."""
+
+    rows: int = Field(examples=[60])
+    threshold: float = Field(description="of the detection rate; the first run's", examples=[0.5])
+    read_at: Moment | None = Field(description="when the rows were read", examples=["2026-11-21T14:05:00Z"])
+    functions: dict[str, list[str]] = Field(description="of each run", examples=[{RUN_ID: [FUNCTION]}])
+    columns: list[ExploredColumn] = Field(
+        examples=[
+            [
+                {
+                    "name": "distance_m",
+                    "title": "distance",
+                    "description": "distance from camera to person",
+                    "unit": "m",
+                    "scale": 1.0,
+                    "digits": 2,
+                    "group": "person",
+                    "numeric": True,
+                    "low": 5.1,
+                    "high": 38.9,
+                    "names": [],
+                    "undefined": 0,
+                }
+            ]
+        ]
+    )
+
+
+class HistogramsRead(Read):
+    selected: int = Field(examples=[12])
+    histograms: list[Histogram] = Field(
+        examples=[
+            [
+                {
+                    "column": "distance_m",
+                    "levels": [],
+                    "edges": [5.0, 6.0, 7.0],
+                    "every": [3, 4, 0],
+                    "selected": [1, 2, 0],
+                }
+            ]
+        ]
+    )
+
+
+class LinksRead(Read):
+    selected: int = Field(examples=[12])
+    links: list[Links] = Field(
+        examples=[[{"before": "distance_m", "after": "pacc", "pairs": [[0, 12, 3], [1, 40, 2]]}]]
+    )
+
+
+class RowsRead(Read):
+    selected: int = Field(description="rows that the expression selects", examples=[12])
+    items: list[dict[str, Cell | bool]] = Field(
+        description="rows of the long table; `row number` identifies a row among these runs",
+        examples=[[_ROW | {"row number": 5}]],
+    )
+
+
+_RATES: Final[JsonObject] = {
+    "persons": 30,
+    "undefined": {"fully hidden": 2},
+    "pacc": INTERVAL,
+    "detected": {**INTERVAL, "low": 0.8, "high": 0.97, "estimate": 0.93},
+}
+
+
+class RatesRead(Read):
+    selected: int = Field(examples=[12])
+    scored: bool = Field(
+        description="whether the expression depends on scores; then the rates only repeat what was asked for",
+        examples=[False],
+    )
+    threshold: float = Field(examples=[0.5])
+    groups: list[GroupRates] = Field(
+        description="by run, function and sensor",
+        examples=[[{"run": RUN_ID, "function": FUNCTION, "sensor": "default", "selected": _RATES, "rest": _RATES}]],
+    )
+
+
+class ComparisonRead(Read):
+    """Two sides matched person by person."""
+
+    comparison: Comparison = Field(
+        examples=[
+            {
+                "rows": [30, 30],
+                "matched": 28,
+                "outcomes": {"fixed": 3, "broken": 1, "both missed": 2, "both found": 22},
+                "difference": 0.04,
+                "low": 0.01,
+                "high": 0.07,
+                "places": 12,
+                "pairs": [{"before": 5, "after": 35, "pacc_before": 0.2, "pacc_after": 0.9}],
+            }
+        ]
+    )
+    rows: dict[int, dict[str, Cell | bool]] = Field(description="rows by their number", examples=[{5: _ROW, 35: _ROW}])
+
+
+class SwingsRead(Read):
+    swings: list[Swing] = Field(
+        examples=[
+            [
+                {
+                    "parameter": "scene.sun-1.azimuth",
+                    "pair": {"before": 5, "after": 35, "pacc_before": 0.9, "pacc_after": 0.2},
+                }
+            ]
+        ]
+    )
+    rows: dict[int, dict[str, Cell | bool]] = Field(description="rows by their number", examples=[{5: _ROW, 35: _ROW}])
+
+
+class SpecRead(Read):
+    """A spec that can be submitted."""
+
+    yaml: str = Field(examples=["schema_version: 1\nname: dusk\nasset: urban-street\n"])
+
+
+class NewSelection(BaseModel, extra="forbid"):
+    """A selection to save."""
+
+    name: Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x1f/]+$", examples=["dark and far"])]
+    runs: Annotated[tuple[str, ...], Field(min_length=1, max_length=20, examples=[[RUN_ID]])]
+    expression: Annotated[str, Field(max_length=2000, examples=["distance_m > 25"])] = ""
+    view: Annotated[
+        str, Field(max_length=4000, description="query of the page's address", examples=["x=distance_m&y=pacc"])
+    ] = ""
+
+
+class SelectionRead(NewSelection):
+    created_at: Moment = Field(examples=["2026-11-21T14:05:00Z"])

@@ -1,0 +1,84 @@
+"""Answers about studies and their batches."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pydantic import Field, JsonValue
+
+from services.api.schemas.base import DIGEST, RUN_ID, Digest, Moment, NextCursor, Read
+from valerie.runs.forecast import Plan
+from valerie.runs.study import Outcomes, StudyResult, StudyState
+
+STUDY_ID: Final = "s1ng219w3v1ks"
+#: A study in the notation of its file.
+STUDY: Final[dict[str, JsonValue]] = {
+    "name": "how often",
+    "asset": "urban-street",
+    "vary": [["person-1.pos.x", "UNIFORM", -3, 5], ["person-1.pos.y", "GAUSSIAN", 15, 8]],
+    "functions": ["deeplabv3plus-small"],
+    "measure": "min(pacc) >= 0.5",
+    "goal": "estimate",
+    "budget": {"variants": 256},
+}
+REASON: Final = "32 points as they occur in operation: nothing is assumed about the scores."
+
+
+class BatchRead(Read):
+    number: int = Field(description="from 0", examples=[0])
+    reason: str = Field(description="why these variants", examples=[REASON])
+    count: int = Field(description="variants that the strategy was asked for", examples=[32])
+    legal: int = Field(description="variants that count in the budget", examples=[32])
+    rejected: list[int] = Field(description="indexes of rejected variants", examples=[[]])
+    basis: Digest = Field(description="digest of all that the proposal rests on")
+    based_on: int = Field(description="it rests on the outcomes of the batches before this one", examples=[0])
+    accepted_at: Moment | None = Field(description="null while a person has not accepted it")
+    run_id: str | None = Field(examples=[RUN_ID])
+    outcomes: Outcomes | None = Field(
+        description="scores, null where undefined; null while the run goes on",
+        examples=[{"scores": [0.93, 0.12, None], "rejected": []}],
+    )
+    cpu_seconds: float | None = Field(description="spent for its run", examples=[41.5])
+
+
+class StudyRead(Read):
+    id: str = Field(examples=[STUDY_ID])
+    name: str = Field(examples=["how often"])
+    state: StudyState = Field(examples=["running"])
+    reason: str | None = Field(description="what it waits for, or why it ended")
+    by_hand: bool = Field(description="a person accepts each batch", examples=[False])
+    goal: str = Field(examples=["estimate"])
+    result: StudyResult | None = Field(
+        description="what is known; null before",
+        examples=[
+            {
+                "sentences": ["Of the legal variants, 3.10% (1.20% to 6.60%, 95%) fail, by operational points alone."],
+                "numbers": {"evaluations": 128},
+                "batches": 4,
+            }
+        ],
+    )
+    asset_digest: Digest = Field(examples=[DIGEST])
+    created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
+    finished_at: Moment | None
+
+
+class StudyDetail(StudyRead):
+    document: str = Field(description="the study as the text of a file", examples=["name: how often\n…"])
+    batches: list[BatchRead]
+
+
+class StudyPage(Read):
+    items: list[StudyRead]
+    next: NextCursor
+
+
+class NextBatchRead(Read):
+    number: int = Field(description="from 0", examples=[0])
+    reason: str = Field(examples=[REASON])
+    legal: int = Field(examples=[32])
+    rejected: int = Field(examples=[0])
+    accepted: bool = Field(description="false while it waits for a person", examples=[False])
+    run_id: str | None = Field(examples=[RUN_ID])
+    spec: str = Field(description="of its run, as the text of a file", examples=["name: how often, batch 1\n…"])
+    plan: Plan = Field(description="size and cost of its run")

@@ -1,0 +1,197 @@
+"""What a simulated process works with: database, broker, store and maker, each with its faults."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from obstore.store import MemoryStore
+from sqlalchemy import Connection, Engine
+from sqlalchemy.exc import OperationalError
+
+from tests.simulation.schedule import Schedule
+from valerie.broker import FINISH, Message, messages_of
+from valerie.db.measured import MeasuredPerson, SeenPerson
+from valerie.db.products import Finished, Job
+from valerie.errors import MissingInput, NotFound, StorageFull, StorageUnavailable, TransientError
+from valerie.runs.products import Ready
+from valerie.runs.states import EVAL_QUEUE, ProductKind
+from valerie.storage import envelope
+from valerie.storage.keys import product_key
+from valerie.storage.store import ArtifactStore
+
+
+@dataclass
+class Weather:
+    """Until when each shared part is disturbed, seconds of the schedule; shares of messages that are lost or doubled."""
+
+    locked: float = 0.0
+    away: float = 0.0
+    hung: float = 0.0
+    full: float = 0.0
+    read_only: float = 0.0
+    lost: float = 0.0
+    doubled: float = 0.0
+    delay: float = 0.0
+
+    @property
+    def clear_at(self) -> float:
+        """The moment from which nothing is disturbed but messages."""
+        return max(self.locked, self.away, self.hung, self.full, self.read_only)
+
+
+class Database:
+    """In the place of an engine: others may go on before each transaction, and it may be locked."""
+
+    def __init__(self, engine: Engine, schedule: Schedule, weather: Weather) -> None:
+        self._engine, self._schedule, self._weather = engine, schedule, weather
+
+    @contextmanager
+    def begin(self) -> Iterator[Connection]:
+        self._wait()
+        with self._engine.begin() as connection:
+            yield connection
+
+    @contextmanager
+    def connect(self) -> Iterator[Connection]:
+        self._wait()
+        with self._engine.connect() as connection:
+            yield connection
+
+    def _wait(self) -> None:
+        self._schedule.pause()
+        if self._weather.locked > self._schedule.now and self._schedule.random.random() < 0.5:
+            raise OperationalError("BEGIN", {}, sqlite3.OperationalError("database is locked"))
+
+
+class Queues:
+    """The broker: messages get lost, doubled, late and out of order."""
+
+    def __init__(self, schedule: Schedule, weather: Weather) -> None:
+        self._schedule, self._weather = schedule, weather
+        self.messages: list[tuple[float, Message]] = []
+
+    def send_products(self, ready: Iterable[Ready]) -> None:
+        self._send(messages_of(ready))
+
+    def send_finish(self, run_id: str) -> None:
+        self._send([Message(FINISH, [run_id], EVAL_QUEUE)])
+
+    def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
+        self._answer()
+        return {route: sum(1 for _, message in self.messages if message.queue == route) for route in routes}
+
+    def take(self, queues: Collection[str]) -> Message | None:
+        """A message of one of ``queues`` that has arrived."""
+        if self._weather.away > self._schedule.now or self._weather.hung > self._schedule.now:
+            return None
+        arrived = [
+            place
+            for place, (moment, message) in enumerate(self.messages)
+            if message.queue in queues and moment <= self._schedule.now
+        ]
+        return self.messages.pop(self._schedule.random.choice(arrived))[1] if arrived else None
+
+    def redeliver(self, message: Message, after: float) -> None:
+        """Bring a message of a dead worker back."""
+        self.messages.append((self._schedule.now + after, message))
+
+    def _send(self, messages: list[Message]) -> None:
+        if not messages:
+            return
+        self._answer()
+        for message in messages:
+            chance = self._schedule.random.random()
+            copies = 0 if chance < self._weather.lost else 2 if chance > 1 - self._weather.doubled else 1
+            for _ in range(copies):
+                late = self._schedule.random.random() * self._weather.delay
+                self.messages.append((self._schedule.now + late, message))
+
+    def _answer(self) -> None:
+        self._schedule.pause()
+        if self._weather.hung > self._schedule.now:
+            self._schedule.sleep(4.0)
+            raise TransientError("the broker hangs")
+        if self._weather.away > self._schedule.now:
+            raise TransientError("the broker is away")
+
+
+class Store(ArtifactStore):
+    """The product's store over memory, that is full or read-only at times."""
+
+    def __init__(self, schedule: Schedule, weather: Weather) -> None:
+        super().__init__(MemoryStore(), url="memory:")
+        self._schedule, self._weather = schedule, weather
+
+    def put(self, key: str, data: bytes, *, replace: bool = False) -> bool:
+        self._schedule.pause()
+        if self._weather.full > self._schedule.now:
+            raise StorageFull("no space left")
+        if self._weather.read_only > self._schedule.now:
+            raise StorageUnavailable("read-only file system")
+        return super().put(key, data, replace=replace)
+
+    def damage(self, *, tear: bool) -> str | None:
+        """Tear an object, or lose it; return its key."""
+        keys = sorted(info.key for info in self.list("products"))
+        if not keys:
+            return None
+        key = self._schedule.random.choice(keys)
+        if tear:
+            super().put(key, self.get(key)[:-7], replace=True)
+        else:
+            self.delete(key)
+        return key
+
+
+@dataclass
+class Maker:
+    """Products whose bytes and rows follow from their digests."""
+
+    schedule: Schedule
+    store: Store
+    poison: set[str] = field(default_factory=set)
+
+    def make(self, job: Job) -> Finished:
+        """See `valerie.pipeline.work.stages.Maker`."""
+        frame = job.frame.products
+        if job.kind is ProductKind.PREDICTION:
+            self._read("background", frame.background)
+            self._read("layer", frame.layer)
+        if job.kind is ProductKind.EVALUATION:
+            assert job.look is not None
+            self._read("truth", frame.truth)
+            self._read("prediction", job.look.prediction)
+        self.schedule.sleep(self.schedule.random.expovariate(3.0))
+        data = bytes_of(job.kind, job.digest)
+        if job.kind is not ProductKind.EVALUATION:
+            self.store.put(product_key(job.kind, job.digest), data)
+        pixels = pixels_of(job.digest)
+        views = (SeenPerson(24001, {"pixel_area": pixels}, None, None),) if job.kind is ProductKind.TRUTH else ()
+        scores = ()
+        if job.kind is ProductKind.EVALUATION:
+            scores = (MeasuredPerson(24001, {"tp": pixels, "fn": 1, "pacc": None}),)
+        return Finished(job.digest, len(data), 1, 0.1, person_views=views, person_scores=scores)
+
+    def _read(self, kind: str, digest: str) -> None:
+        try:
+            data = self.store.get(product_key(kind, digest))
+        except NotFound:
+            raise MissingInput(kind, digest) from None
+        if not envelope.intact(data):
+            raise MissingInput(kind, digest)
+
+
+@cache
+def bytes_of(kind: str, digest: str) -> bytes:
+    """The object of a product."""
+    return envelope.pack(kind, {"digest": np.frombuffer(digest.encode(), np.uint8)}, {})
+
+
+def pixels_of(digest: str) -> int:
+    """What the row of a product says."""
+    return int(digest[:6], 16)

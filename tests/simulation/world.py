@@ -1,0 +1,386 @@
+"""One seeded schedule: two runs, two control loops, five workers, a user who meddles, and faults."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Engine
+
+from tests.simulation.parts import Database, Maker, Queues, Store, Weather, pixels_of
+from tests.simulation.schedule import Process, Schedule
+from tests.world.blank import Pipeline
+from tests.world.boxes import spec, write_box_street
+from valerie.broker import FINISH, Message
+from valerie.db.engine import open_engine
+from valerie.db.results import FailedLink
+from valerie.db.runs import RunRow
+from valerie.errors import Conflict, TransientError
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.stages import run_stage
+from valerie.runs.states import EVAL_QUEUE
+from valerie.storage.keys import run_key
+
+LEASE = 10.0
+MAX_ATTEMPTS = 4
+FIRST_FAULT, LAST_FAULT = 1.0, 25.0
+#: After the last fault, a run ends within so many seconds: a lease, the sweeps, and pauses before further attempts.
+PATIENCE = 150.0
+FAULTS = (
+    "kill worker",
+    "kill worker",
+    "kill control",
+    "freeze worker",
+    "freeze worker",
+    "freeze control",
+    "restart broker",
+    "hang broker",
+    "empty broker",
+    "fill store",
+    "read-only store",
+    "tear object",
+    "lose object",
+    "clock forward",
+    "clock back",
+    "worker ahead dies",
+    "control ahead dies",
+    "lock database",
+    "cancel and resume",
+    "retry",
+)
+_MOVES = {
+    "waiting": {"ready", "failed"},
+    "ready": {"running", "failed"},
+    "running": {"done", "ready", "failed", "waiting", "parked"},
+    "done": {"waiting"},
+    "failed": {"waiting", "ready"},
+    "parked": {"waiting", "ready"},
+}
+_WATCH = """
+CREATE TRIGGER moved AFTER UPDATE OF state ON products WHEN OLD.state <> NEW.state BEGIN
+  SELECT moved(NEW.digest, OLD.state, NEW.state, OLD.lease_owner, OLD.lease_until); END;
+CREATE TRIGGER tried AFTER UPDATE OF attempts ON products BEGIN SELECT tried(NEW.digest, NEW.attempts); END;
+CREATE TRIGGER viewed AFTER INSERT ON person_views BEGIN SELECT viewed(NEW.truth, NEW.pixel_area); END;
+CREATE TRIGGER scored AFTER INSERT ON person_scores BEGIN SELECT viewed(NEW.digest, NEW.tp); END;
+"""
+_LOST = """
+SELECT count(*) FROM products AS p JOIN frames AS f ON p.digest IN (f.background, f.layer, f.truth)
+  JOIN runs AS r ON r.id = f.run_id WHERE p.state = 'parked' AND r.state = 'running'
+"""
+_RESULT = """
+SELECT f.run_id, f.variant_index, f.camera_index, p.digest, p.state, p.bytes, v.pixel_area, s.tp, s.fn FROM frames AS f
+  JOIN evaluations AS e USING (run_id, variant_index, camera_index, time_index)
+  JOIN products AS p ON p.digest IN (f.background, f.layer, f.truth, e.prediction, e.scores)
+  LEFT JOIN person_views AS v ON v.truth = p.digest LEFT JOIN person_scores AS s ON s.digest = p.digest
+  ORDER BY 1, 2, 3, 4
+"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a schedule.
+
+    Attributes:
+        violations: what must never happen, but did.
+        digest: of all rows and objects.
+        faults, steps, seconds: how many, and the virtual time until all runs ended.
+        standstill: longest time without any move of a product after the last disturbance, seconds.
+        trace: what happened.
+    """
+
+    violations: tuple[str, ...]
+    digest: str
+    faults: int
+    steps: int
+    seconds: float
+    standstill: float
+    products: int
+    trace: tuple[str, ...]
+
+
+@cache
+def _template() -> tuple[Any, Engine, tuple[str, ...]]:
+    """A deployment with two submitted runs that share most products."""
+    folder = Path(tempfile.mkdtemp(prefix="valerie-simulation-"))
+    write_box_street(folder / "assets" / "box-street")
+    pipeline = Pipeline(
+        folder / "data", folder / "assets", lease_seconds=LEASE, heartbeat_seconds=2.0, resend_seconds=4.0,
+        sweep_seconds=1.0, max_attempts=MAX_ATTEMPTS,
+    )  # fmt: skip
+    names = tuple(pipeline.submit(spec(xs=xs, ys=1, name=f"run-{xs}")) for xs in (3, 4))
+    return pipeline, pipeline.context.engine, names
+
+
+class _AtOnce(Executor):
+    """Calls in the thread of the caller: the simulation has no other."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Simulation:
+    """See `tests.simulation`."""
+
+    def __init__(self, seed: int, faults: Sequence[str] = FAULTS) -> None:
+        pipeline, template, self._runs = _template()
+        self._schedule = Schedule(seed, self._check)
+        self._random = self._schedule.random
+        self._weather = Weather()
+        self._queues = Queues(self._schedule, self._weather)
+        self._store = Store(self._schedule, self._weather)
+        self._violations: list[str] = []
+        self._moved_at = self._disturbed_at = self._standstill = 0.0
+        self._faults: list[tuple[float, str]] = []
+        self._engine = open_engine("sqlite://", clock=self._schedule.clock)
+        raw: Any = self._engine.raw_connection().driver_connection
+        source: Any = template.raw_connection()
+        source.driver_connection.backup(raw)
+        source.close()
+        self._sql = raw
+        raw.create_function("moved", 5, self._moved)
+        raw.create_function("tried", 2, self._tried)
+        raw.create_function("viewed", 2, self._viewed)
+        raw.executescript(_WATCH)
+        self._base = replace(
+            pipeline.context,
+            engine=Database(self._engine, self._schedule, self._weather),
+            store=self._store,
+            broker=self._queues,
+            elapsed=lambda: self._schedule.now,
+            beating=self._schedule.beating,
+        )
+        self._processes: dict[str, tuple[Process, Callable[[Process, Context], None]]] = {}
+        self._held: dict[Process, Message] = {}
+        self._numbers = 0
+        if faults:
+            self._weather.lost, self._weather.doubled = self._random.choice(((0, 0), (0.05, 0.2), (0.3, 0.05)))
+            self._weather.delay = self._random.choice((0.0, 1.0, 8.0))
+            count = self._random.randint(5, 9)
+            times = sorted(self._random.uniform(FIRST_FAULT, LAST_FAULT) for _ in range(count))
+            self._faults = [(moment, self._random.choice(faults)) for moment in times]
+
+    def run(self) -> Outcome:
+        """Run the schedule to its end."""
+        schedule = self._schedule
+        for name, body in (
+            ("control-1", self._control), ("control-2", self._control), ("render-1", self._worker("render")),
+            ("render-2", self._worker("render")), ("infer-1", self._worker("infer")), ("eval-1", self._worker("eval")),
+            ("eval-2", self._worker("eval")),
+        ):  # fmt: skip
+            schedule.at(0.0, lambda name=name, body=body: self._start(name, body))  # type: ignore[misc]
+        for moment, fault in self._faults:
+            schedule.at(moment, lambda fault=fault: self._disturb(fault))  # type: ignore[misc]
+        schedule.at(5.0, self._look)
+        schedule.run(self._over)
+        digest = self._digest()
+        products = self._sql.execute("SELECT count(*) FROM products").fetchone()[0]
+        self._engine.dispose()
+        return Outcome(
+            tuple(self._violations), digest, len(self._faults), schedule.steps, schedule.now, self._standstill, products,
+            tuple(schedule.trace),
+        )  # fmt: skip
+
+    # -- processes -------------------------------------------------------------------------------------------------------
+
+    def _start(self, name: str, body: Callable[[Process, Context], None]) -> None:
+        self._numbers += 1
+        process = Process(f"{name}#{self._numbers}")
+        self._processes[name] = (process, body)
+        context = replace(self._base, owner=process.name)
+        self._schedule.spawn(process, lambda: body(process, context))
+
+    def _control(self, process: Process, context: Context) -> None:
+        loop = ControlLoop(context, proposer=_AtOnce())
+        while True:
+            try:
+                loop.tick(everything=True)
+            except TransientError as error:
+                self._schedule.note(f"{process.name} waits: {error}")
+            self._schedule.sleep(self._random.uniform(1.0, 2.5))
+
+    def _worker(self, stage: str) -> Callable[[Process, Context], None]:
+        def work(process: Process, context: Context) -> None:
+            maker = Maker(self._schedule, self._store)
+            queues = {route for route in self._routes() if route.startswith(stage)} | (
+                {EVAL_QUEUE} if stage == "eval" else set()
+            )
+            while True:
+                message = self._queues.take(queues)
+                if message is None:
+                    self._schedule.sleep(self._random.uniform(0.1, 0.6))
+                    continue
+                self._held[process] = message
+                try:
+                    if message.task == FINISH:
+                        finish_run(context, message.digests[0], write=self._write)
+                    else:
+                        run_stage(context, maker, message.digests)
+                except TransientError as error:  # Celery logs it
+                    self._schedule.note(f"{process.name} gives up a message: {error}")
+                del self._held[process]
+
+        return work
+
+    @cache  # noqa: B019  one call per simulation
+    def _routes(self) -> list[str]:
+        pins = self._sql.execute("SELECT offers FROM workers").fetchall()
+        import orjson
+
+        return [offer["route"] for (offers,) in pins for offer in orjson.loads(offers)]
+
+    def _write(self, context: Context, run: RunRow, failures: list[FailedLink]) -> None:
+        context.store.put(run_key(run.id, "table"), b"results", replace=True)
+
+    # -- faults ----------------------------------------------------------------------------------------------------------
+
+    def _disturb(self, fault: str) -> None:
+        schedule, random, weather = self._schedule, self._random, self._weather
+        schedule.note(f"fault: {fault}")
+        self._disturbed_at = max(self._disturbed_at, schedule.now)
+        until = schedule.now + random.uniform(2.0, 15.0)
+        what, _, _ = fault.partition(" ")
+        match fault:
+            case "kill worker" | "kill control":
+                self._kill(self._any(fault.split()[1]))
+            case "freeze worker" | "freeze control":
+                process = self._processes[self._any(fault.split()[1])][0]
+                process.frozen_until = schedule.now + random.uniform(0.5, 2.5) * LEASE
+                self._disturbed_at = max(self._disturbed_at, process.frozen_until)
+            case "restart broker":
+                weather.away = max(weather.away, until)
+            case "hang broker":
+                weather.hung = max(weather.hung, until)
+            case "empty broker":
+                self._queues.messages.clear()
+            case "fill store":
+                weather.full = max(weather.full, until)
+            case "read-only store":
+                weather.read_only = max(weather.read_only, until)
+            case "tear object" | "lose object":
+                schedule.note(f"  {self._store.damage(tear=what == 'tear')}")
+            case "clock forward" | "clock back":
+                schedule.jump += 7200.0 if fault == "clock forward" else -7200.0
+            case "worker ahead dies" | "control ahead dies":
+                name = self._any(what)
+                self._processes[name][0].skew = 7200.0
+                schedule.at(schedule.now + random.uniform(0.5, 6.0), lambda: self._kill(name))
+                self._disturbed_at = max(self._disturbed_at, schedule.now + 6.0)
+            case "lock database":
+                weather.locked = max(weather.locked, until)
+            case "cancel and resume":
+                run_id, after = random.choice(self._runs), random.uniform(0.0, 8.0)
+                self._user("cancel", lambda context: lifecycle.cancel(context, run_id))
+                schedule.at(
+                    schedule.now + after,
+                    lambda: self._user("resume", lambda context: lifecycle.resume(context, run_id)),
+                )
+                self._disturbed_at = max(self._disturbed_at, schedule.now + after)
+            case "retry":
+                run_id = random.choice(self._runs)
+                self._user("retry", lambda context: lifecycle.retry(context, run_id))
+        self._disturbed_at = max(self._disturbed_at, weather.clear_at)
+
+    def _any(self, kind: str) -> str:
+        names = [name for name in self._processes if (name.startswith("control")) == (kind == "control")]
+        busy = [name for name in names if self._processes[name][0] in self._held]
+        return self._random.choice(sorted(busy or names))
+
+    def _kill(self, name: str) -> None:
+        process, body = self._processes[name]
+        if not process.alive:
+            return
+        self._schedule.note(f"  {process.name} is killed")
+        self._schedule.kill(process)
+        message = self._held.pop(process, None)
+        if message is not None and self._random.random() < 0.8:
+            self._queues.redeliver(message, self._random.uniform(0.0, 8.0))
+        self._schedule.at(self._schedule.now + self._random.uniform(0.5, 4.0), lambda: self._start(name, body))
+
+    def _user(self, name: str, act: Callable[[Context], None]) -> None:
+        self._numbers += 1
+        process = Process(f"user#{self._numbers}")
+        context = replace(self._base, owner=process.name)
+
+        def body() -> None:
+            try:
+                act(context)
+                self._schedule.note(f"user: {name}")
+            except (Conflict, TransientError) as error:
+                self._schedule.note(f"user: {name} is refused: {error}")
+
+        self._schedule.spawn(process, body)
+
+    def _look(self) -> None:
+        """Be a user who looks at the runs now and then, and makes those go on that ended without all results."""
+        calm = self._schedule.now > max(self._disturbed_at, LAST_FAULT)
+        for run_id, state, reason in self._sql.execute("SELECT id, state, reason FROM runs").fetchall():
+            if calm and state in ("cancelled", "paused") and not (reason or "").startswith("storage"):
+                self._user("resume", lambda context, run_id=run_id: lifecycle.resume(context, run_id))  # type: ignore[misc]
+            elif calm and state in ("failed", "completed-with-failures"):
+                self._user("retry", lambda context, run_id=run_id: lifecycle.retry(context, run_id))  # type: ignore[misc]
+        self._schedule.at(self._schedule.now + 5.0, self._look)
+
+    # -- what must hold --------------------------------------------------------------------------------------------------
+
+    def _violation(self, text: str) -> None:
+        self._schedule.note(f"VIOLATION: {text}")
+        self._violations.append(text)
+
+    def _moved(self, digest: str, old: str, new: str, owner: str | None, until: float | None) -> None:
+        try:
+            process = self._schedule.process
+            actor = process.name if process else "nobody"
+            if new not in _MOVES[old]:
+                self._violation(f"product {digest[:6]} went from {old} to {new} by {actor}")
+            if old == "running" and owner != actor and (new == "done" or (until or 0.0) >= self._schedule.clock()):
+                self._violation(f"{actor} moved product {digest[:6]} to {new}, which {owner} holds")
+            if new in ("done", "failed", "ready", "running"):
+                # Only what is after the last disturbance, and not the time after the work.
+                gap = self._schedule.now - max(self._moved_at, self._disturbed_at)
+                self._standstill = max(self._standstill, gap)
+                self._moved_at = self._schedule.now
+        except Exception as error:
+            self._violation(f"the simulation itself: {error!r}")
+
+    def _tried(self, digest: str, attempts: int) -> None:
+        if not 0 <= attempts <= MAX_ATTEMPTS:
+            self._violation(f"product {digest[:6]} was tried {attempts} times")
+
+    def _viewed(self, digest: str, pixels: int) -> None:
+        if pixels != pixels_of(digest):
+            self._violation(f"the rows of product {digest[:6]} are not its own")
+
+    def _check(self) -> None:
+        if self._sql.execute(_LOST).fetchone()[0]:
+            self._violation("a running run has parked products, which nothing makes ready")
+
+    def _over(self) -> bool:
+        if self._violations:
+            return True
+        states = [row[0] for row in self._sql.execute("SELECT state FROM runs")]
+        late = self._schedule.now > max(self._disturbed_at, LAST_FAULT) + PATIENCE
+        if late:
+            counts = self._sql.execute("SELECT state, route, count(*) FROM products GROUP BY 1, 2").fetchall()
+            self._violation(f"after {self._schedule.now:.0f} s the runs are {states}; products: {counts}")
+        done = all(state == "completed" for state in states)
+        return late or (done and self._schedule.now > max((moment for moment, _ in self._faults), default=-math.inf))
+
+    def _digest(self) -> str:
+        rows = self._sql.execute(_RESULT).fetchall()
+        objects = sorted((info.key, self._store.get(info.key)) for info in self._store.list("runs"))
+        return hashlib.sha256(repr((rows, objects)).encode()).hexdigest()[:16]

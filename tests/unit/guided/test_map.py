@@ -1,0 +1,76 @@
+"""Maps of planted boundaries, against the planted verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from valerie.errors import InvalidInput
+from valerie.guided.domain import Cube
+from valerie.guided.map import WRONG, Call, Map
+from valerie.guided.strategy import Strategy, pursue
+from valerie.testing.strategies import StrategyContract
+
+Points = np.ndarray
+
+
+def bent(points: Points) -> Points:
+    return expit(6 * (points[:, 0] + points[:, 1] * points[:, 2] - 0.9))
+
+
+def mapped(score: Callable[[Points], Points], dimensions: int, budget: int) -> Map:
+    strategy = Map(Cube(dimensions), at_least=0.5, seed=1)
+    pursue(strategy, score, budget=budget, batch=48)
+    return strategy
+
+
+def test_a_smooth_boundary_is_right_nearly_everywhere_with_few_points() -> None:
+    strategy = mapped(bent, 4, 192)
+    points = np.random.default_rng(9).random((3000, 4))
+    calls, fails = strategy.calls(points), bent(points) < 0.5
+    known = calls != Call.NOT_KNOWN
+    assert known.mean() > 0.97
+    assert np.mean((calls == Call.FAIL)[known] != fails[known]) < 0.01
+    result = strategy.result
+    assert result is not None
+    assert result.passing + result.failing + result.undefined + result.not_known == pytest.approx(1)
+    assert np.abs(bent(result.nearest) - 0.5).max() < 0.1
+
+
+def test_scores_that_nobody_can_predict_are_not_known() -> None:
+    def noise(points: Points) -> Points:
+        return np.where(np.sin(1e4 * points.sum(axis=1)) < 0, 0.2, 0.8)
+
+    strategy = mapped(noise, 3, 192)
+    assert strategy.result is not None
+    assert strategy.result.not_known > 0.9
+
+
+def test_undefined_scores_are_a_region_of_their_own() -> None:
+    strategy = mapped(lambda points: np.where(points[:, 3] > 0.7, np.nan, bent(points)), 4, 288)
+    assert strategy.result is not None
+    assert strategy.result.undefined == pytest.approx(0.3, abs=0.06)
+    assert strategy.result.wrong <= WRONG
+
+
+def test_only_legal_points_are_asked_for_and_a_bound_out_of_range_is_refused() -> None:
+    cube = Cube(2, lambda point: bool(point[0] < 0.5))
+    strategy = Map(cube, at_least=0.5, seed=0)
+    for _ in range(4):
+        points = strategy.ask(32).points
+        assert cube.legal(points).all()
+        strategy.tell(points, np.clip(points.sum(axis=1), 0, 1))
+    with pytest.raises(InvalidInput, match="at_least"):
+        Map(cube, at_least=1, seed=0)
+
+
+class TestMap(StrategyContract):
+    size = 40
+    batches = 3
+
+    @pytest.fixture
+    def build(self) -> Callable[[], Strategy]:
+        return lambda: Map(Cube(3), at_least=0.5, seed=0)

@@ -1,0 +1,134 @@
+"""Rankings on a score whose indices are known, and estimates from two engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import sobol_indices, uniform
+
+from valerie.errors import InvalidInput
+from valerie.guided.cascade import Cascade
+from valerie.guided.domain import Cube
+from valerie.guided.rank import Rank, Ranking, indices
+from valerie.guided.strategy import Strategy, pursue
+from valerie.testing.strategies import StrategyContract
+
+Points = np.ndarray
+
+
+def planted(points: Points) -> Points:
+    """Shares alone 0.6, 0, 0; in total 0.6, 0.4, 0.4; the others 0."""
+    centred = np.sqrt(12) * (points - 0.5)
+    return np.sqrt(0.6) * centred[:, 0] + np.sqrt(0.4) * centred[:, 1] * centred[:, 2]
+
+
+def ranked(score: Callable[[Points], Points], budget: int = 3000) -> Ranking:
+    strategy = Rank(Cube(5), seed=0)
+    pursue(strategy, score, budget=budget, batch=70)
+    assert strategy.result is not None
+    return strategy.result
+
+
+def test_intervals_hold_the_planted_shares_and_what_does_nothing_is_screened_out() -> None:
+    ranking = ranked(planted)
+    assert ranking.screened_out == (3, 4)
+    truth = {0: (0.6, 0.6), 1: (0.0, 0.4), 2: (0.0, 0.4), None: (0.0, 0.0)}
+    assert {effect.dimension for effect in ranking.effects} == set(truth)
+    for effect in ranking.effects:
+        for share, true in zip((effect.alone, effect.total), truth[effect.dimension], strict=True):
+            assert share is not None
+            assert share.low - 0.02 <= true <= share.high + 0.02
+
+
+def test_the_indices_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.random((2, 1024, 3))
+    mixed = np.where(np.eye(3, dtype=bool)[:, None], second, first)
+    table = np.column_stack([planted(first), planted(second), *map(planted, mixed)])
+    ours = indices(table)
+    functions = {
+        "f_A": table[:, 0][None],
+        "f_B": table[:, 1][None],
+        "f_AB": table[:, 2:].T[:, None],
+    }
+    theirs = sobol_indices(func=functions, n=1024, dists=[uniform()] * 3)
+    np.testing.assert_allclose(ours[0], theirs.first_order.ravel(), atol=0.03)
+    np.testing.assert_allclose(ours[1], theirs.total_order.ravel(), atol=0.03)
+
+
+def test_a_block_that_lacks_a_score_is_left_out_whole_and_many_are_refused() -> None:
+    some = ranked(lambda points: np.where(points[:, 3] > 0.99, np.nan, planted(points)))
+    assert 0 < some.broken < 0.2 * some.blocks
+    total = next(effect.total for effect in some.effects if effect.dimension == 0)
+    assert total is not None
+    assert total.low < 0.6 < total.high
+    many = ranked(lambda points: np.where(points[:, 0] > 0.8, np.nan, planted(points)))
+    assert many.refused
+    assert all(effect.total is None for effect in many.effects)
+
+
+def test_blocks_wait_for_the_screening_and_one_parameter_is_no_ranking() -> None:
+    strategy = Rank(Cube(2), seed=0)
+    points = strategy.ask(100).points
+    assert len(points) == 30
+    assert len(strategy.ask(10)) == 0
+    with pytest.raises(InvalidInput, match="two parameters"):
+        Rank(Cube(1), seed=0)
+
+
+def engines(points: Points, level: int) -> Points:
+    cheap = 0.2 + 0.6 * points[:, 0]
+    return cheap if level == 0 else cheap + 0.1 * points[:, 1]
+
+
+def cascaded(score: Callable[[Points, int], Points], batches: int = 30, **arguments: object) -> Cascade:
+    strategy = Cascade(Cube(2), costs=(1, 25), **arguments)  # type: ignore[arg-type]
+    for _ in range(batches):
+        proposal = strategy.ask(60)
+        strategy.tell(proposal.points, score(proposal.points, proposal.level))
+    return strategy
+
+
+def test_two_engines_that_agree_need_few_costly_points_and_the_interval_holds() -> None:
+    results = [cascaded(engines, seed=seed).result for seed in range(20)]
+    held = 0
+    for result in results:
+        assert result is not None
+        assert result.cheap > 5 * result.costly
+        assert result.saved > 0.8
+        held += result.low <= 0.55 <= result.high
+    assert held >= 17
+
+
+def test_rare_failures_are_stratified_and_hold_the_rate_that_the_cheap_engine_misses() -> None:
+    def score(points: Points, level: int) -> Points:
+        return np.where(points[:, 0] < (0.05 if level == 0 else 0.08), 0.1, 0.9)
+
+    results = [cascaded(score, 40, seed=seed, at_least=0.5).result for seed in range(10)]
+    for result in results:
+        assert result is not None
+        assert result.low <= 0.08 <= result.high
+        assert result.low > 0
+    disagree = results[0].disagree if results[0] else np.empty((0, 2))
+    assert ((disagree[:, 0] >= 0.05) & (disagree[:, 0] < 0.08)).all()
+
+
+def test_costs_and_bounds_out_of_range_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="costs"):
+        Cascade(Cube(2), seed=0, costs=(0, 1))
+    with pytest.raises(InvalidInput, match="at_least"):
+        Cascade(Cube(2), seed=0, costs=(1, 2), at_least=2)
+
+
+class TestRank(StrategyContract):
+    @pytest.fixture
+    def build(self) -> Callable[[], Strategy]:
+        return lambda: Rank(Cube(3), seed=0)
+
+
+class TestCascade(StrategyContract):
+    @pytest.fixture
+    def build(self) -> Callable[[], Strategy]:
+        return lambda: Cascade(Cube(3), seed=0, costs=(1, 25))

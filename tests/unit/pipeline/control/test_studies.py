@@ -1,0 +1,282 @@
+"""Studies end to end with the blank engine, calm and killed at their writes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.world.blank import Pipeline
+from tests.world.boxes import spec
+from valerie.db import runs, studies
+from valerie.db.engine import reading
+from valerie.db.studies import BatchRow, StudyRow
+from valerie.errors import Conflict, InvalidInput, RenderingError
+from valerie.guided.domain import Cube
+from valerie.guided.estimate import Estimate
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.studies import advancing, commands
+from valerie.pipeline.work import finish
+from valerie.runs.states import RunState
+from valerie.runs.study import StudyState, parse_study
+from valerie.studies import pursuit
+
+Pipelines = Callable[..., Pipeline]
+
+
+class SmallEstimate(Estimate):
+    """A pool of candidates that is quick to draw."""
+
+    def __init__(self, domain: Cube, **arguments: Any) -> None:
+        super().__init__(domain, **arguments, pool=300)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A study reads rows; the reports of its runs and large pools are tested elsewhere."""
+    monkeypatch.setattr(finish, "write_results", lambda *_: None)
+    monkeypatch.setattr(pursuit, "Estimate", SmallEstimate)
+
+
+def document(**more: Any) -> dict[str, Any]:
+    """A study over the street of boxes; about half of its variants fail, and a third stands in the house."""
+    vary = [["person-1.pos.x", "UNIFORM", -3, 3], ["person-1.pos.y", "UNIFORM", 3, 9]]
+    study = {
+        "constraints": ["person-1.pos.x < 1 or person-1.pos.y < 6"],
+        "measure": "min(pacc) >= 0.5",
+        "goal": {"name": "estimate", "first": 20},
+        "budget": {"variants": 44},
+        "batch": 10,
+    }
+    return spec(vary=vary, **study) | more
+
+
+def begin(pipeline: Pipeline, **more: Any) -> str:
+    return commands.begin(pipeline.context, parse_study(document(**more)))
+
+
+def row(pipeline: Pipeline, study: str) -> StudyRow:
+    with reading(pipeline.context.engine) as connection:
+        return studies.get(connection, study)
+
+
+def batches(pipeline: Pipeline, study: str) -> list[BatchRow]:
+    with reading(pipeline.context.engine) as connection:
+        return studies.batches(connection, study)
+
+
+def history(pipeline: Pipeline, study: str) -> list[tuple[Any, ...]]:
+    """All that a study decided, without times and the ids of its runs."""
+    return [
+        (b.number, b.count, b.points, b.rejected, b.reason, b.basis, b.based_on, b.outcomes)
+        for b in batches(pipeline, study)
+    ]
+
+
+def pursue(pipeline: Pipeline, study: str, *, until: Callable[[], bool] = lambda: False) -> StudyRow:
+    latest = time.monotonic() + 300
+    while time.monotonic() < latest:
+        pipeline.step()
+        if row(pipeline, study).state is not StudyState.RUNNING or until():
+            return row(pipeline, study)
+    raise AssertionError(f"still {row(pipeline, study)}")
+
+
+def test_a_study_spends_its_budget_in_runs_and_knows_a_rate(pipeline: Pipeline) -> None:
+    study = begin(pipeline)
+    ended = pursue(pipeline, study)
+    assert (ended.state, ended.reason) == (StudyState.FINISHED, "the budget of 44 variants is spent")
+    known = batches(pipeline, study)
+    assert [(b.count, len(b.points), b.based_on) for b in known] == [
+        (10, 10, 0), (10, 10, 0), (10, 0, 1), (10, 10, 2), (10, 10, 3), (4, 4, 4),
+    ]  # fmt: skip
+    assert all(not b.rejected for b in known)
+    with reading(pipeline.context.engine) as connection:
+        made = [runs.get(connection, b.run_id) for b in known if b.run_id]
+    assert [(r.iteration, r.rejected_count, r.variant_count) for r in made] == [
+        (0, 0, 10), (1, 0, 10), (3, 0, 10), (4, 0, 10), (5, 0, 4),
+    ]  # fmt: skip
+    assert [r.parent_run for r in made[1:]] == [r.id for r in made[:-1]]
+    scores = [score for b in known if b.outcomes for score in b.outcomes.scores]
+    assert set(scores) == {0.0, 1.0}
+    assert ended.result is not None
+    free: Any = ended.result.numbers["assumption_free"]
+    operational = [b.outcomes.scores[:n] for b, n in zip(known, (10, 10, 0, 5, 5, 2), strict=True) if b.outcomes]
+    failed = [score == 0.0 for part in operational for score in part]
+    assert free["estimate"] == pytest.approx(sum(failed) / len(failed))
+    assert free["units"] == 32
+
+
+def test_the_next_batch_is_proposed_while_one_is_in_work(pipeline: Pipeline) -> None:
+    study = begin(pipeline)
+    pipeline.loop.tick(everything=True)
+    assert [b.run_id is not None for b in batches(pipeline, study)] == [True, True]
+    pipeline.loop.tick(everything=True)
+    assert len(batches(pipeline, study)) == 2
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
+
+def test_a_study_killed_at_its_writes_decides_what_the_calm_one_does(
+    pipelines: Pipelines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calm = pipelines("calm")
+    pursue(calm, first := begin(calm))
+    expected = history(calm, first)
+
+    pipeline = pipelines("killed")
+    study = begin(pipeline)
+    chance = np.random.default_rng(0)
+    deaths = []
+
+    def deadly(module: Any, name: str) -> None:
+        real = getattr(module, name)
+
+        def call(*arguments: Any, **keywords: Any) -> Any:
+            # Before it is committed; the next process repeats it.
+            if chance.random() < 0.4:
+                deaths.append(name)
+                raise Killed
+            return real(*arguments, **keywords)
+
+        monkeypatch.setattr(module, name, call)
+
+    for name in ("set_run", "propose", "end", "set_values"):
+        deadly(studies, name)
+    latest = time.monotonic() + 300
+    while row(pipeline, study).state is StudyState.RUNNING and time.monotonic() < latest:
+        try:
+            pipeline.step()
+        except Killed:
+            # Another process goes on: messages of the broker are lost, and nothing is in memory.
+            pipeline.loop = ControlLoop(pipeline.context)
+            pipeline.broker.ready.clear()
+    assert row(pipeline, study).state is StudyState.FINISHED
+    assert history(pipeline, study) == expected
+    assert row(pipeline, study).result == row(calm, first).result
+    assert {"set_run", "propose", "end", "set_values"} <= set(deaths)
+    with reading(pipeline.context.engine) as connection:
+        assert len(runs.page(connection, limit=100)) == 5
+
+
+def test_products_that_fail_are_tried_again_and_are_no_outcomes(pipelines: Pipelines) -> None:
+    calm = pipelines("calm")
+    pursue(calm, first := begin(calm))
+    pipeline = pipelines("faulty")
+    study = begin(pipeline)
+    broken: set[str] = set()
+
+    def refuse_once(job: Any) -> None:
+        if job.kind == "layer" and job.digest not in broken and len(broken) < 5:
+            broken.add(job.digest)
+            raise RenderingError("the image is constant")
+
+    pipeline.makers["render"].before = refuse_once
+    assert pursue(pipeline, study).state is StudyState.FINISHED
+    assert len(broken) == 5
+    assert history(pipeline, study) == history(calm, first)
+
+
+def test_what_fails_for_good_pauses_the_study_until_a_person_resumes_it(pipeline: Pipeline) -> None:
+    study = begin(pipeline)
+
+    def refuse(job: Any) -> None:
+        if job.kind == "layer":
+            raise RenderingError("the image is constant")
+
+    pipeline.makers["render"].before = refuse
+    paused = pursue(pipeline, study)
+    assert paused.state is StudyState.PAUSED
+    assert "retried 3 times" in (paused.reason or "")
+    pipeline.makers["render"].before = lambda _job: None
+    commands.resume(pipeline.context, study)
+    assert pursue(pipeline, study).state is StudyState.FINISHED
+
+
+def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
+    study = begin(pipeline)
+    pipeline.loop.tick(everything=True)
+    run = batches(pipeline, study)[0].run_id
+    assert run is not None
+    lifecycle.cancel(pipeline.context, run)
+    paused = pursue(pipeline, study)
+    assert (paused.state, paused.reason) == (StudyState.PAUSED, f"run {run} of batch 1 is cancelled")
+    commands.resume(pipeline.context, study)
+    assert pursue(pipeline, study).state is StudyState.FINISHED
+
+
+def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> None:
+    study = begin(pipeline, mode="by hand")
+    pipeline.step()
+    pipeline.step()
+    (waiting,) = batches(pipeline, study)
+    assert waiting.run_id is None
+    assert row(pipeline, study).reason == "batch 1 is proposed: accept it"
+    proposed = commands.next_batch(pipeline.context, study)
+    assert (proposed.legal, proposed.accepted, proposed.plan.frames) == (10, False, 20)
+    with pytest.raises(InvalidInput, match="count"):
+        commands.accept(pipeline.context, study, count=45)
+    commands.accept(pipeline.context, study, count=16)
+    with pytest.raises(Conflict, match="no proposal"):
+        commands.accept(pipeline.context, study)
+    pursue(pipeline, study, until=lambda: len(batches(pipeline, study)) == 2)
+    assert [len(b.points) for b in batches(pipeline, study)] == [16, 4]
+    commands.set_mode(pipeline.context, study, by_hand=False)
+    assert pursue(pipeline, study).state is StudyState.FINISHED
+
+
+def test_a_stopped_study_keeps_what_is_known_and_cancels_its_runs(pipeline: Pipeline) -> None:
+    study = begin(pipeline)
+    pursue(pipeline, study, until=lambda: sum(b.outcomes is not None for b in batches(pipeline, study)) == 2)
+    pipeline.loop.tick(everything=True)
+    commands.stop(pipeline.context, study)
+    ended = row(pipeline, study)
+    assert ended.state is StudyState.STOPPED
+    assert ended.result is not None
+    assert ended.result.numbers["evaluations"] == 20
+    open_runs = [b.run_id for b in batches(pipeline, study) if b.run_id and b.outcomes is None]
+    assert {pipeline.state(run) for run in open_runs} == {RunState.CANCELLED}
+
+
+def test_a_stop_rule_ends_the_study_and_widens_the_interval_for_its_looks(pipeline: Pipeline) -> None:
+    study = begin(pipeline, stop={"width": 0.9})
+    ended = pursue(pipeline, study)
+    assert ended.state is StudyState.FINISHED
+    assert "0.9 was asked for" in (ended.reason or "")
+    assert ended.result is not None
+    free: Any = ended.result.numbers["assumption_free"]
+    assert free["level"] == pytest.approx(1 - 0.05 / 4)
+    assert len(batches(pipeline, study)) < 6
+
+
+def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) -> None:
+    study = begin(pipeline, goal="explain", batch=6, budget={"variants": 200})
+    ended = pursue(pipeline, study)
+    assert (ended.state, ended.reason) == (StudyState.FINISHED, "The pair is minimal.")
+    assert ended.result is not None
+    assert "verdict flips" in ended.result.sentences[0]
+    places = advancing.known(advancing.resolve_row(pipeline.context, ended), batches(pipeline, study)).decisive()
+    scores = {}
+    for number, index, words in places:
+        outcomes = batches(pipeline, study)[number].outcomes
+        assert outcomes is not None
+        scores[words] = outcomes.scores[index]
+    assert scores["It fails"] == 0.0
+    assert scores["It passes"] == 1.0
+
+
+def test_a_pair_that_does_not_fail_and_pass_ends_with_its_scores(pipeline: Pipeline) -> None:
+    place = {"person-1.pos.x": 0.0, "person-1.pos.y": 4.0}
+    study = begin(
+        pipeline,
+        goal={"name": "explain", "failing": place, "passing": {**place, "person-1.pos.y": 4.0}},
+    )
+    ended = pursue(pipeline, study)
+    assert ended.state is StudyState.FINISHED
+    assert "do not fail and pass" in (ended.reason or "")

@@ -1,0 +1,54 @@
+"""Two runs beside each other, for a rich console."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from valerie.analysis.beside import Beside
+
+
+def renderables(beside: Beside) -> list[RenderableType]:
+    """Return the differences by function, the views that fell furthest, and the conclusions."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from valerie.analysis.wording import percent, points, span_text
+
+    parts: list[RenderableType] = [
+        Text(f"{beside.here} (here) and {beside.there} (there): {beside.frames:,} frames show the same scenes", "bold")
+    ]
+    parts += [Text(f"  {difference}", "dim") for difference in beside.differs]
+    for one in beside.functions:
+        rank = "" if one.rank_correlation is None else f", rank correlation {one.rank_correlation:.3f}"
+        table = Table(box=None, pad_edge=False, header_style="dim", title=f"{one.function}{rank}", title_justify="left")
+        table.add_column("persons")
+        for name in ("pairs", "pACC here, %", "there, %", "difference, points"):
+            table.add_column(name, justify="right", no_wrap=True)
+        table.add_column("")
+        for part in one.slices:
+            own = part.difference
+            table.add_row(
+                part.name,
+                f"{part.pairs:,}",
+                percent(part.here),
+                percent(part.there),
+                f"{points(own.mean)}{span_text(own)}",
+                {"worse": "lower there", "better": "higher there", "": ""}[own.judgement],
+            )
+        parts.append(table)
+        parts += [
+            Text(
+                f"  fell from {percent(pair.here)} to {percent(pair.there)} %: {pair.frame_here} → {pair.frame_there}",
+                "dim",
+            )
+            for pair in one.fell
+        ]
+    if beside.conclusions:
+        parts.append(Text("Conclusions, on the shared frames", "bold"))
+    for conclusion in beside.conclusions:
+        parts.append(Text(f"  {conclusion.agreement}: {conclusion.text}"))
+        parts.append(Text(f"    here: {conclusion.here.finding}; there: {conclusion.there.finding}", "dim"))
+    return parts

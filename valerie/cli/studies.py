@@ -1,0 +1,441 @@
+"""Commands about studies, and the refinement of a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from valerie.cli.shell import (
+    DataDir,
+    Exit,
+    Json,
+    RunId,
+    Stopped,
+    Url,
+    command_name,
+    console,
+    read_spec,
+    say,
+    settings_of,
+    write_output,
+)
+from valerie.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from valerie.cli.connecting import System
+    from valerie.client import Client, NextBatch, Study
+
+app = typer.Typer(
+    no_args_is_help=True, help="Ask a question with a budget: the system proposes, runs, decides, explains."
+)
+
+StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study as YAML or JSON; - reads standard input.")]
+StudyId = Annotated[str, typer.Argument(metavar="STUDY", help="Id of a study, as `valerie study status` lists it.")]
+Count = Annotated[
+    int | None, typer.Option("--count", min=1, help="Another number of variants; the strategy proposes them again.")
+]
+
+_POLL_SECONDS = 0.5
+
+
+@app.command()
+def new(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - prints it.")] = Path("study.yaml"),
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a commented study to start from."""
+    text = resources.files("valerie.studies").joinpath("template.yaml").read_text(encoding="utf-8")
+    if str(path) == "-":
+        typer.echo(text, nl=False)
+        return
+    if path.exists() and not force:
+        raise InvalidInput("the file exists; --force replaces it", value=str(path))
+    write_output(path, text.encode())
+    say(f"see its first batch and price with: {command_name()} study plan {path}")
+
+
+@app.command()
+def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+    """Show the first batch of a study and its price, without storing anything."""
+    from valerie.cli.connecting import client_of
+    from valerie.client import NextBatch
+    from valerie.embedded import running
+
+    settings = settings_of(data_dir)
+    text = read_spec(file)
+    if url is not None or running.find(settings.data_dir) is not None:
+        with client_of(settings, url) as client:
+            batch = client.plan_study(text)
+    else:
+        from valerie.cli.deployment import deployment_or_empty
+        from valerie.pipeline.control.studies.commands import plan_study
+        from valerie.runs.study import parse_study
+
+        document = parse_study(text)
+        with deployment_or_empty(settings) as context:
+            first = plan_study(context, document)
+        batch = NextBatch(
+            number=0,
+            reason=first.reason,
+            legal=first.legal,
+            rejected=first.rejected,
+            accepted=False,
+            run_id=None,
+            spec=first.spec.to_yaml(),
+            plan=first.plan.model_dump(mode="json"),
+        )
+    _show_next(batch, as_json=as_json)
+
+
+@app.command()
+def run(
+    file: StudyFile,
+    by_hand: Annotated[bool, typer.Option("--by-hand", help="Ask before each batch.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
+    ] = None,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Pursue a study on this machine to its end, and write its report.
+
+    Uses the server that runs on the data folder, or starts one that ends with this command. After Ctrl-C,
+    `valerie study run STUDY` with the id of the study, or `valerie up`, continues it.
+    """
+    from valerie.cli.connecting import own_assets, system_of
+    from valerie.cli.following import report_path
+    from valerie.runs.study import parse_study
+
+    settings = settings_of(data_dir)
+    known = None if file.exists() or str(file) == "-" else str(file)
+    text = b"" if known else read_spec(file)
+    if not known:
+        parse_study(text)
+    with system_of(settings) as system:
+        client = system.client
+        if known:
+            study = client.study(known)
+            if study.state == "paused":
+                study = client.resume_study(known)
+        else:
+            with own_assets(settings, client):
+                study = client.begin_study(text)
+        if by_hand != study.by_hand and by_hand:
+            study = client.set_study_mode(study.id, by_hand=True)
+        say(f"study {study.id}: {client.url}/v1/studies/{study.id}")
+        try:
+            study = _follow(system, study.id, quiet=as_json)
+        except Stopped:
+            say(f"\nstudy {study.id} is interrupted; continue it with: {command_name()} study run {study.id}")
+            raise
+        path = report or report_path(settings, study.name, study.id)
+        page = client.study_report(study.id)
+    write_output(path, page)
+    _show(study, as_json=as_json)
+    if study.state != "finished":
+        raise typer.Exit(Exit.NOT_COMPLETED)
+
+
+@app.command()
+def submit(file: StudyFile, url: Url = None, data_dir: DataDir = None) -> None:
+    """Begin a study on a running server, and print its id."""
+    from valerie.cli.connecting import client_of, own_assets
+
+    settings = settings_of(data_dir)
+    text = read_spec(file)
+    with client_of(settings, url) as client, own_assets(settings, client):
+        typer.echo(client.begin_study(text).id)
+
+
+@app.command()
+def status(
+    study_id: Annotated[
+        str | None, typer.Argument(metavar="STUDY", help="Id of a study; without it, the latest studies.")
+    ] = None,
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Show the latest studies, or one with its batches, its cost and what it knows. Needs no server."""
+    with _source(url, data_dir) as source:
+        if study_id is not None:
+            _show(source.study(study_id), as_json=as_json)
+            return
+        listed = list(source.studies())
+    if as_json:
+        for study in listed:
+            typer.echo(study.model_dump_json())
+        return
+    if not listed:
+        say(f"no studies yet; begin with: {command_name()} study new")
+    for study in listed:
+        why = f": {study.reason}" if study.reason else ""
+        typer.echo(f"{study.id}  {study.goal:<10} {study.name}  {study.state}{why}")
+
+
+@app.command(name="next")
+def next_batch(
+    study_id: StudyId,
+    spec: Annotated[
+        Path | None,
+        typer.Option("--spec", metavar="FILE", help="Also write the spec of its run, for a run of your own."),
+    ] = None,
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Show the newest open batch of a study: why these variants, and their price."""
+    with _client(url, data_dir) as client:
+        batch = client.next_batch(study_id)
+    if spec is not None:
+        write_output(spec, batch.spec.encode())
+    _show_next(batch, as_json=as_json)
+
+
+@app.command()
+def accept(study_id: StudyId, count: Count = None, url: Url = None, data_dir: DataDir = None) -> None:
+    """Accept the proposed batch of a study by hand."""
+    with _client(url, data_dir) as client:
+        _say(client.accept_batch(study_id, count=count))
+
+
+@app.command()
+def mode(
+    study_id: StudyId,
+    how: Annotated[str, typer.Argument(metavar="MODE", help="automatic, or by-hand.")],
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Let a study run by itself, or accept its batches by hand."""
+    if how not in ("automatic", "by-hand"):
+        raise InvalidInput("no such mode", field="MODE", value=how, limit="automatic, by-hand")
+    with _client(url, data_dir) as client:
+        _say(client.set_study_mode(study_id, by_hand=how == "by-hand"))
+
+
+@app.command()
+def stop(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
+    """End a study now, with what is known; its runs are cancelled."""
+    with _client(url, data_dir) as client:
+        _say(client.stop_study(study_id))
+
+
+@app.command()
+def resume(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
+    """Let a paused study go on; products that failed are tried again."""
+    with _client(url, data_dir) as client:
+        _say(client.resume_study(study_id))
+
+
+@app.command()
+def report(
+    study_id: StudyId,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
+    ] = None,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Write the self-contained HTML report of a study, with what is known now. Needs no server."""
+    from valerie.cli.following import report_path
+
+    with _source(url, data_dir) as source:
+        path = output or report_path(settings_of(data_dir), source.study(study_id).name, study_id)
+        write_output(path, source.study_report(study_id))
+
+
+class _Folder:
+    """The questions of `Client` about studies, answered from the data folder."""
+
+    def __init__(self, context: object) -> None:
+        from valerie.pipeline.base.context import Context
+
+        assert isinstance(context, Context)
+        self._context = context
+
+    def studies(self, *, limit: int = 20) -> Iterator[Study]:
+        """Yield studies, newest first."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            rows = studies.page(connection, limit=limit)
+        for row in rows:
+            yield self._study(row, ())
+
+    def study(self, study_id: str) -> Study:
+        """Return a study with its batches."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            row, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
+        return self._study(row, batches)
+
+    def study_report(self, study_id: str) -> bytes:
+        """Return the report of a study."""
+        from valerie.pipeline.control.studies.reporting import report
+
+        return report(self._context, study_id).encode()
+
+    @staticmethod
+    def _study(row: object, batches: object) -> Study:
+        from valerie.client import Study
+        from valerie.db.studies import BatchRow, StudyRow
+
+        assert isinstance(row, StudyRow)
+        assert isinstance(batches, list | tuple)
+        return Study.model_validate(
+            {
+                **vars(row),
+                "goal": row.document.goal.name,
+                "created_at": row.created_at.isoformat(),
+                "result": None if row.result is None else row.result.model_dump(),
+                "batches": [
+                    {
+                        **vars(batch),
+                        "legal": batch.legal,
+                        "accepted_at": None if batch.accepted_at is None else batch.accepted_at.isoformat(),
+                        "outcomes": None if batch.outcomes is None else batch.outcomes.model_dump(),
+                    }
+                    for batch in batches
+                    if isinstance(batch, BatchRow)
+                ],
+            }
+        )
+
+
+@contextmanager
+def _source(url: str | None, data_dir: Path | None) -> Iterator[Client | _Folder]:
+    from valerie.cli.connecting import client_of
+    from valerie.cli.deployment import context_of, has_database
+    from valerie.embedded import running
+
+    settings = settings_of(data_dir)
+    if url is None and running.find(settings.data_dir) is None and has_database(settings):
+        with context_of(data_dir) as context:
+            yield _Folder(context)
+        return
+    with client_of(settings, url) as client:
+        yield client
+
+
+def _client(url: str | None, data_dir: Path | None) -> Client:
+    from valerie.cli.connecting import client_of
+
+    return client_of(settings_of(data_dir), url)
+
+
+def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
+    """Tell what a study does until it ends or waits for good."""
+    told: set[str] = set()
+
+    def tell(line: str) -> None:
+        if line not in told and not quiet:
+            say(line)
+        told.add(line)
+
+    while True:
+        system.check()
+        study = system.client.study(study_id)
+        for batch in study.batches:
+            where = f" in run {batch.run_id}" if batch.run_id else ""
+            tell(f"batch {batch.number + 1}: {batch.reason}")
+            if batch.run_id:
+                tell(f"batch {batch.number + 1}: {batch.legal} variants{where}")
+            if batch.outcomes is not None and study.result is not None:
+                for sentence in study.result.sentences[:1]:
+                    tell(f"  {sentence}")
+        if study.reason and study.state == "running":
+            tell(f"{study.reason}: {command_name()} study accept {study_id}")
+        if study.state != "running":
+            return study
+        time.sleep(_POLL_SECONDS)
+
+
+def _show(study: Study, *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(study.model_dump_json())
+        return
+    from rich.table import Table
+
+    from valerie.cli.display import duration
+
+    out = console()
+    out.print(f"{study.name} ({study.id}), {study.goal}: {study.state}" + (f", {study.reason}" if study.reason else ""))
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for name in ("batch", "run", "variants", "ended", "CPU time", "why"):
+        table.add_column(name, justify="right" if name in ("batch", "variants", "CPU time") else "left")
+    for batch in study.batches:
+        state = "yes" if batch.outcomes is not None or not batch.run_id else "no"
+        state = "proposed" if batch.accepted_at is None else state
+        cost = "" if batch.cpu_seconds is None else duration(batch.cpu_seconds)
+        table.add_row(str(batch.number + 1), batch.run_id or "", str(batch.legal), state, cost, batch.reason)
+    out.print(table)
+    for sentence in () if study.result is None else study.result.sentences:
+        out.print(sentence)
+
+
+def _show_next(batch: NextBatch, *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(batch.model_dump_json(indent=1))
+        return
+    from valerie.cli.specs import show_plan
+    from valerie.runs.forecast import Plan
+
+    rejected = f", {batch.rejected} rejected" if batch.rejected else ""
+    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejected}.\n")
+    show_plan(Plan.model_validate(batch.plan))
+
+
+def _say(study: Study) -> None:
+    say(f"study {study.id} is {study.state}" + (f": {study.reason}" if study.reason else ""))
+
+
+def refine(
+    run_id: RunId,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default="printed")
+    ] = None,
+    where: Annotated[
+        str | None, typer.Option("--where", metavar="EXPRESSION", help="Rows whose surroundings are refined.")
+    ] = None,
+    finding: Annotated[
+        int | None, typer.Option("--finding", min=1, metavar="N", help="A finding, numbered as in the report.")
+    ] = None,
+    requirement: Annotated[
+        str | None, typer.Option("--requirement", metavar="ID", help="A requirement: the rows that miss it.")
+    ] = None,
+    add: Annotated[
+        list[str] | None, typer.Option("--add", metavar="PARAMETER", help="Also vary this, over its declared range.")
+    ] = None,
+    drop: Annotated[
+        list[str] | None, typer.Option("--drop", metavar="PARAMETER", help="Vary this no longer; it gets a constant.")
+    ] = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Write the next spec from a run: half the steps, inside the region of the selected rows.
+
+    Without a selection, the whole run is refined. Needs no server.
+    """
+    from valerie.cli.deployment import context_of
+    from valerie.pipeline.control.refine import Selection, refine_run
+
+    with context_of(data_dir) as context:
+        text, region = refine_run(
+            context, run_id, Selection(where, finding, requirement), add=add or (), drop=drop or ()
+        )
+    if region:
+        say(f"region: {region}")
+    if output is None:
+        typer.echo(text, nl=False)
+    else:
+        write_output(output, text.encode())

@@ -1,0 +1,188 @@
+"""Queries about studies and their batches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TypedDict, Unpack
+
+from sqlalchemy import Connection, Update, func, insert, or_, select, update
+
+from valerie.db.models import Product, StudyBatch
+from valerie.db.models import Study as StudyTable
+from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.runs import links_of
+from valerie.db.statements import insert_ignoring
+from valerie.errors import NotFound
+from valerie.runs.moments import in_utc
+from valerie.runs.study import Outcomes, StudyDocument, StudyResult, StudyState
+
+
+@dataclass(frozen=True)
+class StudyRow:
+    """A study; see `valerie.db.models.Study`."""
+
+    id: str
+    name: str
+    state: StudyState
+    reason: str | None
+    document: StudyDocument
+    asset_digest: str
+    by_hand: bool
+    result: StudyResult | None
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class StudyValues(TypedDict, total=False):
+    """Columns of a study that change."""
+
+    state: StudyState
+    reason: str | None
+    by_hand: bool
+    result: StudyResult | None
+    finished_at: datetime | None
+
+
+@dataclass(frozen=True)
+class BatchRow:
+    """A batch of a study; see `valerie.db.models.StudyBatch`."""
+
+    study_id: str
+    number: int
+    count: int
+    points: list[list[float]]
+    rejected: list[int]
+    reason: str
+    basis: str
+    based_on: int
+    accepted_at: datetime | None
+    run_id: str | None
+    retries: int
+    outcomes: Outcomes | None
+    cpu_seconds: float | None
+
+    @property
+    def ended(self) -> bool:
+        """True where nothing is left to do for it."""
+        return self.outcomes is not None or not self.points
+
+    @property
+    def legal(self) -> int:
+        """Number of variants that are not rejected: what it takes from the budget."""
+        return len(self.points) - len(self.rejected)
+
+
+_STUDY = select(*columns_of(StudyRow, StudyTable))
+
+
+def create(connection: Connection, study: StudyRow) -> None:
+    """Insert a study."""
+    connection.execute(insert(StudyTable).values(**vars(study)))
+
+
+def get(connection: Connection, study_id: str) -> StudyRow:
+    """Return a study.
+
+    Raises:
+        NotFound: no such study.
+    """
+    row = read_first(connection, _STUDY.where(StudyTable.id == study_id), StudyRow)
+    if row is None:
+        raise NotFound("study", study_id)
+    return row
+
+
+def page(connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None) -> list[StudyRow]:
+    """Return studies, newest first.
+
+    Args:
+        connection: to read with.
+        limit: most studies.
+        before: (created_at, id) of the last study seen.
+    """
+    query = _STUDY.order_by(StudyTable.created_at.desc(), StudyTable.id.desc()).limit(limit)
+    if before is not None:
+        created, study_id = before
+        query = query.where(
+            or_(StudyTable.created_at < created, (StudyTable.created_at == created) & (StudyTable.id < study_id))
+        )
+    return read_all(connection, query, StudyRow)
+
+
+def running(connection: Connection) -> list[StudyRow]:
+    """Return the studies that go on by themselves, oldest first."""
+    query = _STUDY.where(StudyTable.state == StudyState.RUNNING).order_by(StudyTable.created_at, StudyTable.id)
+    return read_all(connection, query, StudyRow)
+
+
+def set_values(connection: Connection, study_id: str, *, expected: StudyState, **values: Unpack[StudyValues]) -> bool:
+    """Change columns of a study that is in ``expected``; return False where it is not."""
+    changed = connection.execute(
+        update(StudyTable).where(StudyTable.id == study_id, StudyTable.state == expected).values(**values)
+    )
+    return changed.rowcount == 1
+
+
+def batches(connection: Connection, study_id: str) -> list[BatchRow]:
+    """Return the batches of a study, in order."""
+    query = select(*columns_of(BatchRow, StudyBatch)).where(StudyBatch.study_id == study_id)
+    return read_all(connection, query.order_by(StudyBatch.number), BatchRow)
+
+
+def propose(connection: Connection, batch: BatchRow) -> None:
+    """Insert a proposal, unless another process has inserted it already."""
+    insert_ignoring(connection, StudyBatch, [vars(batch)])
+
+
+def accept(connection: Connection, study_id: str, number: int, now: datetime) -> bool:
+    """Accept a proposal; return False where it was accepted already."""
+    changed = connection.execute(_of(study_id, number).where(StudyBatch.accepted_at.is_(None)).values(accepted_at=now))
+    return changed.rowcount == 1
+
+
+def replace_proposal(connection: Connection, batch: BatchRow) -> bool:
+    """Replace a proposal that is not accepted; return False where it is."""
+    changed = connection.execute(
+        _of(batch.study_id, batch.number).where(StudyBatch.accepted_at.is_(None)).values(**vars(batch))
+    )
+    return changed.rowcount == 1
+
+
+def set_run(connection: Connection, study_id: str, number: int, run_id: str) -> None:
+    """Name the run of a batch."""
+    connection.execute(_of(study_id, number).values(run_id=run_id))
+
+
+def count_retry(connection: Connection, study_id: str, number: int, retries: int) -> bool:
+    """Count a retry after ``retries`` earlier ones; return False where another process counted it."""
+    changed = connection.execute(_of(study_id, number).where(StudyBatch.retries == retries).values(retries=retries + 1))
+    return changed.rowcount == 1
+
+
+def reset_retries(connection: Connection, study_id: str) -> None:
+    """Let the runs of a study be retried again."""
+    connection.execute(
+        update(StudyBatch).where(StudyBatch.study_id == study_id, StudyBatch.outcomes.is_(None)).values(retries=0)
+    )
+
+
+def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:
+    """Write the outcomes of a batch and the CPU time that was spent for it, unless it has ended already."""
+    row = connection.execute(
+        select(StudyBatch.run_id, StudyBatch.accepted_at).where(
+            StudyBatch.study_id == study_id, StudyBatch.number == number
+        )
+    ).first()
+    spent = 0.0
+    if row is not None and row.run_id is not None and row.accepted_at is not None:
+        links = links_of(row.run_id)
+        query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
+        spent = float(connection.scalar(query.where(Product.finished_at >= in_utc(row.accepted_at).timestamp())) or 0.0)
+    connection.execute(
+        _of(study_id, number).where(StudyBatch.outcomes.is_(None)).values(outcomes=outcomes, cpu_seconds=spent)
+    )
+
+
+def _of(study_id: str, number: int) -> Update:
+    return update(StudyBatch).where(StudyBatch.study_id == study_id, StudyBatch.number == number)

@@ -1,0 +1,176 @@
+"""The difference between two functions on the same variants, until it is known as well as asked.
+
+Sampling stops at the first batch after which the half width of Student's interval, with the variance (1 + Σ(d − d̄)²) / n,
+is at most what was asked for (Chow and Robbins 1965, doi:10.1214/aoms/1177700156). Its coverage reaches the nominal one as
+that width shrinks; docs/guided.md says what it is before. Which function is better is also judged by the sequential test
+of `valerie.statistics.verdicts`, which holds at any number of points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
+
+from valerie.errors import InvalidInput
+from valerie.guided.domain import Cube
+from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.units import sampling_units
+from valerie.statistics.verdicts import Outcome, judge_sample
+
+#: Pairs before which no interval is given.
+FEWEST: Final = 50
+#: Points that differ, below which rises and falls are bounded apart.
+FEW: Final = 20
+_EXAMPLES: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What is known of the difference, second less first function.
+
+    Attributes:
+        estimate, low, high: mean difference of the scores, with its interval; of the share of passing scores, where a bound
+            was given.
+        half_width: of the interval; 1 below `FEWEST` pairs.
+        within: the half width that was asked for.
+        better: 0 or 1, the function with the higher mean; None while that is undecided.
+        pairs: number of points on which both have a score.
+        undefined: number of points on which one has none.
+        further: number of further pairs until the width is reached, at the present spread.
+        falls, rises: points on which the second function does worst, and best, compared with the first.
+        sentences: the same in words.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    half_width: float
+    within: float
+    better: int | None
+    pairs: int
+    undefined: int
+    further: int
+    falls: UnitPoints
+    rises: UnitPoints
+    sentences: tuple[str, ...]
+
+
+class Compare:
+    """The strategy that compares two functions.
+
+    Args:
+        domain: the operational domain.
+        within: half width at which the difference is known well enough.
+        seed: of all draws.
+        at_least: compares shares of scores that reach it; None compares mean scores.
+        level: confidence of the interval, and of the verdict on the better function.
+
+    Attributes:
+        columns: number of scores of each point.
+
+    Raises:
+        InvalidInput: a number outside 0…1.
+    """
+
+    columns: Final = 2
+
+    def __init__(
+        self, domain: Cube, *, within: float, seed: int, at_least: float | None = None, level: float = 0.95
+    ) -> None:
+        for name, value in (("within", within), ("at_least", at_least), ("level", level)):
+            if value is not None and not 0 < value < 1:
+                raise InvalidInput("has to lie between 0 and 1", field=name, value=value)
+        self.domain, self.within, self.seed, self.at_least, self.level = domain, within, seed, at_least, level
+        self._open = OpenBatches(self.columns)
+        self._asked = 0
+        self._points = np.empty((0, domain.dimensions))
+        self._scores = np.empty((0, self.columns))
+
+    def ask(self, count: int) -> Proposal:
+        """Return the next operational points; none once the difference is known well enough."""
+        known = self.result
+        if known is not None and known.half_width <= self.within:
+            return self._open.add(self._points[:0], "The difference is known as well as asked.")
+        rng = np.random.default_rng([self.seed, self._asked])
+        self._asked += 1
+        left = "" if known is None else f"; about {known.further:,} more are needed"
+        return self._open.add(self.domain.draw(rng, count), f"Operational points for both functions{left}.")
+
+    def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
+        """Take the scores, (n, 2), of the oldest batch that has none.
+
+        Raises:
+            InvalidInput: these are other points, not two scores for each, or a score outside 0…1.
+        """
+        values = self._open.close(points, scores)
+        if ((values < 0) | (values > 1)).any():
+            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
+        self._points = np.concatenate([self._points, points])
+        self._scores = np.concatenate([self._scores, values])
+
+    @property
+    def result(self) -> Difference | None:
+        """The difference so far; None before any pair."""
+        defined = ~np.isnan(self._scores).any(axis=1)
+        if not defined.any():
+            return None
+        first, second = self._scores[defined].T
+        if self.at_least is not None:
+            first, second = first >= self.at_least, second >= self.at_least
+        differences = second.astype(np.float64) - first
+        estimate, (low, high) = float(differences.mean()), self._interval(differences)
+        half, count = (high - low) / 2, len(differences)
+        # The width shrinks with the root of the number of pairs.
+        further = max(math.ceil(max(count, FEWEST) * (half / self.within) ** 2), FEWEST) - count
+        verdict = judge_sample(
+            (differences + 1) / 2, np.arange(len(differences)), at_least=0.5, confidence=self.level
+        ).outcome
+        better = {Outcome.MET: 1, Outcome.NOT_MET: 0, Outcome.UNDECIDED: None}[verdict]
+        order = np.argsort(differences, kind="stable")
+        points = self._points[defined]
+        falls = points[[row for row in order[:_EXAMPLES] if differences[row] < 0]]
+        rises = points[[row for row in order[::-1][:_EXAMPLES] if differences[row] > 0]]
+        said = "It is undecided which is better." if better is None else f"Function {better + 1} is better."
+        what = "share of passing scores" if self.at_least is not None else "mean score"
+        sentences = (
+            f"The {what} of function 2 less that of function 1: {estimate:+.3f} ({low:+.3f} … {high:+.3f}).",
+            said,
+        )
+        undefined = int(np.count_nonzero(~defined))
+        return Difference(
+            estimate,
+            low,
+            high,
+            half,
+            self.within,
+            better,
+            count,
+            undefined,
+            max(further, 0),
+            falls,
+            rises,
+            sentences,
+        )
+
+    def _interval(self, differences: NDArray[np.float64]) -> tuple[float, float]:
+        count, estimate = len(differences), float(differences.mean())
+        if count < FEWEST:
+            return -1.0, 1.0
+        if np.count_nonzero(differences) < FEW:
+            units = sampling_units("random", np.arange(count))
+            rises, falls = (
+                mean_interval(np.maximum(sign * differences, 0), units, level=(1 + self.level) / 2) for sign in (1, -1)
+            )
+            assert isinstance(rises, Interval), "there are enough points"
+            assert isinstance(falls, Interval), "there are enough points"
+            return rises.low - falls.high, rises.high - falls.low
+        variance = (1 + float(((differences - estimate) ** 2).sum())) / count
+        half = -float(stdtrit(count - 1, (1 - self.level) / 2)) * math.sqrt(variance / count)
+        return max(estimate - half, -1.0), min(estimate + half, 1.0)

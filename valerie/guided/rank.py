@@ -1,0 +1,293 @@
+"""Which parameters matter.
+
+Elementary effects screen first (Morris 1991, doi:10.1080/00401706.1991.10484804): `TRAJECTORIES` walks in which one
+parameter after another jumps; the mean size of a parameter's effects, μ* (Campolongo and others 2007,
+doi:10.1016/j.envsoft.2006.10.004), is compared with the largest one.
+
+What stays gets Sobol' indices. A *block* is a row of two independent Sobol' points A and B, and of A with one parameter after
+another from B; the parameters that were screened out move together, as one more, so that nothing is lost unseen. The
+shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter alone, and of
+Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions. Their intervals are percentiles over
+blocks drawn again.
+
+Each point is known by its block and place, so a missing score cannot shift the others. A block without all its scores is
+left out; where more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from valerie.errors import InvalidInput
+from valerie.guided.domain import Cube, Domain
+from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.parameters.samplers import UnitPoints
+
+Floats = NDArray[np.float64]
+
+#: Walks of the screening.
+TRAJECTORIES: Final = 10
+#: Parameters with less than this share of the largest μ* are screened out.
+NEGLIGIBLE: Final = 0.1
+#: Whole blocks before which no index is given.
+FEWEST: Final = 32
+#: Largest share of broken blocks.
+BROKEN: Final = 0.2
+_JUMP: Final = 2 / 3
+_RESAMPLES: Final = 500
+_BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share of variance with its 95 % interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """The effect of a parameter on the score.
+
+    Attributes:
+        dimension: its place in the domain; None for those screened out, taken together.
+        elementary: μ*, the mean size of its effects in the screening; the largest of several.
+        alone: share of the variance by this parameter alone; None without enough blocks.
+        total: the same with all its interactions.
+    """
+
+    dimension: int | None
+    elementary: float
+    alone: Share | None
+    total: Share | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """What is known of the parameters.
+
+    Attributes:
+        effects: largest first.
+        screened_out: dimensions that were found negligible.
+        blocks: number of whole blocks.
+        broken: number of blocks that lack a score.
+        refused: whether so many are broken that there are no indices.
+        evaluations: number of all points.
+        sentences: the same in words.
+    """
+
+    effects: tuple[Effect, ...]
+    screened_out: tuple[int, ...]
+    blocks: int
+    broken: int
+    refused: bool
+    evaluations: int
+    sentences: tuple[str, ...]
+
+
+class Rank:
+    """The strategy that ranks parameters.
+
+    Args:
+        domain: the operational domain.
+        seed: of all draws.
+
+    Raises:
+        InvalidInput: fewer than two parameters.
+    """
+
+    def __init__(self, domain: Cube, *, seed: int) -> None:
+        if domain.dimensions < 2:
+            raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
+        self.domain, self.seed = domain, seed
+        self._open = OpenBatches()
+        #: Rows (block or walk, place in it) of open points, and of those not asked yet.
+        self._rows: deque[list[tuple[int, int]]] = deque()
+        self._left: deque[tuple[int, int, UnitPoints]] = deque()
+        self._evaluations = 0
+        self._walks, self._orders = self._screening()
+        self._walk_scores = np.full(self._walks.shape[:2], np.nan)
+        self._walks_left = self._walks.shape[0] * self._walks.shape[1]
+        for walk, points in enumerate(self._walks):
+            self._left.extend((walk, place, point) for place, point in enumerate(points))
+        #: (groups, dimensions) which parameters move together; None while the screening goes on.
+        self._groups: NDArray[np.bool_] | None = None
+        self._scores: list[Floats] = []
+        self._told: list[int] = []
+        self._sobol = qmc.Sobol(2 * domain.dimensions, rng=np.random.default_rng([seed, 1]))
+
+    def ask(self, count: int) -> Proposal:
+        """Return the next batch; an empty one while scores of the screening are missing."""
+        none = np.empty((0, self.domain.dimensions))
+        if self._groups is None and not self._left:
+            return self._open.add(none, "The blocks follow from screening scores that are missing.")
+        while self._groups is not None and len(self._left) < count:
+            self._add_block(self._groups)
+        chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
+        self._rows.append([(block, place) for block, place, _ in chosen])
+        reason = (
+            f"{TRAJECTORIES} walks screen {self.domain.dimensions} parameters."
+            if self._groups is None
+            else f"Blocks for the indices of {len(self._groups)} parameters or groups of them."
+        )
+        return self._open.add(np.array([point for _, _, point in chosen]).reshape(-1, self.domain.dimensions), reason)
+
+    def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
+        """Take the scores of the oldest batch that has none.
+
+        Raises:
+            InvalidInput: these are other points, or not one score for each.
+        """
+        values = self._open.close(points, scores)
+        self._evaluations += len(values)
+        for (block, place), value in zip(self._rows.popleft(), values.tolist(), strict=True):
+            if self._groups is None:
+                self._walk_scores[block, place] = value
+                self._walks_left -= 1
+            else:
+                self._scores[block][place] = value
+                self._told[block] += 1
+        if self._groups is None and not self._walks_left:
+            self._groups = self._kept_groups()
+
+    def _screening(self) -> tuple[Floats, NDArray[np.int64]]:
+        """Return walks (walks, dimensions + 1, dimensions), and the parameter of each jump (walks, dimensions)."""
+        rng = np.random.default_rng([self.seed, 0])
+        dimensions = self.domain.dimensions
+        walks, orders = [], []
+        for start in self.domain.draw(rng, TRAJECTORIES):
+            order, points = rng.permutation(dimensions), [start]
+            for dimension in order:
+                point = points[-1].copy()
+                point[dimension] += _JUMP if point[dimension] < 1 - _JUMP else -_JUMP
+                point[dimension] = abs(point[dimension])
+                points.append(point)
+            walks.append(points)
+            orders.append(order)
+        return np.array(walks), np.array(orders)
+
+    def _elementary(self) -> Floats:
+        """Return μ* of each parameter; 0 where no jump has both scores."""
+        jumps = np.take_along_axis(np.diff(self._walks, axis=1), self._orders[:, :, None], axis=2)[:, :, 0]
+        effects = np.abs(np.diff(self._walk_scores, axis=1) / jumps)
+        sizes = np.zeros(self.domain.dimensions)
+        for dimension in range(self.domain.dimensions):
+            of_it = effects[self._orders == dimension]
+            of_it = of_it[~np.isnan(of_it)]
+            sizes[dimension] = of_it.mean() if len(of_it) else 0.0
+        return sizes
+
+    def _kept_groups(self) -> NDArray[np.bool_]:
+        sizes = self._elementary()
+        kept = sizes >= NEGLIGIBLE * sizes.max()
+        groups = np.eye(self.domain.dimensions, dtype=np.bool_)[kept]
+        return groups if kept.all() else np.concatenate([groups, ~kept[None]])
+
+    def _add_block(self, groups: NDArray[np.bool_]) -> None:
+        """Queue the next block whose points are all legal; illegal ones count as broken."""
+        both = np.minimum(self._sobol.random(1)[0], _BELOW_ONE)
+        first, second = np.split(both, 2)
+        points = np.concatenate([[first, second], np.where(groups, second, first)])
+        block = len(self._scores)
+        self._scores.append(np.full(len(points), np.nan))
+        self._told.append(0)
+        if self.domain.legal(points).all():
+            self._left.extend((block, place, point) for place, point in enumerate(points))
+        else:
+            self._told[block] = len(points)
+            if block > 20 * FEWEST and np.mean([np.isnan(scores).all() for scores in self._scores]) > 1 - 1 / 20:
+                raise InvalidInput("hardly any block is legal", field="vary", value=block, limit=1 / 20)
+
+    @property
+    def result(self) -> Ranking | None:
+        """The ranking so far; None while the screening goes on."""
+        if self._groups is None:
+            return None
+        ended = [scores for scores, told in zip(self._scores, self._told, strict=True) if told == len(self._groups) + 2]
+        table = np.array(ended).reshape(-1, len(self._groups) + 2)
+        whole = table[~np.isnan(table).any(axis=1)]
+        broken = len(table) - len(whole)
+        refused = broken > BROKEN * max(len(table), 1)
+        sizes = self._elementary()
+        effects = []
+        for place, (alone, total) in enumerate(self._shares(whole, refused=refused)):
+            members = np.flatnonzero(self._groups[place])
+            effects.append(
+                Effect(
+                    int(members[0]) if place < len(self._groups) - 1 or len(members) == 1 else None,
+                    float(sizes[members].max()),
+                    alone,
+                    total,
+                )
+            )
+        effects.sort(key=lambda effect: -(effect.total.estimate if effect.total else effect.elementary))
+        screened = np.flatnonzero(sizes < NEGLIGIBLE * sizes.max())
+        if len(screened) == 1:  # a group of one looks like a parameter that was kept
+            effects = [
+                Effect(None, e.elementary, e.alone, e.total) if e.dimension == screened[0] else e for e in effects
+            ]
+        sentences = [self._said(effect) for effect in effects]
+        if refused:
+            sentences.append(f"{broken} of {len(table)} blocks lack a score, so there are no shares of variance.")
+        elif broken:
+            sentences.append(f"{broken} blocks that lack a score are left out.")
+        return Ranking(
+            tuple(effects),
+            tuple(screened.tolist()),
+            len(whole),
+            broken,
+            refused,
+            self._evaluations,
+            tuple(sentences),
+        )
+
+    def _shares(self, whole: Floats, *, refused: bool) -> list[tuple[Share | None, Share | None]]:
+        assert self._groups is not None, "the screening has ended"
+        if refused or len(whole) < FEWEST or np.ptp(whole[:, 0]) == 0:
+            return [(None, None)] * len(self._groups)
+        rng = np.random.default_rng([self.seed, 2, len(whole)])
+        drawn = rng.integers(0, len(whole), (_RESAMPLES, len(whole)))
+        alone, total = indices(whole)
+        again = np.array([indices(whole[rows]) for rows in drawn])
+        low, high = np.nanpercentile(again, (2.5, 97.5), axis=0)
+        return [
+            (
+                Share(float(alone[place]), float(low[0, place]), float(high[0, place])),
+                Share(float(total[place]), float(low[1, place]), float(high[1, place])),
+            )
+            for place in range(len(alone))
+        ]
+
+    def _said(self, effect: Effect) -> str:
+        if effect.dimension is None:
+            name = "The others together"
+        else:
+            names = self.domain.names if isinstance(self.domain, Domain) else None
+            name = names[effect.dimension] if names else f"Parameter {effect.dimension + 1}"
+        if effect.total is None or effect.alone is None:
+            return f"{name}: mean elementary effect {effect.elementary:.3f}."
+        return (
+            f"{name}: {100 * effect.total.estimate:.0f} % of the variance with interactions "
+            f"({100 * effect.total.low:.0f} … {100 * effect.total.high:.0f}), {100 * effect.alone.estimate:.0f} % alone."
+        )
+
+
+def indices(table: Floats) -> tuple[Floats, Floats]:
+    """Return the shares of variance alone and in total, (groups,) each, from blocks (n, 2 + groups): A, B, A with B's."""
+    first, second, mixed = table[:, 0], table[:, 1], table[:, 2:]
+    variance = np.concatenate([first, second]).var()
+    if variance == 0:
+        nothing = np.full(mixed.shape[1], np.nan)
+        return nothing, nothing
+    centred = second - second.mean()
+    alone = (centred[:, None] * (mixed - first[:, None])).mean(axis=0) / variance
+    total = ((first[:, None] - mixed) ** 2).mean(axis=0) / (2 * variance)
+    return alone, total

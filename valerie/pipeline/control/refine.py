@@ -1,0 +1,129 @@
+"""The next spec from a run: refined where its rows are selected, where a finding is, or where a requirement is missed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from valerie.analysis.findings import Findings
+from valerie.analysis.refining import refined_spec
+from valerie.analysis.region import Region, region_of
+from valerie.db.engine import reading
+from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import TableRow
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
+from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
+from valerie.pipeline.reading.selection import evaluated_persons, run_where
+from valerie.plain import typed
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What of a run is refined; at most one is set, none means everything."""
+
+    where: str | None = None
+    finding: int | None = None
+    requirement: str | None = None
+
+
+def refine_run(
+    context: Context, run_id: str, selection: Selection, *, add: Sequence[str] = (), drop: Sequence[str] = ()
+) -> tuple[str, str]:
+    """Return the next spec as YAML, and the region that it covers in words.
+
+    Args:
+        context: of the deployment.
+        run_id: of a run with results.
+        selection: what is refined.
+        add, drop: names or paths of parameters.
+
+    Raises:
+        NotFound: no such run.
+        InvalidInput: several selections, a selection of nothing, or a wrong name.
+    """
+    if sum(part is not None for part in (selection.where, selection.finding, selection.requirement)) > 1:
+        raise InvalidInput("a run is refined in one place", limit="--where, --finding or --requirement")
+    run = read_run(context, run_id)
+    if selection.finding is not None:
+        if add or drop:
+            raise InvalidInput(
+                "a finding names its parameters itself", field="--finding", limit="without --add, --drop"
+            )
+        return _of_finding(context, run_id, selection.finding)
+    names = run.resolved.space.names
+    paths = [[_path(names, name, field) for name in given] for field, given in (("--add", add), ("--drop", drop))]
+    with reading(context.engine) as connection:
+        rows = [person.row for person in evaluated_persons(connection, run)]
+    selected = _selected(run, selection, rows)
+    varied = run.resolved.space.varied
+    kinds: dict[str, ParameterType] = {path: run.resolved.space.definitions[path].type for path in varied}
+    some = Region() if selected is rows else region_of(selected, rows, kinds)
+    middle = {path: _middle([row[path] for row in selected], kinds[path]) for path in varied if selected}  # type: ignore[misc]
+    spec = refined_spec(
+        run.resolved.spec,
+        run.resolved.space.blocks,
+        run.resolved.space.definitions,
+        some,
+        run_id=run_id,
+        middle=middle,
+        add=paths[0],
+        drop=paths[1],
+    )
+    return spec.to_yaml(), "" if selected is rows else str(some)
+
+
+def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
+    document = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    findings = typed(Findings, document["findings"]).items
+    if number > len(findings):
+        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1 … {len(findings)}")
+    return findings[number - 1].spec, findings[number - 1].sentence
+
+
+def _selected(run: StoredRun, selection: Selection, rows: Sequence[TableRow]) -> Sequence[TableRow]:
+    if selection.where is not None:
+        condition = run_where(selection.where, run.resolved, field="--where")
+        return [row for row in rows if condition.holds(row)]
+    if selection.requirement is None:
+        return rows
+    known = {requirement.document.id: requirement for requirement in run.resolved.requirements}
+    if selection.requirement not in known:
+        raise UnknownName("requirement", selection.requirement, known, field="--requirement")
+    requirement = known[selection.requirement]
+    statistic = requirement.statistic
+    # Of a share, the rows that miss its condition; of a mean, those below its bound.
+    bound = 1.0 if statistic.condition is not None else statistic.at_least
+    missing = []
+    for row in rows:
+        value = row[statistic.measure.name]
+        if value is None or row["function"] not in requirement.functions or not requirement.holds(row):
+            continue
+        if statistic.scores(_array(value))[0] < bound:
+            missing.append(row)
+    if not missing:
+        raise InvalidInput("no row misses the requirement", field="--requirement", value=selection.requirement)
+    return missing
+
+
+def _array(value: object) -> NDArray[np.float64]:
+    return np.array([value], np.float64)
+
+
+def _path(names: Mapping[str, ParameterDefinition], name: str, field: str) -> str:
+    if name not in names:
+        raise UnknownName("parameter", name, names, field=field)
+    return names[name].path
+
+
+def _middle(values: Sequence[Value], kind: ParameterType) -> Value:
+    """Return the value that occurs most often, or the middle one of numbers."""
+    if kind in (ParameterType.CATEGORICAL, ParameterType.BOOL):
+        return Counter(values).most_common(1)[0][0]
+    return sorted(values)[len(values) // 2]

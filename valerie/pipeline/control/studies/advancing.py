@@ -1,0 +1,245 @@
+"""Advance studies: take outcomes, submit accepted batches, propose the next.
+
+Everything is in the database, and each step is one transaction that does nothing where another process did it already. A
+proposal follows from the study and the stored outcomes alone, so whoever goes on after a kill proposes the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from itertools import takewhile
+from typing import Final, Unpack
+
+import structlog
+
+from valerie.db import runs, studies
+from valerie.db.engine import reading, writing
+from valerie.db.runs import RunRow
+from valerie.db.studies import BatchRow, StudyRow, StudyValues
+from valerie.errors import NotFound, TransientError, ValerieError
+from valerie.parameters.assignment import digest
+from valerie.parameters.samplers import UnitPoints
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.studies.resolving import resolve_row
+from valerie.pipeline.control.submit import submit
+from valerie.pipeline.reading.selection import evaluated_persons
+from valerie.runs.moments import in_utc, moment_text
+from valerie.runs.states import RunState
+from valerie.runs.study import StudyState
+from valerie.studies.pursuit import LAG, Pursuit
+from valerie.studies.resolved import ResolvedStudy
+
+log = structlog.get_logger()
+
+#: A run with failed products is retried so often before a person is asked.
+RETRIES: Final = 3
+
+
+class StudyKeeper:
+    """Advances the studies of a deployment; what it forgets, it computes again from the stored batches."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._pursuits: dict[str, Pursuit] = {}
+
+    def advance(self) -> None:
+        """Take every running study as far as it can go now."""
+        with reading(self._context.engine) as connection:
+            rows = studies.running(connection)
+        for study in rows:
+            try:
+                while self._step(study):
+                    pass
+            except TransientError:
+                raise
+            except Exception as error:
+                # A defect of a strategy must not hold up the other studies, nor the runs.
+                reason = str(error) if isinstance(error, ValerieError) else f"a defect of the strategy: {error!r}"
+                log.warning("study.paused", study=study.id, reason=reason, exc_info=not isinstance(error, ValerieError))
+                self._pursuits.pop(study.id, None)
+                self._change(study, state=StudyState.PAUSED, reason=reason)
+        self._pursuits = {row.id: self._pursuits[row.id] for row in rows if row.id in self._pursuits}
+
+    def _step(self, study: StudyRow) -> bool:
+        """Do one thing for a study; return whether there may be more to do at once."""
+        with reading(self._context.engine) as connection:
+            batches = studies.batches(connection, study.id)
+            study = studies.get(connection, study.id)
+        if study.state is not StudyState.RUNNING:
+            return False
+        for batch in batches:
+            if batch.ended or batch.accepted_at is None:
+                continue
+            if batch.run_id is None:
+                self._submit(study, batches, batch)
+                return True
+            if self._end(study, batch):
+                return True
+        return self._propose(study, batches)
+
+    # -- runs ------------------------------------------------------------------------------------------------------------
+
+    def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> None:
+        """Start the run of an accepted batch. The key finds the run that a killed predecessor has started."""
+        pursuit = self._pursuit(study, batches)
+        points = pursuit.points(batch.number)
+        parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
+        parent = parents[-1] if parents else None
+        # The same point again asks for the same variant under another seed of what is random.
+        again = pursuit.repeats(batch.number)
+        seed = study.document.spec.seed + (batch.number if again else 0)
+        spec = pursuit.study.spec(points, batch.number, parent=parent, seed=seed)
+        run_id = submit(self._context, spec, idempotency_key=f"study/{study.id}/{batch.number}")
+        with writing(self._context.engine) as connection:
+            studies.set_run(connection, study.id, batch.number, run_id)
+        log.info("study.batch", study=study.id, batch=batch.number, run=run_id)
+
+    def _end(self, study: StudyRow, batch: BatchRow) -> bool:
+        """Take the outcomes of a batch whose run has ended; return whether it has."""
+        assert batch.run_id is not None, "a submitted batch"
+        with reading(self._context.engine) as connection:
+            try:
+                run = runs.get(connection, batch.run_id)
+            except NotFound:
+                run = None
+        if run is None or run.state in (RunState.CANCELLED, RunState.FAILED):
+            what = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
+            self._change(
+                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {what}"
+            )
+            return False
+        if run.state is RunState.COMPLETED_WITH_FAILURES:
+            self._retry(study, batch, run)
+            return False
+        if run.state is not RunState.COMPLETED:
+            return False
+        resolved = self._pursuit_study(study)
+        stored = resolve_stored(run, self._context.settings)
+        with reading(self._context.engine) as connection:
+            rows = (person.row for person in evaluated_persons(connection, stored))
+            outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected)
+        with writing(self._context.engine) as connection:
+            studies.end(connection, study.id, batch.number, outcomes)
+        return True
+
+    def _retry(self, study: StudyRow, batch: BatchRow, run: RunRow) -> None:
+        """Try failed products again: a variant without an answer is no outcome."""
+        if batch.retries >= RETRIES:
+            reason = f"run {run.id} of batch {batch.number + 1}: {run.reason}"
+            self._change(study, state=StudyState.PAUSED, reason=f"{reason} (retried {RETRIES} times)")
+            return
+        with writing(self._context.engine) as connection:
+            if not studies.count_retry(connection, study.id, batch.number, batch.retries):
+                return
+        lifecycle.retry(self._context, run.id)
+
+    # -- proposals -------------------------------------------------------------------------------------------------------
+
+    def _propose(self, study: StudyRow, batches: Sequence[BatchRow]) -> bool:
+        number = len(batches)
+        basis = batches[: max(number - LAG + 1, 0)]
+        if not all(batch.ended for batch in basis) or (batches and batches[-1].accepted_at is None):
+            return False
+        pursuit = self._pursuit(study, batches)
+        pursuit.tell_due(batches)
+        ended = self._over_budget(study, batches, basis) or pursuit.enough()
+        if ended is None:
+            count = min(study.document.batch, left(study, batches))
+            proposal = pursuit.ask(batches, count)
+            if len(proposal) or pursuit.waits:
+                self._store(study, pursuit.study, basis, number, count, proposal.points, proposal.reason)
+                return True
+            self._pursuits.pop(study.id)
+            ended = proposal.reason
+        if not all(batch.ended for batch in batches):
+            return False  # the last batch is still in work, and is part of the result
+        result = known(pursuit.study, batches).result()
+        self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=runs.now_utc())
+        log.info("study.finished", study=study.id, reason=ended)
+        return False
+
+    def _store(
+        self,
+        study: StudyRow,
+        resolved: ResolvedStudy,
+        basis: Sequence[BatchRow],
+        number: int,
+        count: int,
+        points: UnitPoints,
+        reason: str,
+    ) -> None:
+        now = runs.now_utc()
+        batch = BatchRow(
+            study_id=study.id,
+            number=number,
+            count=count,
+            points=points.tolist(),
+            rejected=[i for i, legal in enumerate(resolved.domain.legal(points)) if not legal],
+            reason=reason,
+            basis=basis_digest(study, basis),
+            based_on=len(basis),
+            accepted_at=None if study.by_hand and len(points) else now,
+            run_id=None,
+            retries=0,
+            outcomes=None,
+            cpu_seconds=None,
+        )
+        result = self._pursuits[study.id].result()
+        with writing(self._context.engine) as connection:
+            studies.propose(connection, batch)
+            waits = f"batch {number + 1} is proposed: accept it" if batch.accepted_at is None else None
+            studies.set_values(connection, study.id, expected=StudyState.RUNNING, reason=waits, result=result)
+
+    def _over_budget(self, study: StudyRow, batches: Sequence[BatchRow], basis: Sequence[BatchRow]) -> str | None:
+        """Return why nothing more may be proposed; None while the budget has something left."""
+        budget = study.document.budget
+        if left(study, batches) == 0:
+            return f"the budget of {budget.variants:,} variants is spent"
+        hours = sum(batch.cpu_seconds or 0.0 for batch in basis) / 3600
+        if budget.cpu_hours is not None and hours >= budget.cpu_hours:
+            return f"the budget of {budget.cpu_hours:g} CPU hours is spent"
+        if budget.deadline is not None and time.time() >= in_utc(budget.deadline).timestamp():
+            return f"the deadline has passed: {moment_text(budget.deadline)}"
+        return None
+
+    # -- the study -------------------------------------------------------------------------------------------------------
+
+    def _pursuit(self, study: StudyRow, batches: Sequence[BatchRow]) -> Pursuit:
+        pursuit = self._pursuits.get(study.id)
+        if pursuit is None or not pursuit.agrees(batches):
+            pursuit = self._pursuits[study.id] = Pursuit(resolve_row(self._context, study))
+        pursuit.follow(batches)
+        return pursuit
+
+    def _pursuit_study(self, study: StudyRow) -> ResolvedStudy:
+        pursuit = self._pursuits.get(study.id)
+        return resolve_row(self._context, study) if pursuit is None else pursuit.study
+
+    def _change(self, study: StudyRow, **values: Unpack[StudyValues]) -> None:
+        with writing(self._context.engine) as connection:
+            studies.set_values(connection, study.id, expected=StudyState.RUNNING, **values)
+
+
+def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
+    """Return a strategy that was told every batch before the first that has not ended."""
+    pursuit = Pursuit(resolved)
+    pursuit.follow([*takewhile(_ended, batches)], everything=True)
+    return pursuit
+
+
+def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
+    """Return how many variants the budget still has; rejected ones take nothing from it."""
+    return max(study.document.budget.variants - sum(batch.legal for batch in batches), 0)
+
+
+def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
+    """Return the digest of all that a proposal rests on."""
+    outcomes = [None if batch.outcomes is None else batch.outcomes.model_dump(mode="json") for batch in basis]
+    return digest("study-basis", [study.document.digest, outcomes])
+
+
+def _ended(batch: BatchRow) -> bool:
+    return batch.ended

@@ -1,0 +1,247 @@
+"""What people do with studies: plan, begin, look at the next batch, accept, change the mode, stop, resume."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from valerie.db import runs, studies
+from valerie.db.engine import reading, writing
+from valerie.db.studies import BatchRow, StudyRow
+from valerie.errors import Conflict, InvalidInput, NotFound
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.studies.advancing import basis_digest, known, left
+from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
+from valerie.pipeline.control.submit import new_id
+from valerie.runs.forecast import Plan
+from valerie.runs.spec import RunSpec
+from valerie.runs.states import RunState
+from valerie.runs.study import StudyDocument, StudyState
+from valerie.studies.pursuit import Pursuit
+
+#: States of runs that can be cancelled with their study.
+_ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
+
+
+@dataclass(frozen=True, slots=True)
+class NextBatch:
+    """A batch that may run next, and its price.
+
+    Attributes:
+        number: of the batch, from 0.
+        reason: why these variants.
+        legal, rejected: numbers of variants.
+        accepted: False where it waits for a person.
+        run_id: of its run; None before it starts.
+        spec: of its run.
+        plan: size and cost.
+    """
+
+    number: int
+    reason: str
+    legal: int
+    rejected: int
+    accepted: bool
+    run_id: str | None
+    spec: RunSpec
+    plan: Plan
+
+
+def plan_study(context: Context, document: StudyDocument) -> NextBatch:
+    """Return the first batch of a study; stores nothing.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    resolved = resolve_document(context, document)
+    proposal = Pursuit(resolved).ask((), document.batch)
+    legal = int(np.count_nonzero(resolved.domain.legal(proposal.points)))
+    spec = resolved.spec(proposal.points, 0, parent=None, seed=document.spec.seed)
+    plan = plan_run(context, spec)
+    return NextBatch(0, proposal.reason, legal, len(proposal) - legal, False, None, spec, plan)
+
+
+def begin(context: Context, document: StudyDocument) -> str:
+    """Store a study and return its id; the control loop does the rest.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    resolved = resolve_document(context, document)
+    resolved.domain.draw(np.random.default_rng(0), 1)  # refuses a domain without legal variants
+    study = StudyRow(
+        id=new_id("s", time.time()),
+        name=document.name,
+        state=StudyState.RUNNING,
+        reason=None,
+        document=document,
+        asset_digest=resolved.run.asset_digest,
+        by_hand=document.mode == "by hand",
+        result=None,
+        created_at=runs.now_utc(),
+        finished_at=None,
+    )
+    with writing(context.engine) as connection:
+        studies.create(connection, study)
+    return study.id
+
+
+def next_batch(context: Context, study_id: str) -> NextBatch:
+    """Return the newest batch that has not ended, with its reason and price.
+
+    Raises:
+        NotFound: no such study.
+        Conflict: no batch is open.
+    """
+    study, batches = _read(context, study_id)
+    batch = next((batch for batch in reversed(batches) if not batch.ended), None)
+    if batch is None:
+        waits = "it proposes the next one soon" if study.state is StudyState.RUNNING else study.reason
+        raise Conflict(f"no batch of study {study_id} is open: it is {study.state}, {waits}")
+    resolved = resolve_row(context, study)
+    parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
+    spec = resolved.spec(
+        np.array(batch.points), batch.number, parent=parents[-1] if parents else None, seed=study.document.spec.seed
+    )
+    return NextBatch(
+        batch.number,
+        batch.reason,
+        batch.legal,
+        len(batch.rejected),
+        batch.accepted_at is not None,
+        batch.run_id,
+        spec,
+        plan_run(context, spec),
+    )
+
+
+def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
+    """Accept the proposed batch and return its number.
+
+    A batch is edited by its size alone: points that a person picks would have no density, and the estimate would be wrong.
+    Variants of one's own are an ordinary run, and `next_batch` gives the spec to start from.
+
+    Args:
+        context: of the deployment.
+        study_id: of a running study.
+        count: another number of points; the strategy is asked again for so many.
+
+    Raises:
+        NotFound: no such study.
+        Conflict: no proposal waits.
+        InvalidInput: ``count`` is out of bounds.
+    """
+    study, batches = _read(context, study_id)
+    if study.state is not StudyState.RUNNING or not batches or batches[-1].accepted_at is not None:
+        raise Conflict(f"no proposal of study {study_id} waits: the study is {study.state}")
+    batch, earlier = batches[-1], batches[:-1]
+    with writing(context.engine) as connection:
+        if count is not None and count != batch.count:
+            limit = left(study, earlier)
+            if not 1 <= count <= min(limit, 1000):
+                raise InvalidInput("out of bounds", field="count", value=count, limit=f"1 … {min(limit, 1000)}")
+            studies.replace_proposal(connection, _resized(context, study, earlier, batch, count))
+        studies.accept(connection, study_id, batch.number, runs.now_utc())
+        studies.set_values(connection, study_id, expected=StudyState.RUNNING, reason=None)
+    return batch.number
+
+
+def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
+    """Let a person accept each batch from now on, or no longer; a proposal that waits is accepted then.
+
+    Raises:
+        NotFound, Conflict: no such study, or it has ended.
+    """
+    study, batches = _read(context, study_id)
+    _require_going(study)
+    with writing(context.engine) as connection:
+        studies.set_values(connection, study_id, expected=study.state, by_hand=by_hand)
+        if not by_hand and batches and batches[-1].accepted_at is None:
+            studies.accept(connection, study_id, batches[-1].number, runs.now_utc())
+            studies.set_values(connection, study_id, expected=StudyState.RUNNING, reason=None)
+
+
+def stop(context: Context, study_id: str) -> None:
+    """End a study now: its runs are cancelled, and its result is what is known from the batches that ended.
+
+    Raises:
+        NotFound, Conflict: no such study, or it has ended.
+    """
+    study, batches = _read(context, study_id)
+    _require_going(study)
+    result = known(resolve_row(context, study), batches).result()
+    with writing(context.engine) as connection:
+        studies.set_values(
+            connection,
+            study_id,
+            expected=study.state,
+            state=StudyState.STOPPED,
+            reason="a person ended it",
+            result=result,
+            finished_at=runs.now_utc(),
+        )
+    for run_id in _open_runs(batches):
+        if _state(context, run_id) in _ACTIVE:
+            lifecycle.cancel(context, run_id)
+
+
+def resume(context: Context, study_id: str) -> None:
+    """Let a paused study go on: its runs are resumed, and products that failed are tried again.
+
+    Raises:
+        NotFound, Conflict: no such study, or it is not paused.
+    """
+    study, batches = _read(context, study_id)
+    if study.state is not StudyState.PAUSED:
+        raise Conflict(f"study {study_id} is {study.state}; this is possible when it is paused")
+    for run_id in _open_runs(batches):
+        state = _state(context, run_id)
+        if state is RunState.CANCELLED:
+            lifecycle.resume(context, run_id)
+        elif state in (RunState.FAILED, RunState.COMPLETED_WITH_FAILURES):
+            lifecycle.retry(context, run_id)
+    with writing(context.engine) as connection:
+        studies.reset_retries(connection, study_id)
+        studies.set_values(connection, study_id, expected=StudyState.PAUSED, state=StudyState.RUNNING, reason=None)
+
+
+def _resized(context: Context, study: StudyRow, earlier: list[BatchRow], batch: BatchRow, count: int) -> BatchRow:
+    pursuit = Pursuit(resolve_row(context, study))
+    pursuit.follow(earlier)
+    proposal = pursuit.ask(earlier, count)
+    legal = pursuit.study.domain.legal(proposal.points)
+    return replace(
+        batch,
+        count=count,
+        points=proposal.points.tolist(),
+        rejected=np.flatnonzero(~legal).tolist(),
+        reason=proposal.reason,
+        basis=basis_digest(study, earlier[: batch.based_on]),
+    )
+
+
+def _read(context: Context, study_id: str) -> tuple[StudyRow, list[BatchRow]]:
+    with reading(context.engine) as connection:
+        return studies.get(connection, study_id), studies.batches(connection, study_id)
+
+
+def _require_going(study: StudyRow) -> None:
+    if study.state.is_final:
+        raise Conflict(f"study {study.id} is {study.state}; this is possible while it goes on")
+
+
+def _open_runs(batches: list[BatchRow]) -> list[str]:
+    return [batch.run_id for batch in batches if batch.run_id is not None and not batch.ended]
+
+
+def _state(context: Context, run_id: str) -> RunState | None:
+    with reading(context.engine) as connection:
+        try:
+            return runs.get(connection, run_id).state
+        except NotFound:
+            return None

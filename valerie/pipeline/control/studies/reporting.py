@@ -1,0 +1,152 @@
+"""The report of a study, from the database and the stored products."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import structlog
+
+from valerie.db import studies
+from valerie.db.engine import reading
+from valerie.db.studies import BatchRow
+from valerie.errors import ValerieError
+from valerie.parameters.definitions import Value
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control.studies.advancing import known
+from valerie.pipeline.control.studies.resolving import resolve_row
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.painting import jpeg
+from valerie.runs.frames import FrameKey
+from valerie.runs.study import ExplainGoal
+from valerie.studies.pursuit import Pursuit
+from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
+from valerie.studies.resolved import ResolvedStudy
+
+log = structlog.get_logger()
+
+#: Numbers of variants that are shown of an estimate: the lowest scores, and those next above the bound.
+_LOWEST: Final = 4
+_NEXT: Final = 2
+_QUESTIONS: Final = {
+    "estimate": "How often does a variant fail?",
+    "explain": "Which smallest change flips the verdict?",
+}
+#: A variant of a study: batch, index and what it is.
+_Place = tuple[int, int, str]
+
+
+def report(context: Context, study_id: str) -> str:
+    """Return the page of a study, with what is known from the batches that ended.
+
+    Raises:
+        NotFound: no such study.
+        Conflict: its asset changed.
+    """
+    with reading(context.engine) as connection:
+        study = studies.get(connection, study_id)
+        batches = studies.batches(connection, study_id)
+    pursuit = known(resolve_row(context, study), batches)
+    result = pursuit.result()
+    return build_report(
+        StudyReport(
+            id=study.id,
+            name=study.name,
+            question=_QUESTIONS[study.document.goal.name],
+            state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
+            sentences=() if result is None else result.sentences,
+            pictures=tuple(_pictures(context, pursuit, batches)),
+            batches=tuple(_shown(batch, pursuit.study) for batch in batches),
+            totals=_totals(batches, pursuit.study),
+            measure=study.document.measure,
+            where=study.document.where,
+            document=study.document.to_yaml(),
+            digest=study.document.digest,
+            asset_digest=study.asset_digest,
+        )
+    )
+
+
+def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
+    ended = batch.outcomes is not None
+    failed, undefined = _counts(batch, resolved)
+    return ShownBatch(
+        number=batch.number + 1,
+        run=batch.run_id or "",
+        reason=batch.reason,
+        variants=len(batch.points),
+        rejected=len(batch.rejected),
+        failed=failed if ended else "",
+        undefined=undefined if ended else "",
+        cost="" if batch.cpu_seconds is None else _duration(batch.cpu_seconds),
+    )
+
+
+def _counts(batch: BatchRow, resolved: ResolvedStudy) -> tuple[int, int]:
+    """Return the numbers of variants that failed, and of legal ones that have no score."""
+    scores = () if batch.outcomes is None else batch.outcomes.scores
+    failed = sum(score is not None and score < resolved.measure.at_least for score in scores)
+    return failed, sum(score is None and i not in batch.rejected for i, score in enumerate(scores))
+
+
+def _totals(batches: Sequence[BatchRow], resolved: ResolvedStudy) -> tuple[str, ...]:
+    counts = [_counts(batch, resolved) for batch in batches]
+    numbers = (
+        sum(len(batch.points) for batch in batches),
+        sum(len(batch.rejected) for batch in batches),
+        sum(failed for failed, _ in counts),
+        sum(undefined for _, undefined in counts),
+    )
+    return (*(f"{number:,}" for number in numbers), _duration(sum(batch.cpu_seconds or 0.0 for batch in batches)))
+
+
+def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
+    study = pursuit.study
+    places: list[_Place] = pursuit.decisive()
+    if not isinstance(study.document.goal, ExplainGoal):
+        places = _extremes(study, batches)
+    for number, index, title in places:
+        batch = batches[number]
+        score = None if batch.outcomes is None else batch.outcomes.scores[index]
+        if batch.run_id is None:
+            continue
+        values = study.domain.values(batch.points[index])
+        for camera, name in enumerate(study.run.cameras):
+            key = FrameKey(batch.run_id, index, camera)
+            try:
+                source = find_picture(context, key, kind="errors")
+                picture = jpeg(paint_picture(context, source))
+            except ValerieError as error:
+                log.warning("study.picture", frame=str(key), error=str(error))
+                continue
+            shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
+            yield ShownPicture(f"{title}, {name}", shown, _named(study, values), str(key), picture)
+
+
+def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]:
+    scores = [
+        (score, batch.number, index)
+        for batch in batches
+        if batch.outcomes is not None
+        for index, score in enumerate(batch.outcomes.scores)
+        if score is not None
+    ]
+    failing = sorted(entry for entry in scores if entry[0] < study.measure.at_least)[:_LOWEST]
+    passing = sorted(entry for entry in scores if entry[0] >= study.measure.at_least)[:_NEXT]
+    return [
+        *((number, index, "It fails") for _, number, index in failing),
+        *((number, index, "It passes, barely") for _, number, index in passing),
+    ]
+
+
+def _named(study: ResolvedStudy, values: Mapping[str, Value]) -> str:
+    parts = []
+    for definition in study.domain.definitions:
+        value = values[definition.path]
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        parts.append(f"{definition.name} {text} {definition.unit}".rstrip())
+    return ", ".join(parts)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 3600:.2f} h"

@@ -1,0 +1,36 @@
+"""Studies against this deployment."""
+
+from __future__ import annotations
+
+from valerie.db.engine import reading
+from valerie.db.studies import StudyRow
+from valerie.errors import Conflict
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.functions import registry
+from valerie.runs.study import StudyDocument
+from valerie.studies.resolved import ResolvedStudy, resolve_study
+
+
+def resolve_document(context: Context, document: StudyDocument) -> ResolvedStudy:
+    """Check a study in full.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    with reading(context.engine) as connection:
+        names = registry.names(connection, registry.known(connection, document.spec.functions))
+    return resolve_study(document, resolve_new(document.spec, context.settings, registered=names))
+
+
+def resolve_row(context: Context, study: StudyRow) -> ResolvedStudy:
+    """Resolve a stored study.
+
+    Raises:
+        Conflict: its asset changed.
+        InvalidInput: something that it names is gone.
+    """
+    resolved = resolve_document(context, study.document)
+    if resolved.run.asset_digest != study.asset_digest:
+        raise Conflict(f"the asset {resolved.run.manifest.name!r} changed since the study began: start the study again")
+    return resolved

@@ -1,0 +1,94 @@
+"""Bins of a column: what histograms, densities and parallel coordinates count by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, floor, log10
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.measures import Cell
+
+#: A column of numbers with at most so many different values has a bin for each of them.
+MAX_LEVELS: Final = 24
+#: A column of more names than this has no bins.
+_MAX_NAMES: Final = 200
+#: Bins fit one byte, with the undefined rows as one bin more.
+MAX_BINS: Final = 254
+_STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
+#: Rows that tell whether a column may be one of few values.
+_LOOKED_AT: Final = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bins:
+    """The bins of a column.
+
+    Attributes:
+        codes: (N,) uint8 bin 0…count−1 of each row; ``count`` where the row has no value.
+        levels: the value of each bin, where a bin is one value; else empty.
+        edges: the count + 1 ends of the bins, where a bin is a range; else empty.
+    """
+
+    codes: NDArray[np.uint8]
+    levels: tuple[Cell, ...] = ()
+    edges: tuple[float, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of bins, without that of the undefined rows."""
+        return len(self.levels) or len(self.edges) - 1
+
+    def counts(self, rows: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+        """Return (count + 1,) rows in each bin, those without a value last; of all rows without ``rows`` ((N,) bool)."""
+        codes = self.codes if rows is None else self.codes[rows]
+        return np.bincount(codes, minlength=self.count + 1)
+
+
+def bins_of(table: EvaluationTable, column: str, count: int) -> Bins:
+    """Divide a column.
+
+    Args:
+        table: the rows.
+        column: of the table.
+        count: about so many bins for a column of many different numbers, at most `MAX_BINS`.
+
+    Raises:
+        UnknownName: no such column.
+        InvalidInput: it holds too many names.
+    """
+    if table.is_number(column):
+        return _of_numbers(table.numbers(column), count)
+    codes = table.codes(column)
+    if len(codes.names) > _MAX_NAMES:
+        raise InvalidInput("the column has too many names for a view", field=column, limit=_MAX_NAMES)
+    return Bins(np.where(codes.index < 0, len(codes.names), codes.index).astype(np.uint8), levels=codes.names)
+
+
+def _of_numbers(values: NDArray[np.float64], count: int) -> Bins:
+    levels = np.unique(values[:: max(1, len(values) // _LOOKED_AT)])
+    levels = levels[np.isfinite(levels)]
+    if 0 < len(levels) <= MAX_LEVELS:
+        place = np.minimum(np.searchsorted(levels, values), len(levels) - 1)
+        if ((levels[place] == values) | np.isnan(values)).all():
+            codes = np.where(np.isnan(values), len(levels), place).astype(np.uint8)
+            return Bins(codes, levels=tuple(levels.tolist()))
+    if not len(levels):
+        return Bins(np.full(len(values), 1, np.uint8), edges=(0.0, 1.0))
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    step = _round_step((high - low) / min(count, MAX_BINS - 2))
+    first = floor(low / step + 1e-9)
+    number = max(ceil(high / step - 1e-9) - first, 1)
+    # The comparison of an expression rounds as these edges do; a value on an edge belongs above it.
+    edges = np.array([float(f"{(first + k) * step:.12g}") for k in range(number + 1)])
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
+    return Bins(np.where(np.isnan(values), number, place).astype(np.uint8), edges=tuple(edges.tolist()))
+
+
+def _round_step(least: float) -> float:
+    power = 10.0 ** floor(log10(least))
+    return next(float(f"{one * power:.12g}") for one in _STEPS if one * power >= least * (1 - 1e-9))

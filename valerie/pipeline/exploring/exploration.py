@@ -1,0 +1,258 @@
+"""The rows of one or several runs in memory, to be filtered, counted, sorted and matched while somebody looks.
+
+DuckDB computes filters, orders and matches, in a connection that sees these rows and nothing else: no file, no network, no
+other database. Conditions come from the grammar of `valerie.runs.where` with their values bound. Counts per bin are sums over
+the rows that a filter selects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from threading import Lock, RLock, Timer
+from typing import Any, Final
+
+import duckdb
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from cachetools import LRUCache
+from numpy.typing import NDArray
+
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
+from valerie.parameters.constraints import Sql, compile_constraint, quoted
+from valerie.parameters.definitions import ParameterType
+from valerie.pipeline.exploring.bins import Bins, bins_of
+from valerie.runs.where import Column
+
+#: Rows that one exploration holds at most.
+MAX_ROWS: Final = 5_000_000
+#: A query that takes longer than this many seconds is stopped.
+MAX_SECONDS: Final = 20.0
+_MEMORY: Final = "1GB"
+_THREADS: Final = 2
+#: Selections of which the rows are kept: one byte a row.
+_KEPT: Final = 12
+#: The number of a row in these tables; no expression can name it, since it is not a column of results.
+ROW: Final = "row number"
+_SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
+
+
+@dataclass(frozen=True, slots=True)
+class ExploredColumn:
+    """A column that can be looked at.
+
+    Attributes:
+        name: of the column; a varied parameter's is its path.
+        title, description, unit: for people; ``unit`` follows a number that was multiplied by ``scale``.
+        digits: decimals of a shown number; None: as many as it has.
+        group: ``row``, ``person``, ``conditions``, ``score`` or ``varied``.
+        numeric: whether it holds numbers; else names.
+        low, high: of its numbers; None without any.
+        names: that occur, sorted.
+        undefined: rows without a value.
+    """
+
+    name: str
+    title: str
+    description: str
+    unit: str
+    scale: float
+    digits: int | None
+    group: str
+    numeric: bool
+    low: float | None
+    high: float | None
+    names: tuple[str, ...]
+    undefined: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Selection:
+    """The rows that an expression selects.
+
+    Attributes:
+        where: the expression; empty: all rows.
+        rows: (N,) bool.
+        count: of them.
+        sql: the expression for DuckDB.
+        scored: whether it depends on what a function found.
+    """
+
+    where: str
+    rows: NDArray[np.bool_]
+    count: int
+    sql: Sql
+    scored: bool
+
+
+class Exploration:
+    """Rows to look at; immutable, and usable by several threads.
+
+    Args:
+        table: the rows.
+        definitions: title and unit of each varied parameter, by path.
+        read_at: when they were read.
+    """
+
+    def __init__(
+        self, table: EvaluationTable, *, units: Mapping[str, str] | None = None, read_at: datetime | None = None
+    ) -> None:
+        if len(table) > MAX_ROWS:
+            raise InvalidInput("too many rows to explore at once", field="run", value=len(table), limit=MAX_ROWS)
+        self.table, self.read_at, self._units = table, read_at, dict(units or {})
+        limits: dict[str, str | bool | int | float | list[str]] = {
+            "threads": _THREADS,
+            "memory_limit": _MEMORY,
+            "temp_directory": "",
+        }
+        self._connection = duckdb.connect(":memory:", config=limits)
+        # A quotient by zero is NULL, as in `valerie.parameters.constraints`.
+        for setting in ("ieee_floating_point_ops", "error_on_division_by_zero", "enable_external_access"):
+            self._connection.execute(f"SET {setting} = false")
+        rows = table.arrow.append_column(ROW, pa.array(np.arange(len(table), dtype=np.int32)))
+        self._connection.register("rows", rows)
+        self._connection.execute("SET lock_configuration = true")
+        self._lock, self._caching = Lock(), RLock()
+        self._selections: LRUCache[str, Selection] = LRUCache(_KEPT)
+        self._bins: dict[tuple[str, int], Bins] = {}
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @cached_property
+    def columns(self) -> tuple[ExploredColumn, ...]:
+        """Every column but the ids of frames; a column without any value is left out."""
+        groups = {
+            Source.FRAME: "row", Source.PLACE: "person", Source.PIXELS: "person", Source.LIGHT: "person",
+            Source.CONDITIONS: "conditions", Source.PICTURE: "conditions", Source.FUNCTION: "row",
+        }  # fmt: skip
+        described = [
+            self._described(m.name, m.title, m.description, m.unit, m.scale, m.digits, groups.get(m.source, "score"))
+            for m in MEASURES
+            if m.type is not ColumnType.TEXT
+        ]
+        described += [
+            self._described(path, path.removeprefix("scene."), f"the varied parameter {path}", self._units.get(path, ""),
+                            1.0, None, "varied")
+            for path in self.table.parameters
+        ]  # fmt: skip
+        return tuple(column for column in described if column.undefined < len(self) or not len(self))
+
+    def select(self, where: str = "") -> Selection:
+        """Return the rows that an expression selects; all of them if it is empty.
+
+        Raises:
+            InvalidInput: it breaks the grammar, compares different types or takes too long; the error names the place.
+            UnknownName: it names no column, or a name that a column cannot have.
+        """
+        with self._caching:
+            if where in self._selections:
+                return self._selections[where]
+        if where.strip():
+            constraint = compile_constraint(where, self._operands, field="where", word="column")
+            sql, scored = constraint.sql, not constraint.paths.isdisjoint(_SCORES)
+            found = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
+            rows = found["selected"].to_numpy()
+        else:
+            sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
+        selection = Selection(where, rows, int(np.count_nonzero(rows)), sql, scored)
+        with self._caching:
+            self._selections[where] = selection
+        return selection
+
+    def bins(self, column: str, count: int) -> Bins:
+        """Return the bins of a column; errors as `bins_of`."""
+        with self._caching:
+            if (column, count) not in self._bins:
+                self._bins[column, count] = bins_of(self.table, column, count)
+            return self._bins[column, count]
+
+    def page(self, selection: Selection, *, sort: str = "", limit: int, offset: int = 0) -> pa.Table:
+        """Return selected rows in the order of a column, those without a value last; ties in the order of the runs.
+
+        Args:
+            selection: the rows.
+            sort: a column; a leading minus sorts in descending order; empty: the order of the runs.
+            limit, offset: how many rows, and how many to pass over.
+
+        Raises:
+            UnknownName: no such column.
+        """
+        name = sort.removeprefix("-")
+        order = quoted(ROW)
+        if name:
+            self.require(name, field="sort")
+            order = f"{quoted(name)} {'DESC' if sort.startswith('-') else 'ASC'} NULLS LAST, {order}"
+        text = f"SELECT * FROM rows WHERE {selection.sql.text} ORDER BY {order} LIMIT {int(limit)} OFFSET {int(offset)}"
+        return self.query(Sql(text, selection.sql.values))
+
+    def rows(self, selection: Selection) -> pa.Table:
+        """Return every selected row, with the columns of the long table."""
+        return self.table.arrow.filter(pa.array(selection.rows))
+
+    def at(self, numbers: Sequence[int]) -> list[dict[str, Cell]]:
+        """Return the rows of some numbers, in this order, as mappings."""
+        rows: list[dict[str, Cell]] = self.table.arrow.take(pa.array(numbers, pa.int64())).to_pylist()
+        return rows
+
+    def query(self, sql: Sql) -> pa.Table:
+        """Run a query over the table ``rows``.
+
+        Raises:
+            InvalidInput: it takes too long or too much memory, or a number overflows.
+        """
+        with self._lock:
+            timer = Timer(MAX_SECONDS, self._connection.interrupt)
+            timer.start()
+            try:
+                return self._connection.sql(sql.text, params=list(sql.values)).to_arrow_table()
+            except duckdb.InterruptException:
+                raise InvalidInput("the query takes too long", field="where", limit=f"{MAX_SECONDS:g} s") from None
+            except duckdb.OutOfMemoryException:
+                raise InvalidInput("the query takes too much memory", field="where", limit=_MEMORY) from None
+            except (duckdb.OutOfRangeException, duckdb.ConversionException) as error:
+                raise InvalidInput(f"the query fails: {error}", field="where") from None
+            finally:
+                timer.cancel()
+
+    def require(self, column: str, *, field: str) -> None:
+        """Check that a column exists.
+
+        Raises:
+            UnknownName: it does not.
+        """
+        if column not in self.table.arrow.column_names:
+            raise UnknownName("column", column, self.table.arrow.column_names, field=field)
+
+    @cached_property
+    def _operands(self) -> dict[str, Column]:
+        operands = {}
+        for name in self.table.arrow.column_names:
+            kind = self.table.arrow[name].type
+            choices: tuple[str, ...] = ()
+            if pa.types.is_boolean(kind):
+                of = ParameterType.BOOL
+            elif self.table.is_number(name):
+                of = ParameterType.FLOAT
+            else:
+                of = ParameterType.CATEGORICAL
+                choices = () if pa.types.is_string(kind) else self.table.codes(name).names
+            operands[name] = operands[name.removeprefix("scene.")] = Column(name, of, choices)
+        return operands
+
+    def _described(
+        self, name: str, title: str, description: str, unit: str, scale: float, digits: int | None, group: str
+    ) -> ExploredColumn:
+        column = self.table.arrow[name]
+        numeric = self.table.is_number(name)
+        ends: dict[str, Any] = pc.min_max(column).as_py() if numeric else {"min": None, "max": None}
+        names = () if numeric else self.table.codes(name).names
+        return ExploredColumn(
+            name, title, description, unit, scale, digits, group, numeric, ends["min"], ends["max"], names,
+            column.null_count,
+        )  # fmt: skip

@@ -1,0 +1,196 @@
+"""Rows side by side: two functions or two runs matched by variant, and rows that differ in one parameter alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from valerie.errors import UnknownName
+from valerie.parameters.constraints import Sql, quoted
+from valerie.pipeline.exploring.exploration import ROW, Exploration, Selection
+from valerie.statistics.contrasts import Contrast, contrasts
+from valerie.statistics.observations import observe
+
+#: What names the same person in the same frame of two functions.
+_SAME_FRAME: Final = ("frame_id", "sensor", "instance_id")
+#: What does so in two runs, besides the varied parameters.
+_SAME_MOMENT: Final = ("camera", "time_s", "sensor", "instance_id")
+
+
+class Outcome(StrEnum):
+    """What became of a person from the first side to the second; found means pACC ≥ the threshold."""
+
+    FIXED = "fixed"
+    BROKEN = "broken"
+    BOTH_MISSED = "both missed"
+    BOTH_FOUND = "both found"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One side of a comparison: a function in a run."""
+
+    run: str
+    function: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two rows by their numbers, with the pACC of each."""
+
+    before: int
+    after: int
+    pacc_before: float
+    pacc_after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two sides matched.
+
+    Attributes:
+        rows: selected rows of each side with a pACC.
+        matched: pairs of them.
+        outcomes: pairs by outcome.
+        difference: mean pACC of the second side less that of the first, over places; None where places cannot tell.
+        low, high: its interval with 95 % confidence.
+        places: that it rests on.
+        pairs: the pairs of the wanted outcome that differ most.
+    """
+
+    rows: tuple[int, int]
+    matched: int
+    outcomes: dict[Outcome, int]
+    difference: float | None
+    low: float | None
+    high: float | None
+    places: int
+    pairs: list[Pair]
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """Two rows that differ in one parameter alone."""
+
+    parameter: str
+    pair: Pair
+
+
+def compare_sides(
+    exploration: Exploration,
+    selection: Selection,
+    before: Side,
+    after: Side,
+    *,
+    threshold: float,
+    outcome: Outcome,
+    limit: int,
+) -> Comparison:
+    """Match the rows of two sides: by frame within a run, else by the varied parameters, the camera and the time.
+
+    Args:
+        exploration: the rows.
+        selection: applies to the first side.
+        before, after: the sides.
+        threshold: t of the detection rate.
+        outcome: of the pairs to return.
+        limit: most pairs to return.
+
+    Raises:
+        UnknownName: a side is not among the rows.
+    """
+    for field, side in (("before", before), ("after", after)):
+        for kind, name in (("run", side.run), ("function", side.function)):
+            known = exploration.table.codes("run_id" if kind == "run" else "function").names
+            if name not in known:
+                raise UnknownName(f"{kind} of these rows", name, known, field=field)
+    keys = _SAME_FRAME if before.run == after.run else (*_SAME_MOMENT, *exploration.table.parameters)
+    wanted = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
+    of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
+    same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
+    found = exploration.query(
+        Sql(
+            f"WITH a AS (SELECT {wanted} FROM rows WHERE {of} AND {selection.sql.text}), "
+            f"b AS (SELECT {wanted} FROM rows WHERE {of}) "
+            f"SELECT a.{quoted(ROW)} AS a, b.{quoted(ROW)} AS b, a.pacc AS pa, b.pacc AS pb FROM a JOIN b ON {same}",
+            (before.run, before.function, *selection.sql.values, after.run, after.function),
+        )
+    )
+    a, b = (found[name].to_numpy().astype(np.int64) for name in "ab")
+    pa_, pb = found["pa"].to_numpy(), found["pb"].to_numpy()
+    hit, hit_after = pa_ >= threshold, pb >= threshold
+    masks = {
+        Outcome.FIXED: ~hit & hit_after, Outcome.BROKEN: hit & ~hit_after,
+        Outcome.BOTH_MISSED: ~hit & ~hit_after, Outcome.BOTH_FOUND: hit & hit_after,
+    }  # fmt: skip
+    # The furthest change first; among pairs that both missed, the worst.
+    weight = pa_ + pb if outcome is Outcome.BOTH_MISSED else -np.abs(pb - pa_)
+    chosen = np.flatnonzero(masks[outcome])
+    chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
+    contrast = _contrast(exploration, a, pa_, pb)
+    low, high = contrast.interval() if contrast is not None and contrast.degrees > 0 else (None, None)
+    defined = np.isfinite(exploration.table.numbers("pacc"))
+    return Comparison(
+        rows=(_rows_of(exploration, before, defined & selection.rows), _rows_of(exploration, after, defined)),
+        matched=len(a),
+        outcomes={name: int(np.count_nonzero(mask)) for name, mask in masks.items()},
+        difference=None if contrast is None else contrast.estimate,
+        low=low,
+        high=high,
+        places=0 if contrast is None else contrast.places,
+        pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
+    )
+
+
+def largest_swings(exploration: Exploration, selection: Selection, *, limit: int) -> list[Swing]:
+    """Return the pairs of selected rows that differ in one varied parameter alone and most in pACC, the furthest first.
+
+    Args:
+        exploration: the rows.
+        selection: of them.
+        limit: most pairs of each parameter.
+    """
+    parameters = list(exploration.table.parameters)
+    swings = []
+    for parameter in parameters:
+        others = ("run_id", "function", *_SAME_MOMENT, *(path for path in parameters if path != parameter))
+        column, row = quoted(parameter), quoted(ROW)
+        found = exploration.query(
+            Sql(
+                f"SELECT arg_max({row}, pacc) AS a, arg_min({row}, pacc) AS b, max(pacc) AS pa, min(pacc) AS pb FROM rows "
+                f"WHERE pacc IS NOT NULL AND {selection.sql.text} GROUP BY {', '.join(map(quoted, others))} "
+                f"HAVING count(DISTINCT {column}) > 1 AND pa > pb ORDER BY pa - pb DESC, a LIMIT {int(limit)}",
+                selection.sql.values,
+            )
+        )
+        swings += [Swing(parameter, pair) for pair in _pairs(_columns(found))]
+    return sorted(swings, key=lambda swing: swing.pair.pacc_after - swing.pair.pacc_before)
+
+
+def _contrast(
+    exploration: Exploration, rows: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
+) -> Contrast | None:
+    """Return the mean difference of pairs over places; None without pairs."""
+    places = np.tile(exploration.table.places[rows], 2)
+    sides = observe(np.concatenate([before, after]), places, {"side": np.repeat([0, 1], len(rows))})
+    return next(iter(contrasts(sides, interactions=False)), None)
+
+
+def _rows_of(exploration: Exploration, side: Side, rows: NDArray[np.bool_]) -> int:
+    table = exploration.table
+    of = table.codes("run_id").where(side.run) & table.codes("function").where(side.function)
+    return int(np.count_nonzero(of & rows))
+
+
+def _columns(found: pa.Table) -> Iterable[tuple[int, int, float, float]]:
+    return zip(*(found[name].to_pylist() for name in ("a", "b", "pa", "pb")), strict=True)
+
+
+def _pairs(columns: Iterable[tuple[int, int, float, float]]) -> list[Pair]:
+    return [Pair(int(a), int(b), float(x), float(y)) for a, b, x, y in columns]

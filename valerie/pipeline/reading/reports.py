@@ -1,0 +1,272 @@
+"""The results of an ended run, and its report: as the end of a run stores them, or with claims and another run beside it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+from sqlalchemy import Connection
+
+from valerie.analysis.analyze import Analysis, analyze
+from valerie.analysis.beside import Beside, Side, put_beside
+from valerie.analysis.claims import Claims
+from valerie.analysis.report import build_report
+from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.table import EvaluationTable
+from valerie.analysis.verdicts import RequirementVerdict
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.db.results import FailedLink
+from valerie.db.runs import RunRow
+from valerie.errors import Conflict, TransientError, ValerieError
+from valerie.parameters.assignment import digest
+from valerie.perception.base import FunctionCard
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.environment import software
+from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.painting import jpeg
+from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.pipeline.reading.verdicts import read_verdicts
+from valerie.plain import JsonObject
+from valerie.runs.frames import FrameKey
+from valerie.runs.products import Fault
+from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import RunState
+from valerie.scene.variation.variant import split
+
+log = structlog.get_logger()
+
+_KIND_OF_PICTURE = {
+    PictureKind.PICTURE: "picture",
+    PictureKind.TRUTH: "truth-overlay",
+    PictureKind.PREDICTION: "overlay",
+}
+#: Fields of a spec that change neither pictures nor scores.
+_WITHOUT_EFFECT = frozenset(
+    {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
+)
+#: Fields that say which scenes a run has; these are compared scene by scene.
+_SCENES = frozenset({"blocks", "constants", "parameters"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunResults:
+    """Everything that follows from the evaluations of a run.
+
+    Attributes:
+        run, stored: its row, and its spec resolved.
+        cards: of its functions.
+        table, analysis, verdicts: the results.
+        failures: products that failed for good.
+    """
+
+    run: RunRow
+    stored: StoredRun
+    cards: tuple[FunctionCard, ...]
+    table: EvaluationTable
+    analysis: Analysis
+    verdicts: tuple[RequirementVerdict, ...]
+    failures: Sequence[FailedLink]
+
+
+def read_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> RunResults:
+    """Compute the results of a run whose products are all done or failed."""
+    stored = resolve_stored(run, context.settings)
+    spec = stored.resolved.spec
+    cards = tuple(pinned_card(stored.pins, name) for name in spec.functions)
+    table = read_table(context.engine, stored)
+    analysis = analyze(
+        table,
+        classes=read_classes(context.engine, stored, cards),
+        precisions={name: card.precision for name, card in zip(spec.functions, cards, strict=True)},
+        threshold=spec.detection_threshold,
+        seed=spec.seed,
+        spec=spec,
+    )
+    return RunResults(run, stored, cards, table, analysis, read_verdicts(context, stored, table), failures)
+
+
+def write_report(
+    context: Context, found: RunResults, *, claims: Claims | None = None, beside: Beside | None = None
+) -> str:
+    """Return the report of a run as HTML."""
+    return build_report(_report_input(context, found, claims, beside))
+
+
+def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> str:
+    """Return the report of an ended run with a ledger of claims, another run beside it, or both.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: it has not ended, or its asset changed.
+        InvalidInput, UnknownName: a claim names what the run does not have, or the runs share no scene.
+    """
+    found = _ended(context, run_id)
+    beside = None if other is None else _compared(context, found, other, claims)
+    return write_report(context, found, claims=claims, beside=beside)
+
+
+def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
+    """Compare an ended run with another one of the same scenes.
+
+    Raises:
+        NotFound, Conflict, InvalidInput, UnknownName: as `report_with`.
+    """
+    return _compared(context, _ended(context, run_id), other, claims)
+
+
+def _ended(context: Context, run_id: str) -> RunResults:
+    with reading(context.engine) as connection:
+        run = _ended_row(connection, run_id)
+        failures = results.failures(connection, run_id)
+    return read_results(context, run, failures)
+
+
+def _ended_row(connection: Connection, run_id: str) -> RunRow:
+    run = runs.get(connection, run_id)
+    if run.state not in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES):
+        raise Conflict(f"run {run_id} is {run.state} and has no results; a run gets them when it completes")
+    return run
+
+
+def _compared(context: Context, here: RunResults, other: str, claims: Claims | None) -> Beside:
+    with reading(context.engine) as connection:
+        row = _ended_row(connection, other)
+    there = resolve_stored(row, context.settings)
+    spec = here.stored.resolved.spec
+    before, after = (
+        one.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES}) for one in (spec, there.resolved.spec)
+    )
+    differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
+    return put_beside(
+        _side(here.run, here.stored, here.table),
+        _side(row, there, read_table(context.engine, there)),
+        findings=[*here.analysis.findings.items, *here.analysis.findings.candidates],
+        claims=claims,
+        differs=differs,
+        threshold=spec.detection_threshold,
+        seed=spec.seed,
+    )
+
+
+def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
+    """Yield place and values of everything in which two JSON documents differ."""
+    one, other = _entries(before), _entries(after)
+    if one is None or other is None:
+        if before != after:
+            yield place, before, after
+        return
+    for key in dict.fromkeys((*one, *other)):
+        yield from _differing(one.get(key), other.get(key), f"{place}.{key}" if place else key)
+
+
+def _entries(value: object) -> JsonObject | None:
+    """Return the parts of a JSON object or list by their names; None of a plain value."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
+
+
+def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> Side:
+    return Side(f"{run.name} ({stored.resolved.spec.engine})", run.id, table, _scenes(stored, table))
+
+
+def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
+    """Return (N,) the inputs of the frame that each row is about: its whole scene, camera and sensor values, but no engine."""
+    resolved = stored.resolved
+    scenes: dict[str, str] = {}
+    names = table.arrow["frame_id"].to_pylist()
+    for name in dict.fromkeys(names):
+        key = FrameKey.parse(name)
+        camera = resolved.cameras[key.camera]
+        inputs = split(resolved.at(resolved.space[key.variant].values, key.time), resolved.manifest, camera)
+        scenes[name] = digest("scene", resolved.asset_digest, camera, inputs.layer, inputs.sensor)
+    return np.array([scenes[name] for name in names], dtype=object)
+
+
+def _report_input(context: Context, found: RunResults, claims: Claims | None, beside: Beside | None) -> ReportInput:
+    run, resolved, pins = found.run, found.stored.resolved, found.stored.pins
+    spec = resolved.spec
+    with reading(context.engine) as connection:
+        rejected = runs.rejections(connection, run.id)
+    classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
+    classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
+    provenance = Provenance(
+        run_id=run.id,
+        spec_digest=run.spec_digest,
+        seed=spec.seed,
+        asset=resolved.manifest.name,
+        asset_digest=run.asset_digest,
+        renderer=_renderer(resolved, pins.engine.revision),
+        resolution=(spec.resolution.width, spec.resolution.height),
+        numeric_classes=classes,
+        functions=found.cards,
+        software=software(),
+        submitted=run.created_at,
+        finished=run.finished_at or runs.now_utc(),
+        more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
+    )
+    return ReportInput(
+        document=run.spec.model_dump(mode="json"),
+        provenance=provenance,
+        table=found.table,
+        summary=found.analysis.summary,
+        trends=found.analysis.trends,
+        findings=found.analysis.findings,
+        verdicts=found.verdicts,
+        variants=run.variant_count,
+        frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
+        rejections=rejected,
+        failures=_grouped(found.failures),
+        picture=_Pictures(context),
+        claims=claims,
+        beside=beside,
+    )
+
+
+class _Pictures:
+    """Paints the report's pictures."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
+        kind_of_picture = _KIND_OF_PICTURE[kind]
+        try:
+            source = find_picture(
+                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
+            )
+            painted = paint_picture(self._context, source)
+        except TransientError:
+            raise  # a report without this picture would stay so
+        except ValerieError as error:
+            log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
+            return None
+        return jpeg(painted)
+
+
+def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
+    """Return failures of the same kind as one, with their number."""
+    groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
+    for failure in failures:
+        error = failure.error
+        message, attempts = (
+            (error.message, error.attempts) if isinstance(error, Fault) else (f"its input {error.cause} failed", 0)
+        )
+        groups[failure.kind, message, attempts].append(str(failure.frame))
+    return tuple(
+        Failure(stage=stage, error=message, attempts=attempts, count=len(frames), example=frames[0])
+        for (stage, message, attempts), frames in sorted(groups.items(), key=lambda item: -len(item[1]))
+    )
+
+
+def _renderer(resolved: ResolvedRun, revision: int) -> str:
+    """Return the engine as the report names it."""
+    settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
+    return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

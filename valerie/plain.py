@@ -1,0 +1,33 @@
+"""Plain data: the names of the few kinds whose keys VALERIE cannot know, and the way back from plain data to a type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter
+
+T = TypeVar("T")
+
+#: An object of a JSON document that another program or format defines, or that is written for others and not read again: JSON
+#: Schema, OpenAPI, COCO, OpenLABEL, glTF, plotly, messages to Blender, the inputs of a digest, printed results.
+JsonObject = dict[str, Any]
+#: A document, or a part of one, as somebody wrote it. No model has checked it yet.
+Written = dict[str, Any]
+#: Entries of another program's file, such as a checkpoint or its configuration.
+ForeignEntries = dict[str, object]
+#: Values of a shader's uniforms by their names in GLSL.
+Uniforms = dict[str, Any]
+#: Values of one row by column. The run decides which columns its parameters add.
+Row = Mapping[str, Any]
+#: Keyword arguments for a library's function, or changes to a frozen object's fields.
+Keywords = dict[str, Any]
+
+
+def typed(form: type[T], document: object) -> T:
+    """Return plain data as its type: the inverse of `dataclasses.asdict`, also after a round trip through JSON text.
+
+    Raises:
+        ValidationError: the data do not have this form.
+    """
+    return TypeAdapter(form).validate_python(document)

@@ -1,0 +1,83 @@
+"""The measure of a study: a statistic over the rows of one variant, which becomes a score between 0 and 1.
+
+    min(pacc) >= 0.5
+    max(iou) <= 0.9
+    mean(iou) >= 0.6
+    share(pacc >= 0.5) >= 95 %
+    quantile(pacc, 0.1) >= 0.3
+
+The last three are the statistics of requirements (`valerie.runs.statistic`). Rows without a value do not count; a variant
+without any row that counts has no score.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from valerie.runs.statistic import Statistic, parse_statistic
+
+_EXTREME: Final = re.compile(r"\s*(min|max)\s*\((\s*[A-Za-z_]+\s*)\)(.*)", re.DOTALL)
+_OVER: Final[dict[str, Callable[..., float]]] = {"min": np.min, "max": np.max, "mean": np.mean}
+
+
+@dataclass(frozen=True, slots=True)
+class VariantMeasure:
+    """A measure.
+
+    Attributes:
+        text: as it was written.
+        statistic: of the rows' values.
+        over: how they become one: ``min``, ``max`` or ``mean``.
+    """
+
+    text: str
+    statistic: Statistic
+    over: str
+
+    @property
+    def column(self) -> str:
+        """The column of the long table that is measured."""
+        return self.statistic.measure.name
+
+    @property
+    def at_least(self) -> float:
+        """Variants with a score below it fail."""
+        return self.statistic.at_least
+
+    def score(self, values: ArrayLike) -> float:
+        """Return the score of a variant: the higher the better, NaN where it has none.
+
+        Args:
+            values: (N,) of the rows that count; NaN where a row has no value.
+        """
+        rows = np.asarray(values, np.float64)
+        rows = rows[~np.isnan(rows)]
+        if not len(rows):
+            return float("nan")
+        if self.over == "mean":
+            return float(np.mean(self.statistic.scores(rows)))
+        extreme = np.array([_OVER[self.over](rows)])
+        return float(self.statistic.scores(extreme)[0])
+
+    def shown(self, score: float) -> float:
+        """Return a score as the quantity that is bounded."""
+        return self.statistic.shown(score)
+
+
+def parse_measure(text: str, *, field: str = "measure") -> VariantMeasure:
+    """Read a measure.
+
+    Raises:
+        InvalidInput, UnknownName: as `parse_statistic`.
+    """
+    extreme = _EXTREME.fullmatch(text)
+    if extreme is None:
+        return VariantMeasure(text, parse_statistic(text, field=field), "mean")
+    over, column, rest = extreme.groups()
+    return VariantMeasure(text, parse_statistic(f"mean({column}){rest}", field=field), over)

@@ -1,0 +1,89 @@
+"""A minimal pair without a failing variant at hand: first find one, or check the two that are given."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from valerie.guided.domain import Domain
+from valerie.guided.explain import Explain, MinimalPair
+from valerie.guided.strategy import OpenBatches, Proposal, Scores
+from valerie.parameters.samplers import UnitPoints
+
+_DRAWN: Final = "Variants as they occur in operation, until one fails and one passes."
+_GIVEN: Final = "The two given variants: does one fail, and does the other pass?"
+
+
+class ExplainFromScratch:
+    """The strategy that looks for a failing and a passing variant, then for the minimal pair between them.
+
+    The failing variant is the one with the lowest score; the passing one differs least from it, in quantiles.
+
+    Args:
+        domain: of the variants.
+        pair: a failing and a passing point, (dimensions,) each; None: they are sought.
+        at_least: scores below it fail.
+        seed: of the points that are drawn.
+        batch: number of variants that can be evaluated at the same time.
+    """
+
+    def __init__(
+        self, domain: Domain, pair: tuple[UnitPoints, UnitPoints] | None, *, at_least: float, seed: int, batch: int
+    ) -> None:
+        self.domain, self.at_least, self.seed, self.batch = domain, at_least, seed, batch
+        self._wanted = None if pair is None else domain.snapped(np.array(pair))
+        self._given = pair is not None
+        self._points: list[UnitPoints] = []
+        self._scores: list[Scores] = []
+        self._open = OpenBatches()
+        self._explain: Explain | None = None
+
+    @property
+    def result(self) -> MinimalPair | None:
+        """The pair; None while the search goes on."""
+        return None if self._explain is None else self._explain.result
+
+    def ask(self, count: int) -> Proposal:
+        """Return the next variants to evaluate."""
+        if self._explain is not None:
+            return self._explain.ask(count)
+        nothing = np.empty((0, self.domain.dimensions))
+        if not self._given:
+            rng = np.random.default_rng([self.seed, len(self._points)])
+            self._points.append(self.domain.snapped(self.domain.draw(rng, count)))
+            return self._open.add(self._points[-1], _DRAWN)
+        if self._wanted is None:
+            waits = "The search begins when the verdicts of the given variants are known."
+            refused = f"The given variants do not fail and pass: their scores are {self._told()}, and {self.at_least:g} passes."
+            return Proposal(nothing, waits if len(self._open) else refused)
+        now, left = self._wanted[:count], self._wanted[count:]
+        self._wanted = left if len(left) else None
+        self._points.append(now)
+        return self._open.add(now, _GIVEN)
+
+    def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
+        """Take the scores of the oldest batch that has none."""
+        if self._explain is not None and not len(self._open):
+            self._explain.tell(points, scores)
+            return
+        self._scores.append(self._open.close(points, scores))
+        if self._explain is None and not (self._given and self._wanted is not None):
+            self._start()
+
+    def _start(self) -> None:
+        scores = np.concatenate(self._scores)
+        points = np.concatenate(self._points[: len(self._scores)])
+        fails, passes = scores < self.at_least, scores >= self.at_least
+        if self._given:
+            fails[1:], passes[:1] = False, False
+        if not fails.any() or not passes.any():
+            return
+        failing = points[np.nanargmin(np.where(fails, scores, np.nan))]
+        ways = np.abs(self.domain.steps(failing, points[passes])).sum(axis=1)
+        passing = points[passes][np.argmin(ways)]
+        self._explain = Explain(self.domain, failing, passing, at_least=self.at_least, batch=self.batch)
+
+    def _told(self) -> str:
+        return " and ".join(f"{score:.3g}" for scores in self._scores for score in scores.tolist())

@@ -1,0 +1,218 @@
+"""The strategy of a study in step with its batches.
+
+Batch k rests on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
+order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; a strategy that is taken through the stored batches
+in this order proposes again what it proposed before. An empty batch has no run, and nothing is told of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+from pydantic import JsonValue
+
+from valerie.errors import Conflict
+from valerie.guided.estimate import Estimate, FailureRate
+from valerie.guided.explain import MinimalPair
+from valerie.guided.strategy import Proposal, Result, Strategy
+from valerie.parameters.samplers import UnitPoints
+from valerie.runs.study import EstimateGoal, ExplainGoal, Outcomes, StudyResult
+from valerie.studies.pairs import ExplainFromScratch
+from valerie.studies.resolved import ResolvedStudy
+
+#: A batch rests on the outcomes of the batches up to this many before it.
+LAG: Final = 2
+_FIRST: Final = (20, 256)
+
+
+class StoredBatch(Protocol):
+    """What a pursuit needs of a stored batch."""
+
+    @property
+    def count(self) -> int:
+        """Number of points that were asked for."""
+        ...
+
+    @property
+    def points(self) -> list[list[float]]:
+        """(n, dimensions) that were proposed."""
+        ...
+
+    @property
+    def outcomes(self) -> Outcomes | None:
+        """None while the batch is in work."""
+        ...
+
+
+class Pursuit:
+    """A strategy and how far it is.
+
+    Args:
+        study: the study.
+
+    Attributes:
+        asked, told: numbers of batches, empty ones included.
+    """
+
+    def __init__(self, study: ResolvedStudy) -> None:
+        self.study = study
+        self.asked = self.told = 0
+        self._strategy = strategy_of(study)
+        self._batches: list[UnitPoints] = []
+
+    def follow(self, batches: Sequence[StoredBatch], *, everything: bool = False) -> None:
+        """Take the strategy through the stored batches; those that it knows are not repeated.
+
+        Args:
+            batches: all of the study, in order.
+            everything: also tell the last batches, after which nothing more can be asked.
+
+        Raises:
+            Conflict: it proposes other points than the stored ones: another version of the strategy made them.
+        """
+        for batch in batches[self.asked :]:
+            proposal = self.ask(batches, batch.count)
+            if proposal.points.tolist() != batch.points:
+                raise Conflict(
+                    f"batch {self.asked} of this study was proposed by another version of the strategy: "
+                    "start the study again; products are reused"
+                )
+        if everything:
+            self._tell(batches, len(batches))
+
+    def ask(self, batches: Sequence[StoredBatch], count: int) -> Proposal:
+        """Return the next batch after telling what it may rest on.
+
+        Args:
+            batches: all of the study; those up to two before the next have outcomes, or are empty.
+            count: largest number of points.
+        """
+        self.tell_due(batches)
+        proposal = self._strategy.ask(count)
+        self._batches.append(proposal.points)
+        self.asked += 1
+        return proposal
+
+    def tell_due(self, batches: Sequence[StoredBatch]) -> None:
+        """Tell all that the next batch rests on; they have outcomes, or are empty."""
+        self._tell(batches, self.asked - LAG + 1)
+
+    def agrees(self, batches: Sequence[StoredBatch]) -> bool:
+        """Return whether the batches begin with those that were asked for; the last may have been replaced since."""
+        if self.asked > len(batches):
+            return False
+        return not self.asked or self._batches[-1].tolist() == batches[self.asked - 1].points
+
+    def points(self, number: int) -> UnitPoints:
+        """Return the points of a batch, (n, dimensions)."""
+        return self._batches[number]
+
+    def repeats(self, number: int) -> bool:
+        """Return whether a batch has a point that an earlier one had."""
+        earlier = {point.tobytes() for points in self._batches[:number] for point in points}
+        return any(point.tobytes() in earlier for point in self._batches[number])
+
+    @property
+    def waits(self) -> bool:
+        """True while a batch that was asked for is not told."""
+        return any(len(points) for points in self._batches[self.told :])
+
+    def result(self) -> StudyResult | None:
+        """Return what is known from all that was told; None while that is nothing."""
+        known = self._known()
+        if known is None:
+            return None
+        return StudyResult(sentences=known.sentences, numbers=_numbers(known), batches=self.told)
+
+    def enough(self) -> str | None:
+        """Return why the stop rule ends the study; None while it does not."""
+        width, known = self.study.document.stop.width, self._known()
+        if width is None or not isinstance(known, FailureRate):
+            return None
+        interval = known.assumption_free
+        if interval.high - interval.low > width:
+            return None
+        return f"the interval is {interval.high - interval.low:.4g} wide, and {width:g} was asked for"
+
+    def decisive(self) -> list[tuple[int, int, str]]:
+        """Return variants to look at: (batch, index, what it is), from what was told."""
+        known = self._known()
+        if isinstance(known, MinimalPair):
+            named = [
+                ("It fails", known.failing),
+                ("The last that does not fail", known.inner),
+                ("It passes", known.passing),
+            ]
+            places = [(self._place(point), words) for words, point in named]
+            unique = dict(reversed([(place, words) for place, words in places if place is not None]))
+            return [(*place, words) for place, words in reversed(unique.items())]
+        return []
+
+    def _place(self, point: UnitPoints) -> tuple[int, int] | None:
+        for number, points in enumerate(self._batches):
+            for index in np.flatnonzero((points == point).all(axis=1)) if len(points) else ():
+                return number, int(index)
+        return None
+
+    def _known(self) -> Result | None:
+        strategy = self._strategy
+        if isinstance(strategy, Estimate) and strategy.result is not None:
+            return strategy.rate(1 - 0.05 / looks_of(self.study))
+        return strategy.result
+
+    def _tell(self, batches: Sequence[StoredBatch], end: int) -> None:
+        end = max(end, self.told)
+        for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
+            if len(points):
+                assert batch.outcomes is not None, "a batch is told when it has ended"
+                self._strategy.tell(points, batch.outcomes.values)
+            self.told += 1
+
+
+def strategy_of(study: ResolvedStudy) -> Strategy:
+    """Return the strategy of a study's goal, before anything is asked."""
+    document, goal = study.document, study.document.goal
+    at_least, seed = study.measure.at_least, document.spec.seed
+    if isinstance(goal, EstimateGoal):
+        return Estimate(study.domain, at_least=at_least, seed=seed, first=first_of(study))
+    assert isinstance(goal, ExplainGoal), "the last goal"
+    pair = None
+    if goal.failing is not None and goal.passing is not None:
+        pair = study.domain.point(goal.failing), study.domain.point(goal.passing)
+    return ExplainFromScratch(study.domain, pair, at_least=at_least, seed=seed, batch=document.batch)
+
+
+def first_of(study: ResolvedStudy) -> int:
+    """Return the number of operational points at the beginning of an estimate."""
+    document = study.document
+    given = document.goal.first if isinstance(document.goal, EstimateGoal) else None
+    return given or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
+
+
+def looks_of(study: ResolvedStudy) -> int:
+    """Return how often the stop rule may look at an estimate; 1 without one, since only the end is looked at."""
+    document = study.document
+    if document.stop.width is None:
+        return 1
+    return 1 + math.ceil((document.budget.variants - first_of(study)) / document.batch)
+
+
+def _numbers(known: Any) -> dict[str, JsonValue]:
+    """Return the fields of a result as JSON, without its sentences."""
+    return {f.name: _json(getattr(known, f.name)) for f in fields(known) if f.name != "sentences"}
+
+
+def _json(value: Any) -> Any:
+    if is_dataclass(value):
+        return _numbers(value)
+    if isinstance(value, np.ndarray):
+        return _json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_json(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value.item() if isinstance(value, np.generic) else value

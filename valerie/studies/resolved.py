@@ -1,0 +1,118 @@
+"""A study on its asset: the operational domain, the specs of its runs, the scores of its variants."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from valerie.errors import InvalidInput
+from valerie.guided.domain import Domain
+from valerie.measures import TableRow
+from valerie.parameters.blocks import Variation
+from valerie.parameters.definitions import Value
+from valerie.parameters.samplers import UnitPoints
+from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.measure import VariantMeasure, parse_measure
+from valerie.runs.spec import ResolvedRun
+from valerie.runs.study import Outcomes, StudyDocument
+from valerie.runs.where import Where, choices_of, compile_where
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedStudy:
+    """A study whose names are looked up.
+
+    Attributes:
+        document: the study.
+        run: its spec, resolved.
+        domain: its parameters and the distributions in which they occur.
+        measure: what becomes the score of a variant.
+        where: the rows that count; None: all.
+    """
+
+    document: StudyDocument
+    run: ResolvedRun
+    domain: Domain
+    measure: VariantMeasure
+    where: Where | None
+
+    def rejection(self, point: UnitPoints) -> str | None:
+        """Return why the variant at a point, (dimensions,), is rejected; None for a legal one."""
+        return self.run.rejection({**self.run.space.constants[0], **self.domain.values(point)})
+
+    def spec(self, points: UnitPoints, number: int, *, parent: str | None, seed: int) -> RunSpec:
+        """Return the spec of the run of a batch.
+
+        Args:
+            points: (n, dimensions) of the batch.
+            number: of the batch, from 0.
+            parent: the run of the batch before it.
+            seed: of what is random in this run.
+        """
+        values: list[dict[str, Value]] = [self.domain.values(point) for point in points]
+        return self.document.spec.model_copy(
+            update={
+                "name": f"{self.document.name}, batch {number + 1}",
+                "blocks": (BlockDocument(design="points", points=tuple(values)),),
+                "seed": seed,
+                "parent_run": parent,
+                "iteration": number,
+            }
+        )
+
+    def outcomes(self, rows: Iterable[TableRow], count: int, rejected: Sequence[int]) -> Outcomes:
+        """Return the outcomes of a batch.
+
+        Args:
+            rows: of the long table of its run, with the values of all parameters.
+            count: number of variants.
+            rejected: indexes of those that are rejected.
+        """
+        values: dict[int, list[float]] = defaultdict(list)
+        seen: set[tuple[object, ...]] = set()
+        for row in rows:
+            if self.where is not None and not self.where.holds(row):
+                continue
+            if not self.measure.statistic.of_persons:  # a frame counts once however many persons it shows
+                frame = (row["frame_id"], row["sensor"], row["function"])
+                if frame in seen:
+                    continue
+                seen.add(frame)
+            value = row[self.measure.column]
+            values[int(str(row["variant_index"]))].append(np.nan if value is None else float(value))
+        scores = (self.measure.score(values.get(index, ())) for index in range(count))
+        return Outcomes(scores=tuple(None if np.isnan(score) else score for score in scores), rejected=tuple(rejected))
+
+
+def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
+    """Look up the names of a study.
+
+    Args:
+        document: the study.
+        run: its spec, resolved.
+
+    Raises:
+        InvalidInput, UnknownName: ``where`` or the goal names what the asset does not have.
+    """
+    block = run.space.blocks[0]
+    variations = [Variation(run.space.names[v.path].path, v.distribution) for v in block.variations]
+    constants = run.space.constants[0]
+    domain = Domain(run.definitions, variations, lambda values: run.rejection({**constants, **values}))
+    where = None
+    if document.where:
+        where = compile_where(document.where, run.definitions, choices=choices_of(run.spec, run.cameras))
+    resolved = ResolvedStudy(document, run, domain, parse_measure(document.measure), where)
+    for name in ("failing", "passing"):
+        given = getattr(document.goal, name, None)
+        if given is None:
+            continue
+        try:
+            reason = resolved.rejection(domain.point(given))
+        except InvalidInput as problem:
+            raise InvalidInput(problem.message, field=f"goal.{name}.{problem.field}", value=problem.value) from None
+        if reason is not None:
+            raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=given)
+    return resolved
