@@ -182,12 +182,8 @@ def measure_others(goals: Sequence[str], seed: int, repetitions: int) -> None:
     runs: list[Callable[[], Any]] = []
     if "find" in goals:
         for family in planted_modes.FAMILIES:
-            for budgets, batch, times in (((500, 2000), 64, few), ((10_000,), 256, max(few // 2, 1))):
-                runs.append(
-                    partial(
-                        guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=budgets, batch=batch
-                    )
-                )
+            for budgets, times in (((500, 2000), few), ((10_000,), max(few // 4, 1))):
+                runs.append(partial(guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=budgets))
     if "map" in goals:
         runs += [
             partial(guided_goals.measure_map, family, seed=seed, repetitions=few) for family in planted_scores.FAMILIES

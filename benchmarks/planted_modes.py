@@ -51,12 +51,14 @@ class Planted:
         seed: of everything drawn.
 
     Attributes:
+        family: see above.
         dimensions: of the cube, 6 to 12.
     """
 
     def __init__(self, family: str, seed: int) -> None:
         rng = np.random.default_rng([seed, crc32(family.encode())])
         self.dimensions = int(rng.integers(6, 13))
+        self.family = family
         self._waves = rng.normal(size=(4, self.dimensions)) * 3
         self._phases = rng.random(4) * 2 * np.pi
         self._seed = seed

@@ -51,7 +51,7 @@ _FIXED: Final = {
     "car-101": TrafficPlace(2.5, 40.0, 180.0, CAR_KINDS),
     "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
 }
-#: Vehicles that take the first free place in their lane, from their wished place on.
+#: Vehicles that take the first free place in their lane, starting at their preferred place.
 _FITTED: Final = {
     "car-102": TrafficPlace(2.5, 47.0, 180.0, CAR_KINDS, seed=10),
     "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
@@ -127,7 +127,7 @@ def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[
 
 
 def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
-    """Return the first place with room for every kind, from the wished one onwards; else the first one before it.
+    """Return the first place with room for every kind, from the preferred one onwards; else the first one before it.
 
     The carriageway behind the cameras is free in every street, so a place always exists.
     """

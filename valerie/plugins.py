@@ -145,7 +145,7 @@ def known_engine(name: str) -> Engine | None:
 
 
 def create_renderer(name: str, settings: Mapping[str, Value] | None = None) -> Renderer:
-    """Open an engine, with what a spec says of its settings.
+    """Open an engine with the settings of a spec.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.

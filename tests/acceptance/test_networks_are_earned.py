@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ from valerie.sensing.sensor import develop
 pytestmark = [pytest.mark.gl, pytest.mark.timeout(1200)]
 
 STREETS = (900, 901, 902)
-FRAMES_PER_STREET = 8
+#: Cameras with their light, and frames behind each: these share a background, which costs more than all else, but no person.
+SETTINGS_PER_STREET = 4
+FRAMES_PER_SETTING = 2
 SIZE = (960, 540)
 TRAINED_ON = range(1000, 100_000)
 
@@ -50,9 +53,13 @@ def render_pairs() -> Iterator[Pair]:
     renderer, truth_pass = RasterRenderer(context), TruthPass(context)
     for street in STREETS:
         crowd = crowd_asset(load_asset({"name": "urban-street", "seed": street}))
-        for number in range(FRAMES_PER_STREET):
+        for setting, number in product(range(SETTINGS_PER_STREET), range(FRAMES_PER_SETTING)):
+            seed = [training_scenes.REVISION, street, setting]
             drawn = draw_scene(
-                crowd, np.random.default_rng([training_scenes.REVISION, street, number, 0]), people_only=True
+                crowd,
+                np.random.default_rng([*seed, 1 + number]),
+                setting=np.random.default_rng([*seed, 0]),
+                people_only=True,
             )
             view = View(drawn.camera, *SIZE)
             # Movables that nobody asked for are hidden, so the background is the frame without its people.
@@ -91,6 +98,7 @@ def test_pooled_person_iou_is_at_least_forty_percent(seen: list[tuple[Pair, np.n
     matrices: list[ConfusionMatrix] = [confusion_matrix(pair.truth, labels) for pair, labels, _ in seen]
     iou = frame_scores(pooled(matrices)).iou
     assert iou is not None
+    print("IOU", iou)
     assert iou >= 0.4
 
 
@@ -103,6 +111,7 @@ def test_removing_the_people_removes_what_was_seen_inside_their_masks(
         before += int((with_people[mask] == PERSON.train_id).sum())
         after += int((empty[mask] == PERSON.train_id).sum())
     assert before > 0
+    print("AFTER", after / before)
     assert after <= 0.1 * before
 
 

@@ -197,6 +197,81 @@ def test_results_can_be_downloaded(page: Page) -> None:
     assert "<html" in Path(report.value.path()).read_text()[:200].lower()
 
 
+def explore(page: Page, name: str) -> None:
+    """Open the page Explore of a run."""
+    open_run(page, name)
+    page.click("main a:has-text('Explore')")
+    page.wait_for_selector(".thumbnail:not(.waiting)")
+    page.wait_for_selector("tr.selection")
+
+
+def test_a_brush_selects_in_every_view_and_is_part_of_the_address(page: Page) -> None:
+    explore(page, "finished")
+    assert page.locator(".select strong").inner_text() == "120 rows"
+    bars = page.locator(".histogram", has_text="Function").locator("canvas")
+    bars.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".brush:has-text('deeplabv3plus-small')")
+    page.wait_for_selector("tr.rest")
+    assert page.locator(".select strong").inner_text() == "60 of 120 rows"
+    assert "b=function~names~deeplabv3plus-small" in page.url.replace("%7E", "~")
+    page.fill("#where", "nope > 1")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".note.bad:has-text('unknown column')")
+    page.fill("#where", "camera == 'camera-1'")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".note.bad", state="hidden")
+    page.wait_for_function("() => document.querySelector('.select strong').textContent.startsWith('30 of')")
+    page.reload()
+    page.wait_for_function("() => document.querySelector('.select strong')?.textContent.startsWith('30 of')")
+
+
+def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
+    explore(page, "finished")
+    page.fill("#where", "distance_m > 25")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("tr.rest")
+    page.click("text=Save selection")
+    page.fill("#selection-name", "far")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#toasts >> text=saved")
+    page.click("button:text-is('Saved')")
+    page.wait_for_selector("dialog >> text=distance_m > 25")
+    page.keyboard.press("Escape")
+    with page.expect_download() as csv:
+        page.click("text=↓ CSV")
+    assert Path(csv.value.path()).read_text().startswith('"run_id",')
+    page.click("text=Refine here")
+    page.wait_for_selector("dialog pre:has-text('parent_run')")
+    page.keyboard.press("Escape")
+    page.click("[data-tab=compare]")
+    page.wait_for_selector("text=persons matched")
+    page.click("[data-tab=swings]")
+    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    page.click("[data-tab=table]")
+    page.click("tbody td a.mono")
+    page.wait_for_selector(".viewer img[src]")
+
+
+def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(page: Page) -> None:
+    open_run(page, "finished")
+    page.click("button:has-text('Frames')")
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.viewer img')].filter(i => i.naturalWidth > 1).length >= 4"
+    )
+    page.locator(".window").first.hover()
+    page.wait_for_selector(".reading:has-text('RGB')")
+    assert "deeplabv3plus-small" in page.locator(".reading").inner_text()
+    page.mouse.wheel(0, -400)
+    page.wait_for_selector(".world.near")
+    transforms = page.evaluate("() => [...document.querySelectorAll('.world')].map(one => one.style.transform)")
+    assert len(transforms) == 2
+    assert len(set(transforms)) == 1
+    page.keyboard.press("0")
+    page.wait_for_selector(".world.near", state="detached")
+
+
 def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:
     open_run(page, "finished")
     page.wait_for_selector(".plot canvas")

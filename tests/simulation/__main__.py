@@ -8,11 +8,16 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 
 import structlog
 
-from tests.simulation.bugs import BUGS, planted
+from tests.simulation.bugs import BUGS
 from tests.simulation.world import FAULTS, Outcome, Simulation
+
+#: A planted bug is found within so many schedules of its fault.
+_SOON = 20
 
 
 def main() -> int:
@@ -21,26 +26,26 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="run this schedule alone, and print what happens")
     parser.add_argument("--schedules", type=int, default=100, help="how many seeds are tried")
     parser.add_argument("--first", type=int, default=1, help="the first of them")
-    parser.add_argument("--bug", choices=sorted(BUGS), help="plant a bug that the simulation must find")
     parser.add_argument("--fault", action="append", choices=sorted(set(FAULTS)), help="only this kind; may be repeated")
-    parser.add_argument("--until-failure", action="store_true", help="stop at the first seed that fails")
+    parser.add_argument("--bug", choices=sorted(BUGS), help="plant a bug")
+    parser.add_argument("--prove", action="store_true", help="also plant each bug, which must be found")
     arguments = parser.parse_args()
     if os.environ.get("PYTHONHASHSEED") != "0":  # the order of sets must follow from the seed, too
-        os.execve(sys.executable, [sys.executable, "-m", "tests.simulation", *sys.argv[1:]],
-                  {**os.environ, "PYTHONHASHSEED": "0"})  # fmt: skip
+        command = [sys.executable, "-m", "tests.simulation", *sys.argv[1:]]
+        os.execve(sys.executable, command, {**os.environ, "PYTHONHASHSEED": "0"})
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     calm = Simulation(0, ()).run()
     assert not calm.violations, calm.violations
     faults = arguments.fault or FAULTS
-    with planted(arguments.bug):
+    with BUGS[arguments.bug].plant() if arguments.bug else nullcontext():
         if arguments.seed is not None:
             outcome = judged(Simulation(arguments.seed, faults).run(), calm)
             print("\n".join(outcome.trace), *outcome.violations, sep="\n")
             return int(bool(outcome.violations))
         seeds = range(arguments.first, arguments.first + arguments.schedules)
-        command = "python -m tests.simulation" + "".join(f" --fault '{fault}'" for fault in arguments.fault or ())
-        command += f" --bug {arguments.bug}" if arguments.bug else ""
-        return many(seeds, faults, calm, command, until_failure=arguments.until_failure)
+        violated = many(seeds, faults, calm, " ".join(f"--fault '{fault}'" for fault in arguments.fault or ()))
+    missed = [name for name in BUGS if arguments.prove and not found(name, calm)]
+    return int(violated or bool(missed))
 
 
 def judged(outcome: Outcome, calm: Outcome) -> Outcome:
@@ -48,27 +53,41 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
     if outcome.violations or outcome.digest == calm.digest:
         return outcome
     text = f"the results {outcome.digest} are not those of a calm run, {calm.digest}"
-    return Outcome(**{**vars(outcome), "violations": (text,)})
+    return replace(outcome, violations=(text,))
 
 
-def many(seeds: range, faults: Sequence[str], calm: Outcome, command: str, *, until_failure: bool) -> int:
-    """Try seeds; print those that fail with the ``command`` that repeats them, and figures."""
-    started, failed, worst, steps, tried, disturbed = time.process_time(), 0, (0.0, 0), 0, 0, 0
+def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str) -> bool:
+    """Try seeds; print those that fail with the command that repeats them, and figures; return whether one failed."""
+    started, failed, worst, steps, disturbed = time.process_time(), 0, (0.0, 0), 0, 0
     for seed in seeds:
         outcome = judged(Simulation(seed, faults).run(), calm)
         worst = max(worst, (outcome.standstill, seed))
-        tried, steps, disturbed = tried + 1, steps + outcome.steps, disturbed + outcome.faults
+        steps, disturbed = steps + outcome.steps, disturbed + outcome.faults
         if outcome.violations:
             failed += 1
-            print(f"seed {seed}: {outcome.violations[0]}\n  {command} --seed {seed}", flush=True)
-            if until_failure:
-                break
+            print(
+                f"seed {seed}: {outcome.violations[0]}\n  python -m tests.simulation --seed {seed} {options}",
+                flush=True,
+            )
     print(
-        f"{tried} schedules of {calm.products} products, {disturbed} faults, {steps} steps, "
+        f"{len(seeds)} schedules of {calm.products} products, {disturbed} faults, {steps} steps, "
         f"{time.process_time() - started:.1f} CPU-s: {failed} failed; "
         f"longest standstill {worst[0]:.1f} s (seed {worst[1]})"
     )
-    return int(failed > 0)
+    return failed > 0
+
+
+def found(name: str, calm: Outcome) -> bool:
+    """Whether schedules find a planted bug; print the first that does."""
+    bug = BUGS[name]
+    with bug.plant():
+        for seed in range(1, _SOON + 1):
+            outcome = judged(Simulation(seed, (bug.fault,)).run(), calm)
+            if outcome.violations:
+                print(f"{name} is found by --bug {name} --fault '{bug.fault}' --seed {seed}: {outcome.violations[0]}")
+                return True
+    print(f"{name} is not found in {_SOON} schedules of the fault '{bug.fault}'")
+    return False
 
 
 if __name__ == "__main__":

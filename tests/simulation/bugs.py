@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import Any, NamedTuple
 from unittest import mock
 
 from sqlalchemy import Connection, update
@@ -12,28 +12,29 @@ from valerie.db import products, sweeping
 from valerie.db.models import Product
 from valerie.db.products import Finished
 
+publish = products.publish
 
-def _publish_what_is_not_held(connection: Connection, finished: list[Finished], *, owner: str, now: float) -> list[str]:
+
+def publish_what_is_not_held(connection: Connection, finished: list[Finished], *, owner: str, now: float) -> list[str]:
+    """See `valerie.db.products.publish`, without its condition."""
     digests = [product.digest for product in finished]
     values = {"state": "running", "lease_owner": owner}
     connection.execute(update(Product).where(Product.digest.in_(digests)).values(**values))
     return publish(connection, finished, owner=owner, now=now)
 
 
-publish = products.publish
-BUGS: dict[str, Callable[[], mock._patch]] = {  # type: ignore[type-arg]
-    "lost-lease": lambda: mock.patch.object(sweeping, "take_back_expired", return_value=[]),
-    "double-publication": lambda: mock.patch.object(products, "publish", _publish_what_is_not_held),
-    "believed-clock": lambda: mock.patch.object(sweeping, "bound_times"),
-    "lost-message": lambda: mock.patch.object(sweeping, "stale_ready", return_value=[]),
+class Bug(NamedTuple):
+    """A bug, and a fault that shows it soon."""
+
+    plant: Callable[[], Any]
+    fault: str
+
+
+BUGS = {
+    "lost-lease": Bug(lambda: mock.patch.object(sweeping, "take_back_expired", return_value=[]), "kill worker"),
+    "double-publication": Bug(
+        lambda: mock.patch.object(products, "publish", publish_what_is_not_held), "freeze worker"
+    ),
+    "believed-clock": Bug(lambda: mock.patch.object(sweeping, "bound_times"), "clock back"),
+    "lost-message": Bug(lambda: mock.patch.object(sweeping, "stale_ready", return_value=[]), "empty broker"),
 }
-
-
-@contextmanager
-def planted(name: str | None) -> Iterator[None]:
-    """Plant a bug."""
-    if name is None:
-        yield
-        return
-    with BUGS[name]():
-        yield

@@ -10,6 +10,7 @@ import pytest
 from urban_street.human import CHARACTERS
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.scene.assets.asset import SceneAsset, asset_manifest
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.variation.variant import apply
@@ -291,3 +292,10 @@ def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, d
 
 def test_every_row_of_the_table_is_of_a_parameter() -> None:
     assert {row_of(d.path)[1] for d in MANIFEST.parameters if d.path.startswith(f"{ROOT}.")} == TABLE.keys()
+
+
+def test_every_parameter_of_the_sensor_is_declared() -> None:
+    declared = {d.path.removeprefix("sensor."): d for d in MANIFEST.parameters if d.path.startswith("sensor.")}
+    assert set(declared) == set(SENSOR_PARAMETERS)
+    for name, row in SENSOR_PARAMETERS.items():
+        assert (declared[name].type, declared[name].unit, declared[name].default) == (row.type, row.unit, row.neutral)

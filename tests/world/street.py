@@ -180,9 +180,15 @@ class Street:
     def _car(self) -> NDArray[np.bool_]:
         left, bottom, _ = self._eye.project(-0.6, 3.0, 0.0)
         right, top, _ = self._eye.project(1.2, 3.0, 1.3)
-        return (self._columns >= left) & (self._columns <= right) & (self._rows >= top) & (self._rows <= bottom)
+        inside: NDArray[np.bool_] = (
+            (self._columns >= left) & (self._columns <= right) & (self._rows >= top) & (self._rows <= bottom)
+        )
+        return inside
 
     def _post(self) -> NDArray[np.bool_]:
         left, bottom, _ = self._eye.project(5.2, 2.0, 0.0)
         right, top, _ = self._eye.project(5.36, 2.0, 5.0)
-        return (self._columns >= left) & (self._columns <= right) & (self._rows >= top) & (self._rows <= bottom)
+        inside: NDArray[np.bool_] = (
+            (self._columns >= left) & (self._columns <= right) & (self._rows >= top) & (self._rows <= bottom)
+        )
+        return inside

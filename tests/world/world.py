@@ -85,7 +85,7 @@ class Watched:
 
     def make(self, job: Job) -> Finished:
         self.before(job)
-        finished = self._maker.make(job)
+        finished: Finished = self._maker.make(job)
         self.made.append((job.kind, job.digest))
         return finished
 

@@ -213,7 +213,7 @@ def _tube(cut: Cut, body: Body, side: str, points: Points, weights: Points) -> P
     offset = points - axis
     reach = np.linalg.norm(offset, axis=1)
     wide = np.maximum(reach, radius)
-    # near the trunk the limb's cloth goes over into the trunk's
+    # Near the trunk, the limb's cloth merges into the trunk's.
     fade = np.clip((along - min(cut.tube)) / 0.35, 0.0, 1.0) * share(weights, _ARM if cut.kind == "top" else _LEG)
     widened: Points = axis + offset * ((1 - fade) + fade * wide / np.maximum(reach, 1e-6))[:, None]
     return widened

@@ -56,7 +56,7 @@ class Plan:
 
         Args:
             object_class, kind: of the object.
-            spot: its wished place.
+            spot: the place to try.
             room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
             margin: metres that must be free around it.
             height: see `Footprint`.

@@ -120,7 +120,7 @@ def gate(
         run: that has ended.
         baseline: another run on the same frames, or the name of a function of this run; None: requirements alone.
         function: the only function to compare; None: every one that has a baseline.
-        effect: drop of pACC that must not stay unseen; says how many places are needed.
+        effect: smallest drop of pACC to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
         mixed: also compare functions that ran in unequal numeric classes.
         allow_undecided: let undecided requirements pass.

@@ -37,7 +37,7 @@ def sentence(verdict: RequirementVerdict) -> str:
     measured = f"{verdict.quantity}{where} is {percent(verdict.estimate)} %"
     if verdict.worst is not None and verdict.best is not None:
         low, high = sorted((verdict.worst, verdict.best))
-        measured += f" ({percent(low)} to {percent(high)} % with what failed)"
+        measured += f" ({percent(low)} to {percent(high)} % with the failed frames)"
     text = f"{measured}; {_WORDS[verdict.sign]} {100 * verdict.bound:g} % is required."
     if not verdict.reason:
         return text

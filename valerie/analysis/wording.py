@@ -164,9 +164,7 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
         )
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
-        sentences.append(
-            f"The run saw {places:,} places. Differences that need more places to be told from chance stay unseen."
-        )
+        sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
     # Visibility alone decides, so functions share their gaps.
     gaps = dict.fromkeys((row.persons, reasons_text(row.undefined)) for row in together if row.undefined)

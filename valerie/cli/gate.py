@@ -42,7 +42,10 @@ def gate(
     effect: Annotated[
         float,
         typer.Option(
-            "--effect", min=0.001, max=0.999, help="Drop of pACC that must not stay unseen; names the places needed."
+            "--effect",
+            min=0.001,
+            max=0.999,
+            help="Smallest drop of pACC to detect; decides how many places are needed.",
         ),
     ] = 0.05,
     mixed: Annotated[

@@ -22,7 +22,7 @@ from valerie.datasets.frame import LabelledFrame
 from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
 from valerie.plain import JsonObject
 
-#: The 19 evaluated classes; ``isthing`` where single objects are told apart.
+#: The 19 evaluated classes; ``isthing`` where objects are labelled one by one.
 CATEGORIES: Final = tuple(
     {
         "id": label.id,

@@ -27,7 +27,7 @@ _OF_FILES: Final = (
     ("box", _BOX, "x0, y0, x1, y1 of the visible pixels, end exclusive"),
     ("amodal_box", _BOX, "box of the person rendered alone, within the image"),
 )
-#: The columns that every index has, with what they hold; parameters follow, one column per path.
+#: The columns of every index and their meaning. The parameters follow, one column per path.
 COLUMNS: Final[tuple[tuple[str, pa.DataType, str], ...]] = (
     *_OF_FILES,
     *(

@@ -50,6 +50,8 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
 
 #: What tells the rows of one run's long table apart.
 KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
+#: Rows that are read at a time.
+_PIECE: Final = 10_000
 _MEASURES: Final = tuple(name for name in COLUMNS if name not in KEY)
 _COMPARISONS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "eq": lambda column, value: column == value,
@@ -99,7 +101,7 @@ class _Row:
 class LostRow(_Row):
     """A row that the long table lacks because its evaluation has no scores.
 
-    ``instance_id`` is None where the truth is not stored either: then nobody knows who is seen.
+    ``instance_id`` is None where the truth is not stored either, so that the visible persons are unknown.
     """
 
     instance_id: int | None
@@ -159,6 +161,20 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
     """
     query = _select(run_id, filters=filters).order_by(*(COLUMNS[name] for name in KEY))
     yield from _read(LongRow, connection.execution_options(yield_per=5_000), run_id, query)
+
+
+def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[Any]]]:
+    """Read the long table in pieces, in the order of the variants: name to the values of a column of `COLUMNS`."""
+    query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
+    query = query.order_by(*(COLUMNS[name] for name in KEY))
+    for rows_read in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
+        yield dict(zip(COLUMNS, zip(*rows_read, strict=True), strict=True))
+
+
+def assignments(connection: Connection, run_id: str) -> Iterator[tuple[int, Assignment]]:
+    """Read index and assignment of the variants of a run that have frames, in their order."""
+    query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
+    yield from connection.execution_options(yield_per=_PIECE).execute(query.order_by(Variant.index)).tuples()
 
 
 def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Select[Any]) -> Iterator[R]:

@@ -14,7 +14,7 @@ from valerie.runs.pins import AnyOffer
 from valerie.runs.states import Stage
 
 #: A worker that was not seen for this long counts as dead.
-ALIVE_SECONDS: Final = 20.0
+ALIVE_SECONDS = 20.0
 #: The row of a worker that was not seen for this long is deleted.
 _FORGOTTEN_SECONDS: Final = 3600.0
 

@@ -20,10 +20,14 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.strategy import OpenBatches, Proposal
 from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.units import sampling_units
 from valerie.statistics.verdicts import Outcome, judge_sample
 
 #: Pairs before which no interval is given.
 FEWEST: Final = 50
+#: Points that differ, below which rises and falls are bounded apart.
+FEW: Final = 20
 _EXAMPLES: Final = 5
 
 
@@ -121,7 +125,10 @@ class Compare:
         if self.at_least is not None:
             first, second = first >= self.at_least, second >= self.at_least
         differences = second.astype(np.float64) - first
-        estimate, half, further = self._interval(differences)
+        estimate, (low, high) = float(differences.mean()), self._interval(differences)
+        half, count = (high - low) / 2, len(differences)
+        # The width shrinks with the root of the number of pairs.
+        further = max(math.ceil(max(count, FEWEST) * (half / self.within) ** 2), FEWEST) - count
         verdict = judge_sample(
             (differences + 1) / 2, np.arange(len(differences)), at_least=0.5, confidence=self.level
         ).outcome
@@ -130,7 +137,6 @@ class Compare:
         points = self._points[defined]
         falls = points[[row for row in order[:_EXAMPLES] if differences[row] < 0]]
         rises = points[[row for row in order[::-1][:_EXAMPLES] if differences[row] > 0]]
-        low, high = max(estimate - half, -1.0), min(estimate + half, 1.0)
         said = "It is undecided which is better." if better is None else f"Function {better + 1} is better."
         what = "share of passing scores" if self.at_least is not None else "mean score"
         sentences = (
@@ -145,19 +151,26 @@ class Compare:
             half,
             self.within,
             better,
-            len(differences),
+            count,
             undefined,
-            further,
+            max(further, 0),
             falls,
             rises,
             sentences,
         )
 
-    def _interval(self, differences: NDArray[np.float64]) -> tuple[float, float, int]:
-        """Return mean, half width, and the number of further pairs."""
+    def _interval(self, differences: NDArray[np.float64]) -> tuple[float, float]:
         count, estimate = len(differences), float(differences.mean())
+        if count < FEWEST:
+            return -1.0, 1.0
+        if np.count_nonzero(differences) < FEW:
+            units = sampling_units("random", np.arange(count))
+            rises, falls = (
+                mean_interval(np.maximum(sign * differences, 0), units, level=(1 + self.level) / 2) for sign in (1, -1)
+            )
+            assert isinstance(rises, Interval), "there are enough points"
+            assert isinstance(falls, Interval), "there are enough points"
+            return rises.low - falls.high, rises.high - falls.low
         variance = (1 + float(((differences - estimate) ** 2).sum())) / count
-        quantile = -float(stdtrit(max(count - 1, 1), (1 - self.level) / 2))
-        needed = max(math.ceil(variance * (quantile / self.within) ** 2), FEWEST)
-        half = min(quantile * math.sqrt(variance / count), 1.0) if count >= FEWEST else 1.0
-        return estimate, half, max(needed - count, 0)
+        half = -float(stdtrit(count - 1, (1 - self.level) / 2)) * math.sqrt(variance / count)
+        return max(estimate - half, -1.0), min(estimate + half, 1.0)

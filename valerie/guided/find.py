@@ -36,7 +36,7 @@ from valerie.parameters.samplers import UnitPoints
 Floats = NDArray[np.float64]
 
 #: Share of a batch for descents, at most.
-DESCENDING: Final = 0.5
+DESCENDING: Final = 0.4
 #: Share of a batch for the checks of failures, at most.
 CHECKING: Final = 0.2
 #: Points that explore before the first descent.
@@ -47,19 +47,19 @@ ROUND: Final = 4
 PATIENCE: Final = 2
 #: Distance within which a better point makes a start needless, in distances between explored points.
 NEARBY: Final = 0.3
+#: Share of the passing points, those with the lowest scores, among which starts are sought.
+LOWEST: Final = 0.1
 #: Modes that a point is compared with at a time.
 COMPARED: Final = 3
 #: Standard deviation of a mode's members below which a parameter matters to it.
 NARROW: Final = 0.2
 #: A mode has a shape from this number of members on.
 MEMBERS: Final = 3
-#: Standard deviations within which a point lies on the slope of a mode.
-_SLOPE: Final = 5.0
+#: Radii of a mode within which a point with a low score belongs to it.
+_SLOPE: Final = 1.5
 _REACH: Final = 0.3
 _CANDIDATES: Final = 100
 _NEIGHBOURS: Final = 60
-#: Lowest scores among which starts are sought.
-_LOWEST: Final = 200
 #: Improvements of a margin below this are none.
 _LEAST: Final = 0.02
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
@@ -267,7 +267,8 @@ class Find:
                 failure.waiting += 1
                 wanted.append((self._points[failure.row], _Tag(failure=failure)))
                 continue
-            for mode in [mode for mode in self._likely(failure.row) if mode not in failure.apart][:COMPARED]:
+            left = [mode for mode in self._likely(failure.row) if mode not in failure.apart]
+            for mode in left[: COMPARED if failure.apart else 1]:
                 halfway = self._halfway(failure.row, mode)
                 if halfway is None:
                     failure.apart.add(mode)
@@ -354,16 +355,19 @@ class Find:
             return []
         order = defined[np.argsort(self._margins[defined], kind="stable")]
         nearby = (NEARBY * self._usual_distance(defined)) ** 2
+        passing = order[self._margins[order] >= 0]
+        lowest = passing[: int(LOWEST * len(passing))]
+        lowest = lowest[~self._on_known_slopes(self._points[lowest])]
         chosen: list[int] = []
-        for row in order[self._margins[order] >= 0][:_LOWEST].tolist():
+        for row in lowest.tolist():
             if len(chosen) == count:
                 break
-            better = order[self._margins[order] < self._margins[row]]
-            squares = ((self._features[better] - self._features[row]) ** 2).sum(axis=1)
-            if row in self._started or (squares < nearby).any() or self._on_known_slope(self._points[row]):
+            if row in self._started:
                 continue
-            self._started.add(row)
-            chosen.append(row)
+            better = order[self._margins[order] < self._margins[row]]
+            if (((self._features[better] - self._features[row]) ** 2).sum(axis=1) >= nearby).all():
+                self._started.add(row)
+                chosen.append(row)
         return chosen
 
     def _usual_distance(self, defined: NDArray[np.int64]) -> float:
@@ -374,14 +378,16 @@ class Find:
         squares = (some**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * some @ others.T
         return float(np.sqrt(np.median(np.partition(np.maximum(squares, 0), 1, axis=1)[:, 1])))
 
-    def _on_known_slope(self, point: UnitPoints) -> bool:
+    def _on_known_slopes(self, points: UnitPoints) -> NDArray[np.bool_]:
+        lies = np.zeros(len(points), np.bool_)
         for mode, members in enumerate(self._modes):
             middle, variance = self._shape(mode)
             narrow = variance < NARROW**2
-            close = (point - middle) ** 2 < _SLOPE**2 * variance
-            if len(members) >= MEMBERS and narrow.any() and close[narrow].all():
-                return True
-        return False
+            if len(members) >= MEMBERS and narrow.any():
+                # A ball of radius r has the variance r² / (k + 2) in each of its k dimensions.
+                radii = ((points - middle) ** 2 / variance)[:, narrow].sum(axis=1) / (narrow.sum() + 2)
+                lies |= radii < _SLOPE**2
+        return lies
 
     def _round(self, rng: np.random.Generator, descent: _Descent) -> UnitPoints:
         """Return the candidates around a descent's best point that a local model gives the lowest scores."""

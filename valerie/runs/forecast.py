@@ -403,7 +403,7 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
 
 
 def _any_pins(resolved: ResolvedRun) -> Pins:
-    """Return pins that keep different products apart and equal none that is stored."""
+    """Return pins under which different products have different digests, none of them stored."""
     render = Offer(stage=Stage.RENDER, name="", numeric_class="", revision=0, route="")
     functions = {
         name: FunctionPin(

@@ -223,7 +223,7 @@ def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, powe
 
     Args:
         contrast: says how much places differ.
-        effect: difference that must not stay unseen, in units of the values.
+        effect: smallest difference to detect, in units of the values.
         level: confidence of the two-sided test.
         power_wanted: chance to see it.
 

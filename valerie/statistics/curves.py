@@ -8,8 +8,8 @@ its own bins contradict is given up for the next.
 
 The band rests on averages over all runs of neighbouring bins, whose intervals hold together. A curve that rises lies, at every
 x, above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
-doi:10.3150/bj/1065444813). So the band holds for cliffs as for slopes, and needs no smoothness. About a level nobody knows
-whether it rises or falls a little: its band is the union of both. Of a free curve the band is of the bins' averages.
+doi:10.3150/bj/1065444813). So the band holds for cliffs as for slopes, and needs no smoothness. A level may rise or
+fall a little: its band is the union of both bands. The band of a free curve is that of the bins' averages.
 """
 
 from __future__ import annotations

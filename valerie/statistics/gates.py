@@ -48,7 +48,7 @@ class SliceComparison:
         adjusted_p: with all slices accounted for.
         worse: whether the slice is worse, at the gate's rate of false discoveries.
         flips: rows that fell furthest, the furthest first.
-        places_needed: places that find the effect which must not stay unseen; None where no affordable number does, or
+        places_needed: places needed to detect the effect; None where no affordable number suffices, or
             where the places cannot say.
     """
 
@@ -78,7 +78,7 @@ class Gate:
         slices: in the order given.
         false_discoveries: largest expected share of slices named worse that are not.
         threshold: score that a row needs to pass.
-        effect: drop that must not stay unseen.
+        effect: smallest drop to detect.
         unpaired: rows that only one of the two has a value for.
     """
 
@@ -112,7 +112,7 @@ def compare_versions(
         places: (N,) whole numbers, the independent unit of each row.
         slices: name to (N,) bool; slices may overlap.
         threshold: score that a row needs to pass.
-        effect: drop that must not stay unseen; says how many places are needed.
+        effect: smallest drop to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
         flips: most rows to name in each slice.
 
@@ -184,7 +184,7 @@ def places_for_gate(
     is smaller.
 
     Args:
-        effect: drop that must not stay unseen.
+        effect: smallest drop to detect.
         deviation: standard deviation of a place's mean difference, of an earlier comparison.
         slices: number of slices of the gate.
         false_discoveries: rate of the gate.

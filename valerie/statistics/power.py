@@ -34,13 +34,13 @@ def power(places: int, effect: float, deviation: float, *, alpha: float, paramet
 def places_needed(
     effect: float, deviation: float, *, alpha: float = 0.025, power_wanted: float = 0.9, parameters: int = 1
 ) -> int | None:
-    """Return the smallest number of places with the power that is wanted; None above `MAX_PLACES`.
+    """Return the smallest number of places that reaches the power; None above `MAX_PLACES`.
 
     Args:
-        effect: difference that must not stay unseen, not 0.
+        effect: difference to detect, not 0.
         deviation: standard deviation of one place's figure.
         alpha: level in the direction of the effect; half of a two-sided level.
-        power_wanted: chance to find the effect.
+        power_wanted: probability of detecting the effect.
         parameters: coefficients that the places also have to determine.
 
     Raises:

@@ -14,7 +14,8 @@ const NOTES = {
   flow: "Displacement to the next frame: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move farther, relative to the largest displacement in this frame. Grey is undefined.",
   velocity: "Velocity in the image: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move faster, relative to the fastest point in this frame.",
 };
-const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
+const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false, zoom: null }; // kept from frame to frame
+const CLOSEST = 64;
 
 let labels = null;
 let measures = null; // the columns of results, with their titles and units
@@ -36,7 +37,8 @@ export async function frameView({ main, key, parameters, signal }) {
   const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, offered.map((name) =>
     h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, VIEWS[name])));
   const boxes = toggle("Boxes", "boxes", () => update());
-  const near = toggle("Zoom to person", "near", () => update());
+  const near = toggle("Zoom to person", "near", () => { SETTINGS.zoom = null; update(); });
+  const reading = h("p", { class: "small soft number reading" });
   const title = `Variant ${frame.variant_index}, ${frame.camera}${frame.sequence || frame.time_s ? `, ${fixed(frame.time_s, 2)} s` : ""}`;
   const sequence = player(frame, {
     show: (id) => Promise.all([...shownPanes.values()].filter((one) => one.element.isConnected).map((one) => one.show(id))),
@@ -53,12 +55,24 @@ export async function frameView({ main, key, parameters, signal }) {
         h("h1", {}, title),
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame")))),
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
-    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, sequence, legend),
+    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
   ].filter(Boolean));
 
   const shownPanes = new Map();
+  const visible = () => [...shownPanes.values()].filter((one) => one.element.isConnected);
+  // All panes share one zoom.
+  const moved = (zoom) => {
+    SETTINGS.zoom = zoom;
+    visible().forEach((one) => one.place());
+  };
+  const pointed = (place) => {
+    visible().forEach((one) => one.point(place));
+    const said = place ? visible().map((one) => one.read(place)).filter(Boolean) : [];
+    reading.textContent = place ? [`x ${place[0]}, y ${place[1]}`, ...new Set(said.flat())].join(" · ") : RESTING;
+  };
+  reading.textContent = RESTING;
   const update = () => {
     if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // the view of a frame of another run
     const { view } = SETTINGS;
@@ -70,7 +84,7 @@ export async function frameView({ main, key, parameters, signal }) {
       ? frame.evaluations.map((one) => ({ key: `${one.function} ${one.sensor}`, evaluation: one }))
       : [{ key: "frame", evaluation: null }];
     put(panes, wanted.map((one) => one.key), wanted.map((one) => {
-      if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one.evaluation));
+      if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one.evaluation, { moved, pointed }));
       return shownPanes.get(one.key).element;
     }));
     panes.classList.toggle("two", wanted.length > 1);
@@ -83,7 +97,9 @@ export async function frameView({ main, key, parameters, signal }) {
     if (event.altKey || event.ctrlKey || event.metaKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
     if (event.key === "ArrowLeft" && frame.previous) location.hash = `#/frames/${frame.previous}`;
     else if (event.key === "ArrowRight" && frame.next) location.hash = `#/frames/${frame.next}`;
-    else if (event.key === "z") { SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
+    else if (event.key === "+" || event.key === "-") moved(zoomed(currentZoom(frame), event.key === "+" ? 1.5 : 1 / 1.5, 0.5, 0.5));
+    else if (event.key === "0") { SETTINGS.near = false; near.querySelector("input").checked = false; moved(null); }
+    else if (event.key === "z") { SETTINGS.zoom = null; SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
   }, { signal });
   prefetch(frame, signal);
   return title;
@@ -104,13 +120,42 @@ function prefetch(frame, signal) {
   }, 700);
 }
 
-function pane(frame, evaluation) {
+const RESTING = "Wheel or + and − zoom, dragging moves, 0 shows the whole frame; every picture follows.";
+
+// What of the frame is shown: the scale, and the left and top end as shares of the picture.
+const currentZoom = (frame) => SETTINGS.zoom ?? (SETTINGS.near ? zoomOf(frame) : null) ?? { scale: 1, x: 0, y: 0 };
+const within = (scale, x, y) => { const most = 1 - 1 / scale; return { scale, x: Math.max(0, Math.min(most, x)), y: Math.max(0, Math.min(most, y)) }; };
+// Zoom around a place of the window, as shares of its size.
+function zoomed({ scale, x, y }, factor, px, py) {
+  const next = Math.max(1, Math.min(CLOSEST, scale * factor));
+  return within(next, x + px / scale - px / next, y + py / scale - py / next);
+}
+
+// Values of a picture's pixels, read once it is drawn.
+const pixels = new WeakMap();
+function pixelOf(image, [x, y]) {
+  if (!image.complete || !image.naturalWidth || image.hidden) return null;
+  let kept = pixels.get(image);
+  if (kept?.src !== image.src) {
+    const canvas = h("canvas", { width: image.naturalWidth, height: image.naturalHeight });
+    const context = canvas.getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0);
+    kept = { src: image.src, context };
+    pixels.set(image, kept);
+  }
+  return [...kept.context.getImageData(x, y, 1, 1).data].slice(0, 3);
+}
+
+const classOf = (color) => labels.find((one) => one.color.every((part, k) => part === color[k]))?.name ?? "void";
+
+function pane(frame, evaluation, { moved, pointed }) {
   const below = h("img", { alt: "" });
   const above = h("img", { alt: "", class: "above" });
   const trouble = h("p", { class: "trouble", hidden: true });
   const rectangles = s("svg", { viewBox: `0 0 ${frame.width} ${frame.height}`, preserveAspectRatio: "none", "aria-hidden": "true" });
+  const cross = h("span", { class: "cross", hidden: true, "aria-hidden": "true" });
   const world = h("div", { class: "world" }, below, above, rectangles);
-  const window_ = h("div", { class: "window", style: { "aspect-ratio": `${frame.width} / ${frame.height}` } }, world, trouble);
+  const window_ = h("div", { class: "window", style: { "aspect-ratio": `${frame.width} / ${frame.height}` } }, world, cross, trouble);
   const caption = evaluation ? h("figcaption", {}, h("h3", {}, evaluation.function), h("span", { class: "soft small number" }, captionOf(frame, evaluation))) : null;
   const element = h("figure", {}, caption, window_);
   let latest = 0;
@@ -135,7 +180,7 @@ function pane(frame, evaluation) {
 
   // For another frame of the sequence show the pictures alone, since boxes are known for this frame only.
   const show = (id = frame.id) => {
-    const { view, opacity, boxes, near } = SETTINGS;
+    const { view, opacity, boxes } = SETTINGS;
     const mine = (latest += 1);
     trouble.hidden = true;
     const images = evaluation ? evaluation.images : frame.images;
@@ -146,13 +191,60 @@ function pane(frame, evaluation) {
     above.style.setProperty("opacity", WHOLE.has(view) ? "1" : String(opacity / 100));
     element.setAttribute("aria-label", `${VIEWS[view]}${evaluation ? ` of ${evaluation.function}` : ""}`);
     rectangles.replaceChildren(...(boxes && id === frame.id ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
-    const zoom = near ? zoomOf(frame) : null;
-    world.classList.toggle("near", Boolean(zoom));
-    world.style.setProperty("--scale", zoom ? zoom.scale : 1);
-    world.style.setProperty("transform", zoom ? `scale(${zoom.scale}) translate(${-100 * zoom.x}%, ${-100 * zoom.y}%)` : "none");
+    place();
     return Promise.all(loads);
   };
-  return { element, show };
+
+  const place = () => {
+    const { scale, x, y } = currentZoom(frame);
+    world.classList.toggle("near", scale > 1);
+    world.classList.toggle("free", Boolean(SETTINGS.zoom));
+    world.style.setProperty("--scale", scale);
+    world.style.setProperty("transform", scale > 1 ? `scale(${scale}) translate(${-100 * x}%, ${-100 * y}%)` : "none");
+  };
+  const share = (event) => { const box = window_.getBoundingClientRect(); return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height]; };
+  window_.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    moved(zoomed(currentZoom(frame), Math.exp(-event.deltaY / 400), ...share(event)));
+  }, { passive: false });
+  window_.addEventListener("dblclick", (event) => moved(zoomed(currentZoom(frame), 2, ...share(event))));
+  window_.addEventListener("pointerdown", (event) => {
+    const from = share(event), start = currentZoom(frame);
+    if (event.button !== 0 || start.scale === 1) return;
+    event.preventDefault();
+    window_.setPointerCapture(event.pointerId);
+    const move = (now) => { const to = share(now); moved(within(start.scale, start.x - (to[0] - from[0]) / start.scale, start.y - (to[1] - from[1]) / start.scale)); };
+    const end = () => { window_.removeEventListener("pointermove", move); window_.removeEventListener("pointerup", end); window_.removeEventListener("pointercancel", end); };
+    window_.addEventListener("pointermove", move);
+    window_.addEventListener("pointerup", end);
+    window_.addEventListener("pointercancel", end);
+  });
+  window_.addEventListener("pointermove", (event) => {
+    const { scale, x, y } = currentZoom(frame), [px, py] = share(event);
+    const at = [Math.floor((x + px / scale) * frame.width), Math.floor((y + py / scale) * frame.height)];
+    pointed(at[0] >= 0 && at[1] >= 0 && at[0] < frame.width && at[1] < frame.height ? at : null);
+  });
+  window_.addEventListener("pointerleave", () => pointed(null));
+
+  // The cross-hair, at the same pixel in every pane.
+  const point = (at) => {
+    cross.hidden = !at;
+    if (!at) return;
+    const { scale, x, y } = currentZoom(frame), left = ((at[0] + 0.5) / frame.width - x) * scale, top = ((at[1] + 0.5) / frame.height - y) * scale;
+    cross.style.setProperty("left", `${100 * left}%`);
+    cross.style.setProperty("top", `${100 * top}%`);
+  };
+  const read = (at) => {
+    const said = [], own = pixelOf(below, at), over = pixelOf(above, at), { view } = SETTINGS;
+    if (own) said.push(`RGB ${own.join(" ")}`);
+    if (!over) return said;
+    if (view === "truth") said.push(`truth ${classOf(over)}`);
+    else if (view === "prediction") said.push(`${evaluation ? evaluation.function : "prediction"} ${classOf(over)}`);
+    // Depth is painted as grey over its logarithm, from 1 m to 200 m.
+    else if (view === "depth") said.push(over[0] === 0 ? "no depth" : `about ${fixed(200 ** (1 - (over[0] - 30) / 225), 1)} m`);
+    return said;
+  };
+  return { element, show, place, point, read };
 }
 
 function captionOf(frame, evaluation) {

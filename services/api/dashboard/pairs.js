@@ -16,7 +16,7 @@ function pairCards(pairs, rows, caption) {
       return h("a", { href: `#/frames/${row.frame_id}?view=errors&near=1` }, image, h("span", { class: "small number" }, h("strong", {}, percent(pacc)), h("span", { class: "soft clipped" }, label(row))));
     };
     const { title, before, after } = caption(pair);
-    return h("div", { class: "pair" }, title ? h("div", { class: "small" }, title) : null, h("div", { class: "two" }, side(pair.pair.before, pair.pair.pacc_before, before), side(pair.pair.after, pair.pair.pacc_after, after)));
+    return h("div", { class: "pair" }, title ? h("div", { class: "small" }, title) : null, h("div", { class: "beside" }, side(pair.pair.before, pair.pair.pacc_before, before), side(pair.pair.after, pair.pair.pacc_after, after)));
   });
   for (let k = 0; k < cells.length; k += SHEET) sheet(cells.slice(k, k + SHEET), "errors", true);
   return h("div", { class: "pairs" }, cards);

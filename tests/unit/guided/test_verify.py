@@ -75,6 +75,23 @@ def test_two_functions_are_compared_as_closely_as_asked_and_no_closer() -> None:
     np.testing.assert_array_less(0.09, np.diff(both(narrow.rises))[:, 0])
 
 
+def test_rare_flips_are_not_stopped_on_before_they_are_seen() -> None:
+    held = 0
+    for seed in range(30):
+        strategy = Compare(Cube(1), within=0.005, seed=seed)
+        pursue(
+            strategy,
+            lambda points: np.column_stack([np.ones(len(points)), points[:, 0] > 0.005]),
+            budget=9000,
+            batch=300,
+        )
+        result = strategy.result
+        assert result is not None
+        assert result.half_width <= 0.005
+        held += result.low <= -0.005 <= result.high
+    assert held >= 27
+
+
 def test_a_point_without_one_of_its_scores_is_no_pair() -> None:
     strategy = Compare(Cube(2), within=0.1, seed=0)
     points = strategy.ask(80).points

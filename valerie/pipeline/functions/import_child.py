@@ -89,7 +89,7 @@ def _function(job: ImportJob) -> tuple[FunctionDocument, Path]:
 
 
 def _from_onnx(job: ImportJob) -> FunctionDocument:
-    """Check the file; return the document with what the file says of its making."""
+    """Check the file; return the document with the provenance that the file states."""
     with _required():
         from valerie.perception.importing.onnx_files import operator_set, read_onnx
     model = read_onnx(job.path, max_bytes=job.max_bytes)

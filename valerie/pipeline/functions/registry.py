@@ -161,7 +161,9 @@ def remove(context: Context, reference: str) -> Registered:
         Conflict: a run that has not ended needs it.
     """
     if "@" not in reference:
-        raise InvalidInput("which version?", field="function", value=reference, limit="NAME@DIGEST")
+        raise InvalidInput(
+            "the name alone does not identify a version", field="function", value=reference, limit="NAME@DIGEST"
+        )
     with writing(context.engine) as connection:
         version = find(connection, reference)
         needing = [run.id for run in functions.unfinished_runs(connection) if _needs(connection, run, version)]

@@ -133,7 +133,7 @@ class Capture:
 
 
 def capture_of(resolved: ResolvedRun, frame: StoredFrame, sensor: int) -> Capture:
-    """Return how a sensor of the run takes one of its frames.
+    """Return the capture of a frame of the run by one of its sensors.
 
     Args:
         resolved: the run.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 from sqlalchemy import Engine
 
 from valerie.analysis.all_classes import AllClasses, all_classes
@@ -38,8 +39,47 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of what is evaluated so far."""
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
-        rows = (table_row(row, run, varied) for row in long_table.rows(connection, run.id))
-        return EvaluationTable.from_rows(rows, varied, designs_of(run))
+        assignments = dict(long_table.assignments(connection, run.id))
+        pieces = [
+            EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
+            for piece in long_table.columns(connection, run.id)
+        ]
+    if not pieces:
+        return EvaluationTable.from_rows((), varied, designs_of(run))
+    return EvaluationTable(pa.concat_tables([piece.arrow for piece in pieces]), varied, designs_of(run))
+
+
+def _table_columns(
+    piece: dict[str, Sequence[Any]], run: StoredRun, assignments: Mapping[int, Assignment], varied: Iterable[str]
+) -> dict[str, Sequence[Any]]:
+    """Return a piece of the long table as columns, equal to those of `table_row`.
+
+    What follows from frame or variant alone is computed once for each of them.
+    """
+    resolved, spec = run.resolved, run.resolved.spec
+    keys = [piece.pop(name) for name in long_table.KEY]
+    variants, cameras, times, sensors, functions, instances = keys
+    places = list(zip(variants, cameras, times, strict=True))
+    frames = {
+        place: frame_columns(FrameKey(run.id, *place), assignments[place[0]], resolved)
+        for place in dict.fromkeys(places)
+    }
+    persons = list(zip(instances, variants, strict=True))
+    characters = {
+        person: character_of(person[0], assignments[person[1]], resolved) for person in dict.fromkeys(persons)
+    }
+    of_frames = [frames[place] for place in places]
+    columns: dict[str, Sequence[Any]] = {**piece}
+    columns |= {name: [frame[name] for frame in of_frames] for name in of_frames[0]}
+    columns["character"] = [characters[person] for person in persons]
+    columns["instance_id"] = [instance or None for instance in instances]
+    for name in _PIXELS:
+        columns[name] = [value if instance else None for value, instance in zip(piece[name], instances, strict=True)]
+    columns["sensor"] = [spec.sensors[index].name for index in sensors]
+    columns["function"] = [spec.functions[index] for index in functions]
+    for name in ("tp", "fn"):  # an absent person has no counts
+        columns[name] = [value or 0 for value in piece[name]]
+    return columns | {path: [assignments[variant].get(path) for variant in variants] for path in varied}
 
 
 def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:

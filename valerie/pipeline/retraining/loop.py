@@ -151,7 +151,7 @@ def retrain(
         folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
             is used.
         resources: of this machine.
-        watcher: is told of streets and steps.
+        watcher: is notified of streets and steps.
 
     Raises:
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.

@@ -70,7 +70,7 @@ class TrainingScene:
 
 
 def draw_arguments(asset: str, seed: int) -> AssetArguments:
-    """Draw what an asset pack is told besides its seed; follows from the seed.
+    """Draw an asset pack's arguments besides its seed; they follow from the seed.
 
     Args:
         asset: name of the pack.

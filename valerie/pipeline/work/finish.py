@@ -31,7 +31,7 @@ log = structlog.get_logger()
 
 #: Errors of a disk that is full or cannot be written.
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-#: Stores the results of a run, with what failed of it.
+#: Stores the results of a run and its failures.
 Writer = Callable[[Context, RunRow, Sequence[FailedLink]], None]
 
 

@@ -76,7 +76,7 @@ class AssetPack(Protocol):
         ...
 
     def draw_arguments(self, rng: np.random.Generator) -> AssetArguments:
-        """Draw what a scene to train on is told besides its seed; empty where a pack leaves that to the seed.
+        """Draw the arguments of a training scene besides its seed; empty if the pack derives everything from the seed.
 
         Args:
             rng: all choices come from it.

@@ -220,7 +220,7 @@ class TestARun:
 
 def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
     register(pipeline, tmp_path)
-    with pytest.raises(InvalidInput, match="which version"):
+    with pytest.raises(InvalidInput, match="does not identify a version"):
         registry.remove(pipeline.context, "small")
 
 

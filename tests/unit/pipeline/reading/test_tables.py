@@ -6,13 +6,14 @@ import pytest
 from sklearn.metrics import jaccard_score
 
 from tests.world.blank import completed_run
-from valerie.db import frames, results
+from valerie.analysis.table import EvaluationTable
+from valerie.db import frames, long_table, results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.tables import read_classes
+from valerie.pipeline.reading.tables import read_classes, read_table, table_row, varied_types
 from valerie.storage.keys import run_key
 
 
@@ -20,6 +21,10 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     pipeline, run_id = completed_run(tmp_path)
     context = pipeline.context
     run = read_run(context, run_id)
+    varied = varied_types(run.resolved)
+    with reading(context.engine) as connection:
+        rows = [table_row(row, run, varied) for row in long_table.rows(connection, run_id)]
+    assert read_table(context.engine, run).arrow.equals(EvaluationTable.from_rows(rows, varied).arrow)
     cards = [pinned_card(run.pins, name) for name in run.resolved.spec.functions]
     (classes,) = read_classes(context.engine, run, cards)
 

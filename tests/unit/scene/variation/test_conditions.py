@@ -1,13 +1,14 @@
 """Light and weather of a variant in numbers, and equal inputs of both notations of a sun."""
 
 import json
+from functools import partial
 
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.scene.assets.asset import asset_manifest
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.light.solar import AZIMUTH, CLOCK_PATHS, ELEVATION
+from valerie.scene.light.solar import AZIMUTH, CLOCK, CLOCK_PATHS, ELEVATION
 from valerie.scene.variation.conditions import conditions, sun_by_time, with_sun_angles
 from valerie.scene.variation.variant import complete, split
 from valerie.testing.assets import simple_manifest
@@ -17,7 +18,17 @@ TIME, DAY = CLOCK_PATHS[:2]
 
 @pytest.fixture(scope="module")
 def street() -> Manifest:
-    return asset_manifest("urban-street")[0]
+    """The boxes, with a sun that both notations set, and rain."""
+    declare = partial(ParameterDefinition, type=ParameterType.FLOAT, affects=Affects.LIGHT)
+    boxes = simple_manifest()
+    sun = (
+        declare(path=AZIMUTH, type=ParameterType.ANGLE, minimum=0.0, maximum=360.0, default=180.0, unit="deg"),
+        declare(path=ELEVATION, minimum=-20.0, maximum=75.0, default=40.0, unit="deg"),
+        *(clock.definition() for clock in CLOCK),
+        declare(path="scene.environment-1.rain", minimum=0.0, maximum=50.0, default=0.0, unit="mm/h"),
+    )
+    others = tuple(d for d in boxes.parameters if d.path not in (AZIMUTH, ELEVATION))
+    return boxes.model_copy(update={"parameters": (*others, *sun)})
 
 
 def test_the_defaults_are_the_declared_angles_and_a_dry_road(street: Manifest) -> None:

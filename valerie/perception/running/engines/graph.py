@@ -35,7 +35,7 @@ def whole_graph(
     labels: Size,
     output: str = "",
 ) -> onnx.ModelProto:
-    """Surround a network with what lies between pixels and its answer.
+    """Surround a network with the steps from pixels to its input and from its output to labels.
 
     Args:
         model: one input, (1, 3, h, w) or (1, h, w, 3); changed in place.

@@ -152,7 +152,7 @@ class RenderMaker:
 
 
 class _Statics:
-    """Stores the truths of statics, over which truths are stored, each once."""
+    """Stores each truth of statics once. The truths of frames are stored as layers over it."""
 
     def __init__(self, store: ArtifactStore) -> None:
         self._store = store
