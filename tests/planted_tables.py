@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.findings.findings import Finding, Step, View
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import MEASURES
 from valerie.parameters.blocks import Block, Variation
 from valerie.parameters.definitions import ParameterDefinition
@@ -17,6 +18,7 @@ from valerie.parameters.distributions import Uniform
 from valerie.parameters.space import ParameterSpace
 from valerie.runs.requirements import Requirement, resolve_requirements
 from valerie.runs.spec import RunSpec
+from valerie.statistics.contrasts import Matching
 
 X = "scene.person-1.pos.x"
 DEFINITION, *_FURTHER = (
@@ -67,6 +69,25 @@ def planted_table(
     for name, column in columns.items():
         filled[name] = [column] * count if isinstance(column, str | int | float) else column
     return EvaluationTable.from_columns(filled, {X: "FLOAT"}, {} if design is None else {"planted": design})
+
+
+def planted_finding(before: View, after: View) -> Finding:
+    """Return a confirmed finding that two views show: the sun of the later one is lower, and so is its pACC."""
+    return Finding(
+        sentence="planted",
+        function=after.function,
+        steps=(Step("sun-1.elevation", "40°", "5°"),),
+        matching=Matching.BLOCKS,
+        confirmed=True,
+        effect=-0.2,
+        low=-0.3,
+        high=-0.1,
+        places=40,
+        pairs=80,
+        places_needed=None,
+        examples=((before, after),),
+        spec="name: again\n",
+    )
 
 
 def drawn_space(design: str, count: int, *, dimensions: int = 1, seed: int = 0) -> ParameterSpace:

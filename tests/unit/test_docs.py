@@ -119,7 +119,7 @@ def test_the_layout_names_every_package_of_the_tree_and_nothing_else() -> None:
 
 
 #: Packages whose own packages the layout shows.
-EXPANDED = ("perception", "pipeline", "scene")
+EXPANDED = ("analysis", "perception", "pipeline", "scene")
 
 
 def _members(folder: str) -> Iterator[str]:
@@ -178,7 +178,7 @@ def test_named_commands_exist(document: Path) -> None:
     groups = {command[0] for command in known if len(command) == 2}
     text = document.read_text("utf-8")
     # Where a command stands: at the beginning of a code span or a line, or behind a variable's value.
-    for first, second in names_in(text, r"^(?:[A-Z_]+=\S+ )*valerie ([a-z]+)(?: ([a-z]+))?"):
+    for first, second in names_in(text, r"^(?:[A-Z_]+=\S+ )*valerie ([a-z]+(?:-[a-z]+)*)(?: ([a-z]+(?:-[a-z]+)*))?"):
         assert (first,) in known, f"valerie {first}"
         if first in groups and second:
             assert (first, second) in known, f"valerie {first} {second}"

@@ -18,13 +18,13 @@ from sqlalchemy.orm import Session
 from services.eval_worker import tasks as evaluation
 from services.infer_worker import tasks as inference
 from services.render_worker import tasks as rendering
-from valerie.analysis.findings import Findings
-from valerie.analysis.summary import Summary
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.summary.summary import Summary
 from valerie.broker import create_app
 from valerie.db import blocks, frames, functions, processes, results, runs
 from valerie.db.engine import open_engine, reading, writing
 from valerie.db.migrate import migrate
-from valerie.db.models import Base, Product
+from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work.child import Child
 from valerie.plain import typed
@@ -130,7 +130,9 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
             ProductKind.PREDICTION,
             ProductKind.EVALUATION,
         }
-        (worker,) = processes.workers(connection, now=0.0)
+        seen_at = connection.scalar(select(Worker.seen_at))
+        assert seen_at is not None
+        (worker,) = processes.workers(connection, now=seen_at)
         assert {offer.name for offer in worker.offers} == {"blank", "truth"}
         assert [row.name for row in functions.every(connection)] == ["mine"]
     with Session(engine) as session:

@@ -11,6 +11,7 @@ from valerie.cli import (
     assets,
     claims,
     datasets,
+    error_model,
     evaluation,
     evidence,
     frames,
@@ -40,7 +41,7 @@ Exit codes:
   0         done; the run completed
   1         a bug in VALERIE
   2         wrong usage or input
-  3         completed, but some products failed for good; a replayed frame differs; evidence is refused
+  3         completed, but some products failed for good; a replayed frame differs; evidence or an error model is refused
   4         the run was cancelled or failed
   5         something on this machine is missing, full or unreachable
   6         `gate`: a requirement is not met or undecided, or a function is worse than the baseline
@@ -74,6 +75,7 @@ app.command(rich_help_panel=_WATCH)(results.findings)
 app.command(rich_help_panel=_WATCH)(results.rows)
 app.command(rich_help_panel=_WATCH)(gate.gate)
 app.command(rich_help_panel=_WATCH)(claims.claims)
+app.command("error-model", rich_help_panel=_WATCH)(error_model.error_model)
 app.command(rich_help_panel=_WATCH)(runs.cancel)
 app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)

@@ -101,7 +101,7 @@ class _Row:
 class LostRow(_Row):
     """A row that the long table lacks because its evaluation has no scores.
 
-    ``instance_id`` is None where the truth is not stored either, so that the visible persons are unknown.
+    ``instance_id`` is None where the truth is not stored either: then nobody knows who is seen.
     """
 
     instance_id: int | None
@@ -167,14 +167,14 @@ def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[
     """Read the long table in pieces, in the order of the variants: name to the values of a column of `COLUMNS`."""
     query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
     query = query.order_by(*(COLUMNS[name] for name in KEY))
-    for rows_read in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
-        yield dict(zip(COLUMNS, zip(*rows_read, strict=True), strict=True))
+    for piece in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
+        yield dict(zip(COLUMNS, zip(*piece, strict=True), strict=True))
 
 
-def assignments(connection: Connection, run_id: str) -> Iterator[tuple[int, Assignment]]:
-    """Read index and assignment of the variants of a run that have frames, in their order."""
+def assignments(connection: Connection, run_id: str) -> dict[int, Assignment]:
+    """Read index and assignment of the variants of a run that have frames."""
     query = select(Variant.index, Variant.assignment).where(Variant.run_id == run_id, Variant.rejection.is_(None))
-    yield from connection.execution_options(yield_per=_PIECE).execute(query.order_by(Variant.index)).tuples()
+    return {index: assignment for index, assignment in connection.execute(query)}  # noqa: C416
 
 
 def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Select[Any]) -> Iterator[R]:

@@ -66,7 +66,7 @@ export async function exploreView({ main, parameters, signal }) {
     return members.length ? h("optgroup", { label }, members.map((one) => h("option", { value: one.name }, labelOf(one)))) : null;
   })];
   const pick = (id, label, list, name, none) => {
-    const element = h("select", { id, on: { change: () => { state[name] = element.value; context = null; refresh(); } } }, options(list, none));
+    const element = h("select", { id, "aria-label": label ? null : "Shown", on: { change: () => { state[name] = element.value; context = null; refresh(); } } }, options(list, none));
     element.value = state[name];
     return h("label", { class: "inline", for: id }, label, element);
   };

@@ -16,6 +16,7 @@ _FORMATS: Final = {
     ".parquet": "application/vnd.apache.parquet",
     ".html": "text/html",
     ".png": "image/png",
+    ".onnx": "application/octet-stream",
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +13,9 @@ from typing import Final
 import orjson
 import pyarrow as pa
 
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.report.register import register, register_json, register_table
+from valerie.analysis.rows.table import EvaluationTable, encoded
 from valerie.db import frames, runs
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow
@@ -36,6 +37,7 @@ from valerie.pipeline.evidence.contents import (
     named_frames,
 )
 from valerie.pipeline.evidence.crate import write_crate
+from valerie.pipeline.evidence.error_models import stored_error_models, table_digest
 from valerie.pipeline.evidence.manifest import (
     MANIFEST,
     SIGNED,
@@ -50,6 +52,7 @@ from valerie.pipeline.export.folder import require_free_name, require_room
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.selection import function_index, sensor_index
+from valerie.plain import typed
 from valerie.runs.moments import in_utc
 
 #: Bytes per pixel of a picture, and of a painted map of classes, as PNG; rounded up.
@@ -62,11 +65,23 @@ _RESULTS: Final = {
     REPORT: "Report for people",
     ENVIRONMENT: "Python, machine and package versions of the process that wrote the results",
 }
+REGISTER_JSON: Final = "register.json"
+REGISTER_CSV: Final = "register.csv"
+#: Descriptions of the files of error models, by the end of the name.
+_ERROR_MODEL_FILES: Final = {
+    ".json": "Card of the perception-error models: columns, calibration on held-out places, limits",
+    ".csv": "Answers of the perception-error models in each cell of their support",
+    ".parquet": "The same as Parquet",
+    ".png": "Reliability diagram of the perception-error models",
+    ".onnx": "Perception-error model of one function",
+}
 _DOCUMENTS: Final = {
     SPEC: "The exact spec of the run",
     RUN: "The run: state, dates, digests of spec, asset and results",
     PINS: "Numeric classes, revisions and file digests that the run pinned, with the cards of its functions",
     **_RESULTS,
+    REGISTER_JSON: "Register of triggering conditions that the findings show, with evidence and re-tests",
+    REGISTER_CSV: "The same as CSV",
     FRAMES: "The frames that findings and verdicts name: variant, camera, time, sensor, functions",
     MANIFEST: "SHA-256 of each file and the root over them",
 }
@@ -112,25 +127,31 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
     results = {name: context.store.get(artifact_key(context, run_id, name)) for name in _RESULTS}
+    digest = table_digest(EvaluationTable.from_parquet(pa.BufferReader(results[TABLE_PARQUET])))
+    models = stored_error_models(context, run_id, digest)
     stored = resolve_stored(run, context.settings)
     summary = orjson.loads(results[SUMMARY])
     named = named_frames([summary["findings"], summary["verdicts"]])
     require_free_name(out)
-    _require_room(context, stored, out, named, sum(map(len, results.values())))
+    files = results | models
+    _require_room(context, stored, out, named, sum(map(len, files.values())))
     partial = out.with_name(f".{out.name}.partial")
     try:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        for name, data in results.items():
+        for name, data in files.items():
             (partial / name).write_bytes(data)
-        descriptions = dict(_DOCUMENTS)
+        conditions = register(typed(Findings, summary["findings"]))
+        (partial / REGISTER_JSON).write_bytes(document_bytes(register_json(conditions)))
+        (partial / REGISTER_CSV).write_bytes(encoded(register_table(conditions), "csv"))
+        descriptions = _DOCUMENTS | {name: _ERROR_MODEL_FILES[Path(name).suffix] for name in models}
         entries = []
         for frame in named:
             entry = _write_frame(context, stored, frame, partial)
             entries.append(entry)
             descriptions |= {path: f"{kind} of frame {frame.key}" for kind, path in entry.files.items()}
         listed = FrameList(frames=tuple(entries))
-        facts = _facts(run, partial, table=results[TABLE_PARQUET], verdicts=summary["verdicts"])
+        facts = _facts(run, partial, table=digest, verdicts=summary["verdicts"])
         for name, document in (
             (SPEC, run.spec.model_dump(mode="json")),
             (RUN, facts.model_dump(mode="json")),
@@ -189,11 +210,11 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
     return entry
 
 
-def _facts(run: RunRow, folder: Path, *, table: bytes, verdicts: object) -> RunFacts:
+def _facts(run: RunRow, folder: Path, *, table: str, verdicts: object) -> RunFacts:
     pictures = {name: sha256_of(folder / name) for name in _pictures(folder)}
     results = ResultDigests(
         frames=tree_root(pictures),
-        table=_table_digest(EvaluationTable.from_parquet(pa.BufferReader(table))),
+        table=table,
         verdicts=sha256(document_bytes(verdicts)).hexdigest(),
     )
     return RunFacts(
@@ -213,9 +234,3 @@ def _facts(run: RunRow, folder: Path, *, table: bytes, verdicts: object) -> RunF
 
 def _pictures(folder: Path) -> Iterator[str]:
     return (name for name in plain_files(folder) if name.startswith(f"{PICTURES}/"))
-
-
-def _table_digest(table: EvaluationTable) -> str:
-    anonymous = io.BytesIO()
-    table.to_csv(anonymous, without=("run_id", "frame_id"))
-    return sha256(anonymous.getvalue()).hexdigest()

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 from sqlalchemy import Engine
 
-from valerie.analysis.all_classes import AllClasses, all_classes
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.summary.all_classes import AllClasses, all_classes
 from valerie.db import long_table, results
 from valerie.db.engine import reading
 from valerie.db.long_table import LongRow
@@ -39,7 +39,7 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     """Read the long table of what is evaluated so far."""
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
-        assignments = dict(long_table.assignments(connection, run.id))
+        assignments = long_table.assignments(connection, run.id)
         pieces = [
             EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
             for piece in long_table.columns(connection, run.id)

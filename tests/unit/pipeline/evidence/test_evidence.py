@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import stat
+from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,9 @@ from in_toto_attestation.v1.statement import Statement
 from PIL import Image
 from rocrate.rocrate import ROCrate
 
+from tests.planted_tables import planted_finding
 from tests.world.blank import Pipeline, completed_run
+from valerie.analysis.findings.findings import View
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.run_artifacts import SUMMARY
 from valerie.pipeline.evidence import manifest as limits
@@ -42,11 +45,8 @@ def name_frames(pipeline: Pipeline, run_id: str) -> None:
     """Let the findings of a run name two of its frames: the blank engine gives no cause for a finding."""
     key = run_key(run_id, SUMMARY)
     summary = json.loads(pipeline.context.store.get(key))
-    views = [
-        {"frame_id": f"{run_id}.{place}", "sensor": "default", "function": "blank"}
-        for place in ("5.1.0", "3.0.0", "5.1.0")
-    ]
-    summary["findings"]["items"] = [{"sentence": "planted", "examples": [views]}]
+    views = [View(f"{run_id}.{place}", "default", "blank", 24001, 0.0) for place in ("5.1.0", "3.0.0")]
+    summary["findings"]["items"] = [asdict(planted_finding(*views))]
     pipeline.context.store.put(key, json.dumps(summary).encode(), replace=True)
 
 
@@ -104,6 +104,7 @@ def test_the_folder_holds_the_run_and_exactly_the_frames_that_findings_name(
     documents = {
         "spec.json", "run.json", "pins.json", "frames.json", "summary.json", "environment.json", "report.html",
         "evaluations.parquet", "evaluations.csv", "ro-crate-metadata.json", "manifest.json", "manifest.dsse.json",
+        "register.json", "register.csv",
     }  # fmt: skip
     assert files(exported).keys() == frames | documents
     place = named[1]
