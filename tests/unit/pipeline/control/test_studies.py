@@ -33,6 +33,9 @@ from valerie.studies.boundary import CELLS
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import StudyReport, build_report
 
+#: Two batches and a rest.
+SHORT = {"variants": 24}
+
 
 class SmallEstimate(Estimate):
     """A pool of candidates that is quick to draw."""
@@ -192,7 +195,7 @@ def test_products_that_fail_are_tried_again_and_are_no_outcomes(calm: tuple[Pipe
 
 
 def test_what_fails_for_good_pauses_the_study_until_a_person_resumes_it(pipeline: Pipeline) -> None:
-    study = begin(pipeline)
+    study = begin(pipeline, budget=SHORT)
 
     def refuse(job: Any) -> None:
         if job.kind == "layer":
@@ -208,7 +211,7 @@ def test_what_fails_for_good_pauses_the_study_until_a_person_resumes_it(pipeline
 
 
 def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
-    study = begin(pipeline)
+    study = begin(pipeline, budget=SHORT)
     pipeline.loop.tick(everything=True)
     run = batches(pipeline, study)[0].run_id
     assert run is not None
@@ -220,7 +223,7 @@ def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
 
 
 def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> None:
-    study = begin(pipeline, mode="by hand")
+    study = begin(pipeline, mode="by hand", budget=SHORT)
     pipeline.step()
     pipeline.step()
     (waiting,) = batches(pipeline, study)
@@ -229,7 +232,7 @@ def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> N
     proposed = commands.next_batch(pipeline.context, study)
     assert (proposed.legal, proposed.accepted, proposed.plan.frames) == (10, False, 20)
     with pytest.raises(InvalidInput, match="count"):
-        commands.accept(pipeline.context, study, count=45)
+        commands.accept(pipeline.context, study, count=25)
     commands.accept(pipeline.context, study, count=16)
     with pytest.raises(Conflict, match="no proposal"):
         commands.accept(pipeline.context, study)
