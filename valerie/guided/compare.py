@@ -119,8 +119,6 @@ class Compare:
             InvalidInput: these are other points, not two scores for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])
 

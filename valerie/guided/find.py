@@ -224,10 +224,7 @@ class Find:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        values = self._open.close(points, values)
+        values = self._open.close(points, scores)
         tags = self._tags.popleft()
         self._evaluations += len(points)
         fails = values < self.at_least
