@@ -49,7 +49,7 @@ class StudyState(StrEnum):
 
 
 class EstimateGoal(Document):
-    """How often does it fail? `valerie.guided.estimate`.
+    """Estimate the failure rate, by `valerie.guided.estimate`.
 
     Attributes:
         first: number of operational points at the beginning; by default a quarter of the budget, 20 to 256.
@@ -60,7 +60,7 @@ class EstimateGoal(Document):
 
 
 class ExplainGoal(Document):
-    """Which smallest change flips the verdict? `valerie.guided.explain`.
+    """Find the smallest change that flips the verdict, by `valerie.guided.explain`.
 
     Attributes:
         failing, passing: values of the varied parameters of two variants. Without them, the first batch is drawn from the
@@ -87,7 +87,7 @@ GOALS: Final[Mapping[str, type[Document]]] = {"estimate": EstimateGoal, "explain
 
 
 class Budget(Document):
-    """What a study may spend. It ends where the first of these is reached.
+    """Limits of a study, which ends when it reaches the first of them.
 
     Attributes:
         variants: legal variants; rejected ones cost nothing and do not count.
@@ -106,7 +106,7 @@ class Budget(Document):
 
 
 class StopRule(Document):
-    """When the answer is good enough.
+    """The precision at which a study ends.
 
     Attributes:
         width: full width of the assumption-free interval of ``estimate``. The study looks after every batch, so each look
@@ -274,7 +274,7 @@ class Outcomes(Document):
 
 
 class StudyResult(Document):
-    """What a study knows.
+    """The result of a study.
 
     Attributes:
         sentences: in words.

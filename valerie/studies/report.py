@@ -34,7 +34,7 @@ class ShownPicture:
 
 @dataclass(frozen=True, slots=True)
 class ShownBatch:
-    """A line of the table of batches; numbers are empty while they are unknown."""
+    """A row of the table of batches; unknown numbers are empty."""
 
     number: int
     run: str
@@ -48,10 +48,10 @@ class ShownBatch:
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """Everything that the page shows, as text for people.
+    """The content of the page, as text.
 
     Attributes:
-        totals: variants, rejected, failed, without score and CPU time of all batches.
+        totals: over all batches: variants, rejected, failed, without score, CPU time.
     """
 
     id: str

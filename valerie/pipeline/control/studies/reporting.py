@@ -1,4 +1,4 @@
-"""The report of a study, from the database and the stored products."""
+"""Build the report of a study from the database and the stored products."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
 
-#: Numbers of variants that are shown of an estimate: the lowest scores, and those next above the bound.
+#: Numbers of variants that an estimate shows: with the lowest scores, and just above the bound.
 _LOWEST: Final = 4
 _NEXT: Final = 2
 _QUESTIONS: Final = {
     "estimate": "How often does a variant fail?",
     "explain": "Which smallest change flips the verdict?",
 }
-#: A variant of a study: batch, index and what it is.
+#: A variant of a study: batch, index and description.
 _Place = tuple[int, int, str]
 
 
 def report(context: Context, study_id: str) -> str:
-    """Return the page of a study, with what is known from the batches that ended.
+    """Return the page of a study, with the result from the batches that ended.
 
     Raises:
         NotFound: no such study.
@@ -83,7 +83,7 @@ def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
 
 
 def _counts(batch: BatchRow, resolved: ResolvedStudy) -> tuple[int, int]:
-    """Return the numbers of variants that failed, and of legal ones that have no score."""
+    """Return the numbers of failed variants and of legal variants without a score."""
     scores = () if batch.outcomes is None else batch.outcomes.scores
     failed = sum(score is not None and score < resolved.measure.at_least for score in scores)
     return failed, sum(score is None and i not in batch.rejected for i, score in enumerate(scores))
