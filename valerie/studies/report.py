@@ -47,7 +47,7 @@ class ShownPicture:
 
 @dataclass(frozen=True, slots=True)
 class ShownBatch:
-    """A line of the table of batches; numbers are empty while they are unknown."""
+    """A row of the table of batches; unknown numbers are empty."""
 
     number: int
     run: str
@@ -61,7 +61,7 @@ class ShownBatch:
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """Everything that the page shows, as text for people.
+    """The content of the page, as text.
 
     Attributes:
         boundary: a slice of a map; None for the other goals.
