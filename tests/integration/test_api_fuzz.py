@@ -66,6 +66,13 @@ def schema(new_database: Callable[[], str], redis_url: str, tmp_path_factory: py
                 return path_parameters
             return {name: real.get(name, value) for name, value in path_parameters.items()}
 
+        @loaded.hook
+        def map_query(context: Any, query: dict[str, Any] | None) -> dict[str, Any] | None:
+            """Of the questions about several runs, every second names the run that exists."""
+            if query is None or "run" not in query or sum(str(query).encode("utf-8", "replace")) % 2:
+                return query
+            return {**query, "run": [run]}
+
         yield loaded
     structlog.reset_defaults()
     shutil.rmtree(folder, ignore_errors=True)
