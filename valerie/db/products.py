@@ -77,11 +77,11 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
         if state is not None and state not in _TRIED_AGAIN:
             continue
         if a in done and b in done and c in done:
-            rows.append((digest, str(kind), route, group, a, b, c, "ready", 0, now))
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), 0, now))
             if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group))
         else:
-            rows.append((digest, str(kind), route, group, a, b, c, "waiting", 0, None))
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), 0, None))
     rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,

@@ -113,8 +113,6 @@ class Cascade:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         rows = self._levels.popleft()
         if rows is not None:
             self._costly[rows] = values

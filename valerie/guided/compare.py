@@ -70,6 +70,7 @@ class Compare:
         seed: of all draws.
         at_least: compares shares of scores that reach it; None compares mean scores.
         level: confidence of the interval, and of the verdict on the better function.
+        names: of the functions, for people.
 
     Attributes:
         columns: number of scores of each point.
@@ -81,12 +82,20 @@ class Compare:
     columns: Final = 2
 
     def __init__(
-        self, domain: Cube, *, within: float, seed: int, at_least: float | None = None, level: float = 0.95
+        self,
+        domain: Cube,
+        *,
+        within: float,
+        seed: int,
+        at_least: float | None = None,
+        level: float = 0.95,
+        names: tuple[str, str] = ("function 1", "function 2"),
     ) -> None:
         for name, value in (("within", within), ("at_least", at_least), ("level", level)):
             if value is not None and not 0 < value < 1:
                 raise InvalidInput("has to lie between 0 and 1", field=name, value=value)
         self.domain, self.within, self.seed, self.at_least, self.level = domain, within, seed, at_least, level
+        self.names = names
         self._open = OpenBatches(self.columns)
         self._asked = 0
         self._points = np.empty((0, domain.dimensions))
@@ -109,8 +118,6 @@ class Compare:
             InvalidInput: these are other points, not two scores for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])
 
@@ -136,10 +143,10 @@ class Compare:
         points = self._points[defined]
         falls = points[[row for row in order[:_EXAMPLES] if differences[row] < 0]]
         rises = points[[row for row in order[::-1][:_EXAMPLES] if differences[row] > 0]]
-        said = "It is undecided which is better." if better is None else f"Function {better + 1} is better."
+        said = "It is undecided which is better." if better is None else f"Better: {self.names[better]}."
         what = "share of passing scores" if self.at_least is not None else "mean score"
         sentences = (
-            f"The {what} of function 2 less that of function 1: {estimate:+.3f} ({low:+.3f} … {high:+.3f}).",
+            f"The {what} of {self.names[1]} less that of {self.names[0]}: {estimate:+.3f} ({low:+.3f} … {high:+.3f}).",
             said,
         )
         undefined = int(np.count_nonzero(~defined))

@@ -183,10 +183,7 @@ class Estimate:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        self.scores.append(self._open.close(points, values))
+        self.scores.append(self._open.close(points, scores))
 
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         zeros = np.zeros(count)

@@ -94,7 +94,7 @@ class Explain:
             raise InvalidInput("the failing and the passing variant do not differ", field="failing")
         self._numbers = np.array([axis is not Axis.UNORDERED for axis in domain.axes])
         self._verdicts = {self._failing.tobytes(): Verdict.FAIL, self._passing.tobytes(): Verdict.PASS}
-        self._open = OpenBatches()
+        self._open = OpenBatches(bounded=False)
         self._evaluations = 0
         self._step = ""
         self._search = self._minimize()

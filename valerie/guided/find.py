@@ -224,10 +224,7 @@ class Find:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        values = self._open.close(points, values)
+        values = self._open.close(points, scores)
         tags = self._tags.popleft()
         self._evaluations += len(points)
         fails = values < self.at_least
@@ -451,9 +448,9 @@ class Find:
         unplaced = sum(failure.joined is None for failure in self._failures)
         smallest = 1 - 0.05 ** (1 / explored) if explored else 1.0
         sentences = [
-            f"{len(modes)} modes in {repeated} failures that repeat.",
-            f"{unplaced} failures are not placed yet, {self._unrepeated} did not repeat.",
-            *(self._told_of(number, mode) for number, mode in enumerate(modes, 1)),
+            f"{_counted(len(modes), 'mode')} in {_counted(repeated, 'repeated failure')}.",
+            f"Not placed yet: {_counted(unplaced, 'failure')}. Not repeated: {self._unrepeated}.",
+            *(self._told_of(number, mode, least=unplaced > 0) for number, mode in enumerate(modes, 1)),
             f"A mode that holds at least {100 * smallest:.2g} % of the operational domain was met with 95 % probability.",
         ]
         return Modes(
@@ -467,9 +464,11 @@ class Find:
             tuple(sentences),
         )
 
-    def _told_of(self, number: int, mode: Mode) -> str:
-        share = f"about {100 * mode.probability:.2g} % of the domain" if mode.explored else "met by a descent alone"
-        sentence = f"Mode {number}: {share}, {mode.failures} failures"
+    def _told_of(self, number: int, mode: Mode, *, least: bool) -> str:
+        # Failures that are not placed yet may belong to it.
+        share = f"{'at least' if least else 'about'} {100 * mode.probability:.2g} % of the domain"
+        share = share if mode.explored else "met by a descent alone"
+        sentence = f"Mode {number}: {share}, {_counted(mode.failures, 'failure')}"
         if isinstance(self.domain, Domain) and mode.narrow:
             values = list(self.domain.values(mode.example).values())
             near = [f"{self.domain.names[i]} near {shown(values[i])}" for i in mode.narrow]
@@ -485,3 +484,7 @@ class Find:
         )
         hits = int(np.count_nonzero(self._explores[members]))
         return Mode(points[middle], tuple(narrow.tolist()), len(members), hits, hits / max(explored, 1))
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -126,10 +126,7 @@ class Map:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        values = self._open.close(points, values)
+        values = self._open.close(points, scores)
         self._confidence = np.concatenate([self._confidence, self._predicted.pop(0)])
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])

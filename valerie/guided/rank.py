@@ -108,7 +108,7 @@ class Rank:
         if domain.dimensions < 2:
             raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
         self.domain, self.seed = domain, seed
-        self._open = OpenBatches()
+        self._open = OpenBatches(bounded=False)
         #: Rows (block or walk, place in it) of open points, and of those not asked yet.
         self._rows: deque[list[tuple[int, int]]] = deque()
         self._left: deque[tuple[int, int, UnitPoints]] = deque()

@@ -76,10 +76,11 @@ class OpenBatches:
 
     Args:
         columns: number of scores of each point.
+        bounded: whether scores lie in 0…1.
     """
 
-    def __init__(self, columns: int = 1) -> None:
-        self._columns = columns
+    def __init__(self, columns: int = 1, *, bounded: bool = True) -> None:
+        self._columns, self._bounded = columns, bounded
         self._batches: deque[UnitPoints] = deque()
 
     def __len__(self) -> int:
@@ -95,7 +96,7 @@ class OpenBatches:
         """Close the oldest batch and return its checked scores.
 
         Raises:
-            InvalidInput: these are other points, not one score for each, or an infinite score.
+            InvalidInput: these are other points, not one score for each, or a score outside 0…1 or infinite.
         """
         if not self._batches or not np.array_equal(self._batches[0], points):
             raise InvalidInput("not the points of the oldest batch without scores", field="points", value=len(points))
@@ -105,6 +106,8 @@ class OpenBatches:
             raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=shape)
         if np.isinf(values).any():
             raise InvalidInput("a score is finite, or NaN where it is undefined", field="scores", value="infinite")
+        if self._bounded and ((values < 0) | (values > 1)).any():
+            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._batches.popleft()
         return values
 

@@ -71,7 +71,7 @@ class ResolvedStudy:
             count: number of variants.
             rejected: indexes of those that are rejected.
         """
-        values: dict[int, list[float]] = defaultdict(list)
+        values: dict[tuple[int, object], list[float]] = defaultdict(list)
         seen: set[tuple[object, ...]] = set()
         for row in rows:
             if self.where is not None and not self.where.holds(row):
@@ -82,9 +82,12 @@ class ResolvedStudy:
                     continue
                 seen.add(frame)
             value = row[self.measure.column]
-            values[int(str(row["variant_index"]))].append(np.nan if value is None else float(value))
-        scores = (self.measure.score(values.get(index, ())) for index in range(count))
-        return Outcomes(scores=tuple(None if np.isnan(score) else score for score in scores), rejected=tuple(rejected))
+            values[int(str(row["variant_index"])), row["function"]].append(np.nan if value is None else float(value))
+        columns = []
+        for function in self.document.spec.functions:
+            scores = (self.measure.score(values.get((index, function), ())) for index in range(count))
+            columns.append(tuple(None if np.isnan(score) else score for score in scores))
+        return Outcomes(scores=columns[0], second=columns[1] if len(columns) > 1 else (), rejected=tuple(rejected))
 
 
 def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:

@@ -5,22 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT
 from valerie.errors import UnknownName
 from valerie.parameters.constraints import Sql, quoted
 from valerie.pipeline.exploring.exploration import ROW, Exploration, Selection
-from valerie.statistics.contrasts import Contrast, contrasts
-from valerie.statistics.observations import observe
-
-#: Columns that identify a person in a frame across functions.
-_SAME_FRAME: Final = ("frame_id", "sensor", "instance_id")
-#: Columns that do so across runs, besides the varied parameters.
-_SAME_MOMENT: Final = ("camera", "time_s", "sensor", "instance_id")
+from valerie.statistics.gates import compare_versions
 
 
 class Outcome(StrEnum):
@@ -110,7 +104,7 @@ def compare_sides(
             known = exploration.table.codes("run_id" if kind == "run" else "function").names
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
-    keys = _SAME_FRAME if before.run == after.run else (*_SAME_MOMENT, *exploration.table.parameters)
+    keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *exploration.table.parameters)
     wanted = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
     of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
     same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
@@ -133,17 +127,17 @@ def compare_sides(
     weight = pa_ + pb if outcome is Outcome.BOTH_MISSED else -np.abs(pb - pa_)
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
-    contrast = _contrast(exploration, a, pa_, pb)
-    low, high = contrast.interval() if contrast is not None and contrast.degrees > 0 else (None, None)
+    places = exploration.table.places[a]
+    (judged,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
     defined = np.isfinite(exploration.table.numbers("pacc"))
     return Comparison(
         rows=(_rows_of(exploration, before, defined & selection.rows), _rows_of(exploration, after, defined)),
         matched=len(a),
         outcomes={name: int(np.count_nonzero(mask)) for name, mask in masks.items()},
-        difference=None if contrast is None else contrast.estimate,
-        low=low,
-        high=high,
-        places=0 if contrast is None else contrast.places,
+        difference=judged.difference if judged.pairs else None,
+        low=judged.low if judged.places > 1 else None,
+        high=judged.high if judged.places > 1 else None,
+        places=judged.places,
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )
 
@@ -159,7 +153,7 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
     parameters = list(exploration.table.parameters)
     swings = []
     for parameter in parameters:
-        others = ("run_id", "function", *_SAME_MOMENT, *(path for path in parameters if path != parameter))
+        others = ("run_id", "function", *SAME_MOMENT, *(path for path in parameters if path != parameter))
         column, row = quoted(parameter), quoted(ROW)
         extremes = exploration.query(
             Sql(
@@ -171,15 +165,6 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
         )
         swings += [Swing(parameter, pair) for pair in _pairs(_columns(extremes))]
     return sorted(swings, key=lambda swing: swing.pair.pacc_after - swing.pair.pacc_before)
-
-
-def _contrast(
-    exploration: Exploration, rows: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
-) -> Contrast | None:
-    """Return the mean difference of pairs over places; None without pairs."""
-    places = np.tile(exploration.table.places[rows], 2)
-    sides = observe(np.concatenate([before, after]), places, {"side": np.repeat([0, 1], len(rows))})
-    return next(iter(contrasts(sides, interactions=False)), None)
 
 
 def _rows_of(exploration: Exploration, side: Side, rows: NDArray[np.bool_]) -> int:

@@ -73,7 +73,7 @@ def begin(context: Context, document: StudyDocument) -> str:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
     resolved = resolve_document(context, document)
-    resolved.domain.draw(np.random.default_rng(0), 1)  # refuses a domain without legal variants
+    Pursuit(resolved).ask((), document.batch)  # refuses a domain without legal variants, and a budget too small
     study = StudyRow(
         id=new_id("s", time.time()),
         name=document.name,
