@@ -232,7 +232,7 @@ class RunSummary(_Read):
 
 
 class RunDetail(_Read):
-    """What a run computes: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
+    """The inputs of a run: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
 
     spec: dict[str, JsonValue]
     asset_digest: str
@@ -285,7 +285,7 @@ class StudyBatch(_Read):
 
 
 class StudyKnown(_Read):
-    """What a study knows, in words."""
+    """The result of a study in words."""
 
     sentences: tuple[str, ...]
 

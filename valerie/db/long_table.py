@@ -81,7 +81,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What a function sees of a frame through a sensor setting.
+    """A frame as a function sees it through a sensor setting.
 
     Attributes:
         frame: the frame.

@@ -1,4 +1,4 @@
-"""Whether a run has few backgrounds for its frames, from the spec alone."""
+"""Check from the spec alone whether a run has few backgrounds for its frames."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class ResolvedRun:
 
 
 class Course(NamedTuple):
-    """How a variant moves around a frame's moment.
+    """The motion of a variant around a frame's moment.
 
     Attributes:
         near: returns the assignment of the moment that is a number of seconds later.

@@ -38,7 +38,7 @@ class Response(NamedTuple):
 
 
 class RollingShutter(NamedTuple):
-    """How a frame is read line by line.
+    """The line-by-line reading of a frame.
 
     Attributes:
         setting: of a sensor that does so, with the variant's values.

@@ -62,7 +62,7 @@ class GoalDocument(Document):
 
 
 class EstimateGoal(GoalDocument):
-    """How often does it fail? `valerie.guided.estimate`.
+    """Estimate the failure rate, by `valerie.guided.estimate`.
 
     Attributes:
         first: number of operational points at the beginning; by default a quarter of the budget, 20 to 256.
@@ -74,7 +74,7 @@ class EstimateGoal(GoalDocument):
 
 
 class FindGoal(GoalDocument):
-    """In how many ways does it fail? `valerie.guided.find`.
+    """Find the modes of failure, by `valerie.guided.find`.
 
     Attributes:
         repeats: further seeds of what is random under which a failure must fail; 0 where nothing is random.
@@ -86,14 +86,14 @@ class FindGoal(GoalDocument):
 
 
 class MapGoal(GoalDocument):
-    """Where is the boundary between pass and fail? `valerie.guided.map`."""
+    """Map the boundary between pass and fail, by `valerie.guided.map`."""
 
     question = "Where is the boundary between pass and fail?"
     name: Literal["map"] = "map"
 
 
 class ExplainGoal(GoalDocument):
-    """Which smallest change flips the verdict? `valerie.guided.explain`.
+    """Find the smallest change that flips the verdict, by `valerie.guided.explain`.
 
     Attributes:
         failing, passing: values of the varied parameters of two variants. Without them, the first batch is drawn from the
@@ -117,7 +117,7 @@ class ExplainGoal(GoalDocument):
 
 
 class VerifyGoal(GoalDocument):
-    """Is the requirement met? `valerie.guided.verify`.
+    """Verify a requirement, by `valerie.guided.verify`.
 
     Attributes:
         share: the least share of variants that pass. Without it, the mean score of the variants has to reach the bound of
@@ -132,7 +132,7 @@ class VerifyGoal(GoalDocument):
 
 
 class CompareGoal(GoalDocument):
-    """Which of two functions is better? `valerie.guided.compare`.
+    """Compare two functions, by `valerie.guided.compare`.
 
     Attributes:
         within: half width of the interval at which the difference is known well enough.
@@ -149,7 +149,7 @@ class CompareGoal(GoalDocument):
 
 
 class RankGoal(GoalDocument):
-    """Which parameters matter? `valerie.guided.rank`."""
+    """Rank the parameters by their effect, by `valerie.guided.rank`."""
 
     question = "Which parameters matter?"
     bounded = False

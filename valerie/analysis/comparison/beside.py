@@ -118,7 +118,7 @@ class Conclusion:
 
     @property
     def agreement(self) -> str:
-        """Whether it holds in both runs, in words."""
+        """The agreement of both runs in words."""
         held = [entry.outcome is Outcome.REPRODUCED for entry in (self.here, self.there)]
         refuted = [entry.outcome is Outcome.NOT_REPRODUCED for entry in (self.here, self.there)]
         if all(held):

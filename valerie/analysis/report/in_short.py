@@ -1,4 +1,4 @@
-"""What a reader takes away who reads nothing else of a report."""
+"""Summarise a report in a few sentences."""
 
 from __future__ import annotations
 

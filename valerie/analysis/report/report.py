@@ -297,15 +297,15 @@ def _shade(mean: float) -> str:
 
 def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:
     """Return IoU per class and function from pooled counts, then the two means."""
-    pixels = {scores.name: scores.pixels for one in classes for scores in one.classes}
-    ious = [{scores.name: scores.iou for scores in one.classes} for one in classes]
+    pixels = {scores.name: scores.pixels for table in classes for scores in table.classes}
+    ious = [{scores.name: scores.iou for scores in table.classes} for table in classes]
     rows = [
         _ClassRow(label.name, pixels[label.name] / sum(pixels.values()), tuple(own.get(label.name) for own in ious))
         for label in TRAIN_LABELS
         if label.name in pixels
     ]
-    rows.append(_ClassRow("mean of these", None, tuple(one.miou_pooled for one in classes)))
-    rows.append(_ClassRow("mean of the frames' means", None, tuple(one.miou_mean for one in classes)))
+    rows.append(_ClassRow("mean of these", None, tuple(table.miou_pooled for table in classes)))
+    rows.append(_ClassRow("mean of the frames' means", None, tuple(table.miou_mean for table in classes)))
     return rows
 
 

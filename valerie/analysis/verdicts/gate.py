@@ -26,7 +26,7 @@ _FREE: Final = frozenset(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GateRun:
-    """What the gate reads of a run.
+    """The data of a run that the gate reads.
 
     Attributes:
         id: of the run.

@@ -315,7 +315,7 @@ def _shown(requirement: Requirement, mean: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class _Method:
-    """How scores are judged, in words and as a function; or, without the function, why they are not."""
+    """The method of judging scores, in words and as a function; without a function, the reason why there is no verdict."""
 
     text: str
     judge: Callable[[NDArray[np.float64]], Verdict] | None = None

@@ -45,13 +45,15 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
     description = f"VALERIE run {plan.run.id} ({resolved.spec.name})"
     if "coco" in settings.formats:
         for split in counts:
-            fragments = (one for one in _fragments(plan, folder) if one.split == split)
+            fragments = (fragment for fragment in _fragments(plan, folder) if fragment.split == split)
             entries = (fragment.coco for fragment in fragments if fragment.coco is not None)
             _write_coco(folder / "coco", split, entries, description)
     if "openlabel" in settings.formats:
         for split in counts:
-            labels = (one.openlabel for one in _fragments(plan, folder) if one.split == split)
-            _write_openlabel(folder / "openlabel" / split, (one for one in labels if one is not None), description)
+            labels = (fragment.openlabel for fragment in _fragments(plan, folder) if fragment.split == split)
+            _write_openlabel(
+                folder / "openlabel" / split, (labelled for labelled in labels if labelled is not None), description
+            )
     if "parquet" in settings.formats:
         types = {d.path: _plain(PARAMETER_COLUMNS[d.type.value]) for d in resolved.definitions}
         rows = (row for fragment in _fragments(plan, folder) for row in fragment.rows)
