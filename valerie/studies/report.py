@@ -9,6 +9,8 @@ from importlib.resources import files
 
 import jinja2
 
+from valerie.analysis.report.pages import page_environment
+
 
 @dataclass(frozen=True, slots=True)
 class ShownPicture:
@@ -77,10 +79,4 @@ def build_report(source: StudyReport) -> str:
 
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("valerie.studies", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    return page_environment("valerie.studies")
