@@ -342,7 +342,7 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         The digests that were published.
     """
     digests = [product.digest for product in finished]
-    # Locked until the commit (SQLite: nobody else writes): whoever holds a product now holds it until its rows are written.
+    # Locked until the commit (SQLite: nobody else writes): the current holder of a product keeps it until its rows are written.
     held = set(
         connection.scalars(
             select(Product.digest)
@@ -429,7 +429,7 @@ def fail(connection: Connection, digest: str, *, owner: str | None, error: Produ
     Args:
         connection: to write with.
         digest: of the product.
-        owner: who must hold it; None: whoever does.
+        owner: required holder; None: any.
         error: why.
         now: Unix seconds.
     """

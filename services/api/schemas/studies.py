@@ -36,7 +36,7 @@ class BatchRead(Read):
     run_id: str | None = Field(examples=[RUN_ID])
     outcomes: Outcomes | None = Field(
         description="scores, null where undefined; null while the run goes on",
-        examples=[{"scores": [0.93, 0.12, None], "rejected": []}],
+        examples=[{"scores": [0.93, 0.12, None], "second": [], "rejected": []}],
     )
     cpu_seconds: float | None = Field(description="spent for its run", examples=[41.5])
 

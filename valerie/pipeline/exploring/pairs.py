@@ -1,4 +1,4 @@
-"""Rows side by side: two functions or two runs matched by variant, and rows that differ in one parameter alone."""
+"""Match rows of two functions or two runs by variant, and rows that differ in a single parameter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from valerie.statistics.gates import compare_versions
 
 
 class Outcome(StrEnum):
-    """What became of a person from the first side to the second; found means pACC ≥ the threshold."""
+    """Change of a person from the first side to the second; found means pACC ≥ the threshold."""
 
     FIXED = "fixed"
     BROKEN = "broken"
@@ -46,15 +46,15 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two sides matched.
+    """The matched rows of two sides.
 
     Attributes:
-        rows: selected rows of each side with a pACC.
-        matched: pairs of them.
+        rows: numbers of selected rows with a pACC, by side.
+        matched: number of pairs.
         outcomes: pairs by outcome.
-        difference: mean pACC of the second side less that of the first, over places; None where places cannot tell.
+        difference: mean pACC of the second side minus that of the first, over places; None without pairs.
         low, high: its interval with 95 % confidence.
-        places: that it rests on.
+        places: number of places behind it.
         pairs: the pairs of the wanted outcome that differ most.
     """
 
@@ -70,7 +70,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Two rows that differ in one parameter alone."""
+    """Two rows that differ in a single parameter."""
 
     parameter: str
     pair: Pair
@@ -108,7 +108,7 @@ def compare_sides(
     wanted = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
     of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
     same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
-    found = exploration.query(
+    joined = exploration.query(
         Sql(
             f"WITH a AS (SELECT {wanted} FROM rows WHERE {of} AND {selection.sql.text}), "
             f"b AS (SELECT {wanted} FROM rows WHERE {of}) "
@@ -116,14 +116,14 @@ def compare_sides(
             (before.run, before.function, *selection.sql.values, after.run, after.function),
         )
     )
-    a, b = (found[name].to_numpy().astype(np.int64) for name in "ab")
-    pa_, pb = found["pa"].to_numpy(), found["pb"].to_numpy()
+    a, b = (joined[name].to_numpy().astype(np.int64) for name in "ab")
+    pa_, pb = joined["pa"].to_numpy(), joined["pb"].to_numpy()
     hit, hit_after = pa_ >= threshold, pb >= threshold
     masks = {
         Outcome.FIXED: ~hit & hit_after, Outcome.BROKEN: hit & ~hit_after,
         Outcome.BOTH_MISSED: ~hit & ~hit_after, Outcome.BOTH_FOUND: hit & hit_after,
     }  # fmt: skip
-    # The furthest change first; among pairs that both missed, the worst.
+    # Largest change first; among persons that both sides missed, the lowest scores.
     weight = pa_ + pb if outcome is Outcome.BOTH_MISSED else -np.abs(pb - pa_)
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
@@ -143,7 +143,7 @@ def compare_sides(
 
 
 def largest_swings(exploration: Exploration, selection: Selection, *, limit: int) -> list[Swing]:
-    """Return the pairs of selected rows that differ in one varied parameter alone and most in pACC, the furthest first.
+    """Return the pairs of selected rows that differ in one varied parameter only, largest change of pACC first.
 
     Args:
         exploration: the rows.
@@ -155,7 +155,7 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
     for parameter in parameters:
         others = ("run_id", "function", *SAME_MOMENT, *(path for path in parameters if path != parameter))
         column, row = quoted(parameter), quoted(ROW)
-        found = exploration.query(
+        extremes = exploration.query(
             Sql(
                 f"SELECT arg_max({row}, pacc) AS a, arg_min({row}, pacc) AS b, max(pacc) AS pa, min(pacc) AS pb FROM rows "
                 f"WHERE pacc IS NOT NULL AND {selection.sql.text} GROUP BY {', '.join(map(quoted, others))} "
@@ -163,7 +163,7 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
                 selection.sql.values,
             )
         )
-        swings += [Swing(parameter, pair) for pair in _pairs(_columns(found))]
+        swings += [Swing(parameter, pair) for pair in _pairs(_columns(extremes))]
     return sorted(swings, key=lambda swing: swing.pair.pacc_after - swing.pair.pacc_before)
 
 
@@ -173,8 +173,8 @@ def _rows_of(exploration: Exploration, side: Side, rows: NDArray[np.bool_]) -> i
     return int(np.count_nonzero(of & rows))
 
 
-def _columns(found: pa.Table) -> Iterable[tuple[int, int, float, float]]:
-    return zip(*(found[name].to_pylist() for name in ("a", "b", "pa", "pb")), strict=True)
+def _columns(table: pa.Table) -> Iterable[tuple[int, int, float, float]]:
+    return zip(*(table[name].to_pylist() for name in ("a", "b", "pa", "pb")), strict=True)
 
 
 def _pairs(columns: Iterable[tuple[int, int, float, float]]) -> list[Pair]:
