@@ -32,6 +32,7 @@ from valerie.analysis.report.distributions import binned_means, distributions
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
 from valerie.analysis.report.model import PictureKind, ReportInput
+from valerie.analysis.report.pages import page_environment
 from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
 from valerie.analysis.report.seeing import seeing
@@ -148,14 +149,7 @@ def data_url(data: bytes) -> str:
 
 
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("valerie.analysis.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=_finalize,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment("valerie.analysis.report", _finalize)
     environment.filters |= {
         "count": lambda number: f"{number:,}",
         "percent": wording.percent,
