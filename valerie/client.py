@@ -252,9 +252,13 @@ class Failure(_Read):
 
 
 class StudyOutcomes(_Read):
-    """Outcomes of a batch: a score of each variant, None where it has none, and the indexes of rejected variants."""
+    """Outcomes of a batch: a score of each variant, None where it has none, and the indexes of rejected variants.
+
+    ``second`` has the scores of the second function, where two are compared.
+    """
 
     scores: tuple[float | None, ...]
+    second: tuple[float | None, ...] = ()
     rejected: tuple[int, ...] = ()
 
 

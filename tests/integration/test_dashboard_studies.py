@@ -51,7 +51,7 @@ def page(browser: Browser, api: httpx.Client) -> Iterator[Page]:
 def begin(api: httpx.Client, name: str, **more: Any) -> str:
     """Begin a study whose every point is drawn from the operational density."""
     vary = [["person-1.pos.x", "UNIFORM", -3, 3], ["person-1.pos.y", "UNIFORM", 5, 30]]
-    study = {
+    study: dict[str, Any] = {
         "measure": "min(pacc) >= 0.5",
         "goal": {"name": "estimate", "first": 20},
         "budget": {"variants": 20},

@@ -381,7 +381,7 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
-    """Place lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    """Place lamp posts, signs, bollards, bins, planters and bicycle stands where the trunks leave room."""
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:

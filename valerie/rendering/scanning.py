@@ -1,9 +1,8 @@
-"""A frame as a rolling shutter reads it: line by line, each line at its own moment.
+"""Rolling shutter: reads a frame line by line, each line at its own moment.
 
-The scene is rendered in slices: the lines of a slice are read within so short a time that nothing in them moves noticeably, and
-show the scene and the camera at the middle of that time. At the fastest, a slice is one line. So everything in the picture was
-rendered, hidden surfaces too, and labels are those of rays cast at each line's moment. Shading, shadows and reflections follow
-slice by slice.
+The scene is rendered in slices. A slice holds the lines that are read before anything in them moves noticeably, and shows scene
+and camera at the middle of that time. In the fastest scenes, a slice is one line. Nothing is warped: surfaces that come into
+view are rendered, and labels are those of rays cast at each line's moment. Shading, shadows and reflections change per slice.
 
 Source: C.-K. Liang et al., "Analysis and compensation of rolling shutter effect", IEEE TIP 17(8), 2008,
 doi:10.1109/TIP.2008.925384 (the camera model).
@@ -39,13 +38,13 @@ Moments = Callable[[float], Scene]
 
 
 class Reading(NamedTuple):
-    """How a rolling shutter reads a frame.
+    """The times at which a rolling shutter reads the pixels of a frame.
 
     Attributes:
         lines: (H, W) or (H, 1), the row of the picture that shows each rendered pixel; 0 is the middle of the picture, which is
             read at the frame's moment.
         line_time_s: seconds from one row to the next.
-        blurs: whether velocities are asked for.
+        blurs: True if velocities are requested.
     """
 
     lines: NDArray[np.float64]
@@ -80,7 +79,7 @@ class _Whole:
 
 
 def _scan_of(image: LinearImage, truth: GroundTruth, whole: _Whole) -> Scan:
-    """Return what differs from a frame's own image and truth."""
+    """Return the difference from a frame's own image and truth."""
     differs = (whole.pixels.view(np.uint16) != image.pixels.view(np.uint16)).any(axis=2)
     differs |= (whole.class_map != truth.class_map) | (whole.instance_map != truth.instance_map)
     differs |= whole.depth.view(np.uint32) != truth.depth.view(np.uint32)
@@ -123,7 +122,7 @@ def scan(
         moments: the scene around the frame's moment.
         view: of the frame.
         frame: its image and truth, at its moment.
-        reading: how the lines are read.
+        reading: the times at which the lines are read.
     """
     image, truth = frame
     lines, line_time_s, blurs = reading

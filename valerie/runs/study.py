@@ -7,10 +7,9 @@ operational domain, the rest of the spec is that of every run that the study mak
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import yaml
 from pydantic import Field, JsonValue, ValidationError, field_validator, model_validator
@@ -48,18 +47,52 @@ class StudyState(StrEnum):
         return self in (StudyState.FINISHED, StudyState.STOPPED)
 
 
-class EstimateGoal(Document):
+class GoalDocument(Document):
+    """The fields that every goal states.
+
+    Attributes:
+        question: for people.
+        functions: number of functions under test that it is about.
+        bounded: True if it needs scores on both sides of the measure's bound.
+    """
+
+    question: ClassVar[str]
+    functions: ClassVar[int] = 1
+    bounded: ClassVar[bool] = True
+
+
+class EstimateGoal(GoalDocument):
     """How often does it fail? `valerie.guided.estimate`.
 
     Attributes:
         first: number of operational points at the beginning; by default a quarter of the budget, 20 to 256.
     """
 
+    question = "How often does a variant fail?"
     name: Literal["estimate"] = "estimate"
     first: Annotated[int, Field(strict=True, ge=20, le=100_000)] | None = None
 
 
-class ExplainGoal(Document):
+class FindGoal(GoalDocument):
+    """In how many ways does it fail? `valerie.guided.find`.
+
+    Attributes:
+        repeats: further seeds of what is random under which a failure must fail; 0 where nothing is random.
+    """
+
+    question = "In how many ways does a variant fail?"
+    name: Literal["find"] = "find"
+    repeats: Annotated[int, Field(strict=True, ge=0, le=10)] = 1
+
+
+class MapGoal(GoalDocument):
+    """Where is the boundary between pass and fail? `valerie.guided.map`."""
+
+    question = "Where is the boundary between pass and fail?"
+    name: Literal["map"] = "map"
+
+
+class ExplainGoal(GoalDocument):
     """Which smallest change flips the verdict? `valerie.guided.explain`.
 
     Attributes:
@@ -67,6 +100,8 @@ class ExplainGoal(Document):
             operational density, and the study starts from its lowest score and the nearest variant that passes.
     """
 
+    question = "Which smallest change flips the verdict?"
+    bounded = False
     name: Literal["explain"] = "explain"
     failing: dict[str, Scalar] | None = None
     passing: dict[str, Scalar] | None = None
@@ -81,13 +116,55 @@ class ExplainGoal(Document):
         return self
 
 
-Goal = Annotated[EstimateGoal | ExplainGoal, Field(discriminator="name")]
-#: Name to the document of a goal.
-GOALS: Final[Mapping[str, type[Document]]] = {"estimate": EstimateGoal, "explain": ExplainGoal}
+class VerifyGoal(GoalDocument):
+    """Is the requirement met? `valerie.guided.verify`.
+
+    Attributes:
+        share: the least share of variants that pass. Without it, the mean score of the variants has to reach the bound of
+            the measure.
+        confidence: 1 − the chance of a false verdict.
+    """
+
+    question = "Is the requirement met?"
+    name: Literal["verify"] = "verify"
+    share: Annotated[float, Field(gt=0, lt=1)] | None = None
+    confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+
+
+class CompareGoal(GoalDocument):
+    """Which of two functions is better? `valerie.guided.compare`.
+
+    Attributes:
+        within: half width of the interval at which the difference is known well enough.
+        of: what is compared: the ``mean`` scores, or the ``share`` of variants that pass.
+        level: confidence of the interval, and of the verdict.
+    """
+
+    question = "Which of the two functions is better?"
+    functions = 2
+    name: Literal["compare"] = "compare"
+    within: Annotated[float, Field(gt=0, lt=1)]
+    of: Literal["mean", "share"] = "mean"
+    level: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+
+
+class RankGoal(GoalDocument):
+    """Which parameters matter? `valerie.guided.rank`."""
+
+    question = "Which parameters matter?"
+    bounded = False
+    name: Literal["rank"] = "rank"
+
+
+Goal = Annotated[
+    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal, Field(discriminator="name")
+]
+#: Names of the goals.
+GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank")
 
 
 class Budget(Document):
-    """What a study may spend. It ends where the first of these is reached.
+    """Limits of a study, which ends when it reaches the first of them.
 
     Attributes:
         variants: legal variants; rejected ones cost nothing and do not count.
@@ -106,7 +183,7 @@ class Budget(Document):
 
 
 class StopRule(Document):
-    """When the answer is good enough.
+    """The precision at which a study ends.
 
     Attributes:
         width: full width of the assumption-free interval of ``estimate``. The study looks after every batch, so each look
@@ -152,14 +229,18 @@ class StudyDocument(Document):
         except InvalidInput as problem:
             problems.append(problem)
         else:
-            if not 0 < measure.at_least < 1 and isinstance(self.goal, EstimateGoal):
-                refusal = "an estimate needs scores on both sides of the bound"
+            if not 0 < measure.at_least < 1 and self.goal.bounded:
+                refusal = f"{self.goal.name} needs scores on both sides of the bound"
                 problems.append(InvalidInput(refusal, field="measure", value=self.measure, limit="above 0, below 1"))
         if not self.spec.blocks[0].vary:
             problems.append(InvalidInput("a study needs a parameter that varies", field="vary", limit=">= 1"))
-        if len(self.spec.functions) != 1:
-            refusal = "this goal is about one function under test"
-            problems.append(InvalidInput(refusal, field="functions", value=len(self.spec.functions), limit=1))
+        if (functions := len(self.spec.functions)) != self.goal.functions:
+            refusal = (
+                f"{self.goal.name} is about {('one function', 'two functions')[self.goal.functions - 1]} under test"
+            )
+            problems.append(InvalidInput(refusal, field="functions", value=functions, limit=self.goal.functions))
+        if isinstance(self.goal, RankGoal) and len(self.spec.blocks[0].vary) == 1:
+            problems.append(InvalidInput("a ranking needs two parameters", field="vary", value=1, limit=">= 2"))
         if self.batch > self.budget.variants:
             refusal = "a batch is larger than the budget"
             problems.append(InvalidInput(refusal, field="batch", value=self.batch, limit=self.budget.variants))
@@ -261,20 +342,28 @@ class Outcomes(Document):
 
     Attributes:
         scores: of each variant; None where a variant has none.
+        second: the same of the second function; empty where the study is about one.
         rejected: indexes of the variants that are rejected. They are outcomes of their own: without a score, and free.
     """
 
     scores: tuple[float | None, ...]
+    second: tuple[float | None, ...] = ()
     rejected: tuple[int, ...] = ()
 
     @property
-    def values(self) -> list[float]:
-        """The scores, with NaN for None."""
-        return [math.nan if score is None else score for score in self.scores]
+    def by_variant(self) -> list[tuple[float | None, ...]]:
+        """For each variant, the scores of the functions."""
+        return list(zip(self.scores, self.second, strict=True)) if self.second else [(score,) for score in self.scores]
+
+    @property
+    def values(self) -> list[float] | list[list[float]]:
+        """The scores as a strategy takes them, with NaN for None: one of each variant, or one of each function."""
+        table = [[math.nan if score is None else score for score in scores] for scores in self.by_variant]
+        return table if self.second else [score for (score,) in table]
 
 
 class StudyResult(Document):
-    """What a study knows.
+    """The result of a study.
 
     Attributes:
         sentences: in words.

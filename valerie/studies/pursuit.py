@@ -15,22 +15,42 @@ from typing import Any, Final, Protocol
 import numpy as np
 from pydantic import JsonValue
 
-from valerie.errors import Conflict
+from valerie.errors import Conflict, InvalidInput
+from valerie.guided import compare, rank
+from valerie.guided import map as mapping
+from valerie.guided.compare import Compare, Difference
 from valerie.guided.estimate import Estimate, FailureRate
 from valerie.guided.explain import MinimalPair
+from valerie.guided.find import Find, Modes
+from valerie.guided.map import Boundary, Map
+from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy
+from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.study import EstimateGoal, ExplainGoal, Outcomes, StudyResult
+from valerie.runs.study import (
+    CompareGoal,
+    EstimateGoal,
+    ExplainGoal,
+    FindGoal,
+    MapGoal,
+    Outcomes,
+    RankGoal,
+    StudyResult,
+    VerifyGoal,
+)
+from valerie.studies.boundary import BoundarySlice, slice_of
 from valerie.studies.pairs import ExplainFromScratch
 from valerie.studies.resolved import ResolvedStudy
 
 #: A batch rests on the outcomes of the batches up to this many before it.
 LAG: Final = 2
 _FIRST: Final = (20, 256)
+#: Modes, and rises and falls of a comparison, that are shown as pictures.
+_SHOWN: Final = 6
 
 
 class StoredBatch(Protocol):
-    """What a pursuit needs of a stored batch."""
+    """The part of a stored batch that a pursuit reads."""
 
     @property
     def count(self) -> int:
@@ -49,7 +69,7 @@ class StoredBatch(Protocol):
 
 
 class Pursuit:
-    """A strategy and how far it is.
+    """A strategy and its progress through the batches of a study.
 
     Args:
         study: the study.
@@ -65,7 +85,7 @@ class Pursuit:
         self._batches: list[UnitPoints] = []
 
     def follow(self, batches: Sequence[StoredBatch], *, everything: bool = False) -> None:
-        """Take the strategy through the stored batches; those that it knows are not repeated.
+        """Replay the stored batches that the strategy does not know yet.
 
         Args:
             batches: all of the study, in order.
@@ -85,7 +105,7 @@ class Pursuit:
             self._tell(batches, len(batches))
 
     def ask(self, batches: Sequence[StoredBatch], count: int) -> Proposal:
-        """Return the next batch after telling what it may rest on.
+        """Tell the strategy the outcomes that the next batch may depend on, and return that batch.
 
         Args:
             batches: all of the study; those up to two before the next have outcomes, or are empty.
@@ -98,7 +118,7 @@ class Pursuit:
         return proposal
 
     def tell_due(self, batches: Sequence[StoredBatch]) -> None:
-        """Tell all that the next batch rests on; they have outcomes, or are empty."""
+        """Tell the strategy every batch that the next one depends on; each has outcomes or is empty."""
         self._tell(batches, self.asked - LAG + 1)
 
     def agrees(self, batches: Sequence[StoredBatch]) -> bool:
@@ -112,24 +132,24 @@ class Pursuit:
         return self._batches[number]
 
     def repeats(self, number: int) -> bool:
-        """Return whether a batch has a point that an earlier one had."""
+        """Return whether a batch repeats a point of an earlier one."""
         earlier = {point.tobytes() for points in self._batches[:number] for point in points}
         return any(point.tobytes() in earlier for point in self._batches[number])
 
     @property
     def waits(self) -> bool:
-        """True while a batch that was asked for is not told."""
+        """True while a proposed batch has no outcomes."""
         return any(len(points) for points in self._batches[self.told :])
 
     def result(self) -> StudyResult | None:
-        """Return what is known from all that was told; None while that is nothing."""
+        """Return the result from all outcomes so far; None before there is one."""
         known = self._known()
         if known is None:
             return None
         return StudyResult(sentences=known.sentences, numbers=_numbers(known), batches=self.told)
 
     def enough(self) -> str | None:
-        """Return why the stop rule ends the study; None while it does not."""
+        """Return the reason why the stop rule ends the study; None if it does not."""
         width, known = self.study.document.stop.width, self._known()
         if width is None or not isinstance(known, FailureRate):
             return None
@@ -140,17 +160,32 @@ class Pursuit:
 
     def decisive(self) -> list[tuple[int, int, str]]:
         """Return variants to look at: (batch, index, what it is), from what was told."""
+        named: list[tuple[str, UnitPoints]] = []
+        match known := self._known():
+            case MinimalPair():
+                named = [
+                    ("It fails", known.failing),
+                    ("The last that does not fail", known.inner),
+                    ("It passes", known.passing),
+                ]
+            case Modes():
+                named = [(f"Mode {number}", mode.example) for number, mode in enumerate(known.modes[:_SHOWN], 1)]
+            case Boundary():
+                named = [("Next to the bound", point) for point in known.nearest]
+            case Difference():
+                second = self.study.document.spec.functions[1]
+                named = [(f"{second} does worse", point) for point in known.falls[: _SHOWN // 2]]
+                named += [(f"{second} does better", point) for point in known.rises[: _SHOWN // 2]]
+        places = [(self._place(point), words) for words, point in named]
+        unique = dict(reversed([(place, words) for place, words in places if place is not None]))
+        return [(*place, words) for place, words in reversed(unique.items())]
+
+    def boundary(self) -> BoundarySlice | None:
+        """Return what a map says of the two parameters that matter most; None for another goal, or too early."""
         known = self._known()
-        if isinstance(known, MinimalPair):
-            named = [
-                ("It fails", known.failing),
-                ("The last that does not fail", known.inner),
-                ("It passes", known.passing),
-            ]
-            places = [(self._place(point), words) for words, point in named]
-            unique = dict(reversed([(place, words) for place, words in places if place is not None]))
-            return [(*place, words) for place, words in reversed(unique.items())]
-        return []
+        if not isinstance(self._strategy, Map) or not isinstance(known, Boundary):
+            return None
+        return slice_of(self._strategy, self.study.domain, known.nearest[0])
 
     def _place(self, point: UnitPoints) -> tuple[int, int] | None:
         for number, points in enumerate(self._batches):
@@ -174,16 +209,52 @@ class Pursuit:
 
 
 def strategy_of(study: ResolvedStudy) -> Strategy:
-    """Return the strategy of a study's goal, before anything is asked."""
-    document, goal = study.document, study.document.goal
+    """Return the strategy of a study's goal, before anything is asked.
+
+    Raises:
+        InvalidInput: the budget is too small for any answer.
+    """
+    document, goal, domain = study.document, study.document.goal, study.domain
     at_least, seed = study.measure.at_least, document.spec.seed
-    if isinstance(goal, EstimateGoal):
-        return Estimate(study.domain, at_least=at_least, seed=seed, first=first_of(study))
-    assert isinstance(goal, ExplainGoal), "the last goal"
-    pair = None
-    if goal.failing is not None and goal.passing is not None:
-        pair = study.domain.point(goal.failing), study.domain.point(goal.passing)
-    return ExplainFromScratch(study.domain, pair, at_least=at_least, seed=seed, batch=document.batch)
+    if document.budget.variants < (fewest := _fewest(study)):
+        refusal = f"{goal.name} needs more variants before it can answer"
+        raise InvalidInput(refusal, field="budget.variants", value=document.budget.variants, limit=f">= {fewest}")
+    match goal:
+        case EstimateGoal():
+            return Estimate(domain, at_least=at_least, seed=seed, first=first_of(study))
+        case FindGoal():
+            return Find(domain, at_least=at_least, seed=seed, repeats=goal.repeats)
+        case MapGoal():
+            return Map(domain, at_least=at_least, seed=seed)
+        case VerifyGoal():
+            share = goal.share is not None
+            bound, passes = (goal.share or at_least), (at_least if share else None)
+            return Verify(domain, bound=bound, at_least=passes, seed=seed, confidence=goal.confidence)
+        case CompareGoal():
+            passes = at_least if goal.of == "share" else None
+            names = document.spec.functions[0], document.spec.functions[1]
+            return Compare(domain, within=goal.within, seed=seed, at_least=passes, level=goal.level, names=names)
+        case RankGoal():
+            return Rank(domain, seed=seed)
+        case ExplainGoal():
+            pair = None
+            if goal.failing is not None and goal.passing is not None:
+                pair = domain.point(goal.failing), domain.point(goal.passing)
+            return ExplainFromScratch(domain, pair, at_least=at_least, seed=seed, batch=document.batch)
+
+
+def _fewest(study: ResolvedStudy) -> int:
+    """Return the least number of variants that can lead to an answer."""
+    match study.document.goal:
+        case MapGoal():
+            # The first prediction knows all scores but those of the last batch.
+            batch = study.document.batch
+            return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
+        case CompareGoal():
+            return compare.FEWEST
+        case RankGoal():
+            return rank.TRAJECTORIES * (study.domain.dimensions + 1)
+    return 1
 
 
 def first_of(study: ResolvedStudy) -> int:
@@ -194,7 +265,7 @@ def first_of(study: ResolvedStudy) -> int:
 
 
 def looks_of(study: ResolvedStudy) -> int:
-    """Return how often the stop rule may look at an estimate; 1 without one, since only the end is looked at."""
+    """Return the largest number of looks at an estimate; without a stop rule 1, at the end."""
     document = study.document
     if document.stop.width is None:
         return 1

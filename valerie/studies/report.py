@@ -6,8 +6,21 @@ import base64
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Final
 
 import jinja2
+
+from valerie.guided.map import Call
+from valerie.studies.boundary import CELLS, ILLEGAL, BoundarySlice
+
+#: Colours of the calls of a map.
+_COLOURS: Final = {
+    Call.PASS.value: "#56b4e9",
+    Call.FAIL.value: "#d55e00",
+    Call.UNDEFINED.value: "#cc79a7",
+    Call.NOT_KNOWN.value: "#c9ced4",
+    ILLEGAL: "#ffffff",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +47,7 @@ class ShownPicture:
 
 @dataclass(frozen=True, slots=True)
 class ShownBatch:
-    """A line of the table of batches; numbers are empty while they are unknown."""
+    """A row of the table of batches; unknown numbers are empty."""
 
     number: int
     run: str
@@ -48,9 +61,10 @@ class ShownBatch:
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """Everything that the page shows, as text for people.
+    """The content of the page, as text.
 
     Attributes:
+        boundary: a slice of a map; None for the other goals.
         totals: variants, rejected, failed, without score and CPU time of all batches.
     """
 
@@ -59,6 +73,7 @@ class StudyReport:
     question: str
     state: str
     sentences: tuple[str, ...]
+    boundary: BoundarySlice | None
     pictures: tuple[ShownPicture, ...]
     batches: tuple[ShownBatch, ...]
     totals: tuple[str, ...]
@@ -71,8 +86,10 @@ class StudyReport:
 
 def build_report(source: StudyReport) -> str:
     """Write the page; equal input gives equal text."""
-    style = files("valerie.analysis").joinpath("templates/report.css").read_text(encoding="utf-8")
-    return _environment().get_template("study.html.j2").render(source=source, style=style)
+    style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
+    return (
+        _environment().get_template("study.html.j2").render(source=source, style=style, cells=CELLS, colours=_COLOURS)
+    )
 
 
 @cache

@@ -6,12 +6,6 @@ import { poll } from "./poll.js";
 
 const PAGE = 50;
 const LOOKS = { running: "active", paused: "wait", finished: "good", stopped: "ended" };
-const QUESTIONS = {
-  estimate: "How often does a variant fail?",
-  explain: "Which smallest change flips the verdict?",
-};
-
-export const question = ({ goal }) => QUESTIONS[goal] ?? `Goal: ${goal}`;
 export const measured = ({ measure, where }) => `A variant passes with ${measure}${where ? ` where ${where}` : ""}.`;
 
 // A running study with a reason waits for a person.
@@ -54,7 +48,7 @@ function entry(study) {
   const known = study.result?.sentences[0];
   return h("article", {},
     h("div", { class: "row" }, h("h2", {}, h("a", { href: `#/studies/${study.id}` }, study.name)), stateChip(study)),
-    h("p", {}, h("strong", {}, question(study)), " ", h("span", { class: "soft" }, measured(study))),
+    h("p", {}, h("strong", {}, study.question), " ", h("span", { class: "soft" }, measured(study))),
     known ? h("p", {}, known) : null,
     h("p", { class: "small soft" }, [study.reason, `${plural(study.budget.variants, "variant")} at most`, study.by_hand ? "by hand" : "automatic",
       h("span", { title: clock(study.created_at) }, `begun ${ago(study.created_at)}`), h("span", { class: "mono" }, study.id)]

@@ -5,7 +5,7 @@ import { NONE, ago, bytes, clock, count, duration, heading, plural, words } from
 import { poll } from "./poll.js";
 import { fileLink } from "./run.js";
 import { bar } from "./runs.js";
-import { measured, question, stateChip } from "./studies.js";
+import { measured, stateChip } from "./studies.js";
 
 const MOST = 1000; // variants of a batch
 const OUTCOMES = [["failed", "Fail"], ["passed", "Pass"], ["undefined", "Undefined"]];
@@ -48,7 +48,7 @@ export async function studyView({ main, key, signal }) {
     put(head, [study.state, study.reason, study.by_hand, study.batches.map((batch) => batch.outcomes !== null), ago(study.created_at)], h("div", { class: "spread" },
       h("div", { class: "stack" },
         h("div", { class: "row" }, h("h1", {}, study.name), stateChip(study)),
-        h("p", {}, h("strong", {}, question(study)), " ", measured(study)),
+        h("p", {}, h("strong", {}, study.question), " ", measured(study)),
         h("p", { class: "soft small", title: clock(study.created_at) }, `Begun ${ago(study.created_at)}`, study.finished_at ? ` · ended ${ago(study.finished_at)}` : "")),
       h("div", { class: "row" },
         going ? modes(study, setMode) : null,

@@ -1,4 +1,4 @@
-"""Studies: plan, begin, list, read, look at the next batch, accept it, change the mode, stop, resume."""
+"""Studies: plan, begin, list, read, preview and accept the next batch, change the mode, stop, resume."""
 
 from __future__ import annotations
 
@@ -214,9 +214,10 @@ def _read(context: Context, study_id: str) -> StudyRead:
 
 
 def _study(row: StudyRow) -> StudyRead:
-    document = row.document
-    own = {"goal": document.goal.name, "measure": document.measure, "where": document.where, "budget": document.budget}
-    return StudyRead.model_validate(vars(row) | own)
+    document, goal = row.document, row.document.goal
+    own = {"goal": goal.name, "question": goal.question}
+    asked = {"measure": document.measure, "where": document.where, "budget": document.budget}
+    return StudyRead.model_validate(vars(row) | own | asked)
 
 
 def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | None]:
@@ -225,9 +226,11 @@ def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | Non
 
 
 def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
-    scores = [score for score in outcomes.scores if score is not None]
-    failed = sum(score < bound for score in scores)
-    return BatchCounts(failed=failed, passed=len(scores) - failed, undefined=batch.legal - len(scores))
+    """Count variants; a variant fails if it fails for one of the functions."""
+    variants = outcomes.by_variant
+    failed = sum(any(score is not None and score < bound for score in scores) for scores in variants)
+    passed = sum(all(score is not None and score >= bound for score in scores) for scores in variants)
+    return BatchCounts(failed=failed, passed=passed, undefined=batch.legal - failed - passed)
 
 
 def _next(batch: commands.NextBatch) -> NextBatchRead:

@@ -42,7 +42,7 @@ class BatchRead(Read):
     run_id: str | None = Field(examples=[RUN_ID])
     outcomes: Outcomes | None = Field(
         description="scores, null where undefined; null while the run goes on",
-        examples=[{"scores": [0.93, 0.12, None], "rejected": []}],
+        examples=[{"scores": [0.93, 0.12, None], "second": [], "rejected": []}],
     )
     counts: BatchCounts | None = Field(
         description="outcomes of the legal variants; null while the run goes on",
@@ -58,6 +58,7 @@ class StudyRead(Read):
     reason: str | None = Field(description="what it waits for, or why it ended")
     by_hand: bool = Field(description="a person accepts each batch", examples=[False])
     goal: str = Field(examples=["estimate"])
+    question: str = Field(description="the goal in words", examples=["How often does a variant fail?"])
     measure: str = Field(description="score of a variant and its bound", examples=["min(pacc) >= 0.5"])
     where: str = Field(description="rows that count; empty: all", examples=["distance_m <= 30"])
     budget: Budget = Field(examples=[{"variants": 256, "cpu_hours": None, "deadline": None}])

@@ -44,7 +44,7 @@ class HttpOptions(Options):
         url: address to POST pictures to.
         timeout_s: seconds for the whole exchange, from the connection to the last byte.
         version: required value of the endpoint's header ``Function-Version``; empty: any. It is part of the digest: a new
-            network behind the same address is a new function only if this changes.
+            network behind the same address counts as a new function only if this value changes.
     """
 
     url: Annotated[str, Field(min_length=1, max_length=2000)]

@@ -17,7 +17,7 @@ from valerie.scene.graph.model import Mesh, Texture, freeze
 
 
 class DeferredMesh(Mesh):
-    """A mesh that knows the name of its material and makes everything else when it is first read.
+    """A mesh that knows the name of its material and makes its arrays when they are first read.
 
     Args:
         make: returns the finished mesh; this object calls it at most once.

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,12 +23,18 @@ from valerie.guided.estimate import Estimate
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import advancing, commands
+from valerie.pipeline.control.studies.reporting import report
+from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
 from valerie.runs.states import RunState
-from valerie.runs.study import StudyState, parse_study
+from valerie.runs.study import Outcomes, StudyState, parse_study
 from valerie.studies import pursuit
+from valerie.studies.boundary import CELLS
+from valerie.studies.pursuit import Pursuit
+from valerie.studies.report import StudyReport, build_report
 
-Pipelines = Callable[..., Pipeline]
+#: Two batches and a rest.
+SHORT = {"variants": 24}
 
 
 class SmallEstimate(Estimate):
@@ -35,11 +44,21 @@ class SmallEstimate(Estimate):
         super().__init__(domain, **arguments, pool=300)
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
     """A study reads rows; the reports of its runs and large pools are tested elsewhere."""
-    monkeypatch.setattr(finish, "write_results", lambda *_: None)
-    monkeypatch.setattr(pursuit, "Estimate", SmallEstimate)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(finish, "write_results", lambda *_: None)
+        patch.setattr(pursuit, "Estimate", SmallEstimate)
+        yield
+
+
+@pytest.fixture(scope="module")
+def calm(quick: None, tmp_path_factory: pytest.TempPathFactory, assets: Path) -> tuple[Pipeline, str]:
+    """A study that nothing disturbed."""
+    pipeline = Pipeline(tmp_path_factory.mktemp("calm"), assets)
+    pursue(pipeline, study := begin(pipeline))
+    return pipeline, study
 
 
 def document(**more: Any) -> dict[str, Any]:
@@ -86,9 +105,9 @@ def pursue(pipeline: Pipeline, study: str, *, until: Callable[[], bool] = lambda
     raise AssertionError(f"still {row(pipeline, study)}")
 
 
-def test_a_study_spends_its_budget_in_runs_and_knows_a_rate(pipeline: Pipeline) -> None:
-    study = begin(pipeline)
-    ended = pursue(pipeline, study)
+def test_a_study_spends_its_budget_in_runs_and_knows_a_rate(calm: tuple[Pipeline, str]) -> None:
+    pipeline, study = calm
+    ended = row(pipeline, study)
     assert (ended.state, ended.reason) == (StudyState.FINISHED, "the budget of 44 variants is spent")
     known = batches(pipeline, study)
     assert [(b.count, len(b.points), b.based_on) for b in known] == [
@@ -124,13 +143,8 @@ class Killed(BaseException):
 
 
 def test_a_study_killed_at_its_writes_decides_what_the_calm_one_does(
-    pipelines: Pipelines, monkeypatch: pytest.MonkeyPatch
+    calm: tuple[Pipeline, str], pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calm = pipelines("calm")
-    pursue(calm, first := begin(calm))
-    expected = history(calm, first)
-
-    pipeline = pipelines("killed")
     study = begin(pipeline)
     chance = np.random.default_rng(0)
     deaths = []
@@ -158,17 +172,14 @@ def test_a_study_killed_at_its_writes_decides_what_the_calm_one_does(
             pipeline.loop = ControlLoop(pipeline.context)
             pipeline.broker.ready.clear()
     assert row(pipeline, study).state is StudyState.FINISHED
-    assert history(pipeline, study) == expected
-    assert row(pipeline, study).result == row(calm, first).result
+    assert history(pipeline, study) == history(*calm)
+    assert row(pipeline, study).result == row(*calm).result
     assert {"set_run", "propose", "end", "set_values"} <= set(deaths)
     with reading(pipeline.context.engine) as connection:
         assert len(runs.page(connection, limit=100)) == 5
 
 
-def test_products_that_fail_are_tried_again_and_are_no_outcomes(pipelines: Pipelines) -> None:
-    calm = pipelines("calm")
-    pursue(calm, first := begin(calm))
-    pipeline = pipelines("faulty")
+def test_products_that_fail_are_tried_again_and_are_no_outcomes(calm: tuple[Pipeline, str], pipeline: Pipeline) -> None:
     study = begin(pipeline)
     broken: set[str] = set()
 
@@ -180,11 +191,11 @@ def test_products_that_fail_are_tried_again_and_are_no_outcomes(pipelines: Pipel
     pipeline.makers["render"].before = refuse_once
     assert pursue(pipeline, study).state is StudyState.FINISHED
     assert len(broken) == 5
-    assert history(pipeline, study) == history(calm, first)
+    assert history(pipeline, study) == history(*calm)
 
 
 def test_what_fails_for_good_pauses_the_study_until_a_person_resumes_it(pipeline: Pipeline) -> None:
-    study = begin(pipeline)
+    study = begin(pipeline, budget=SHORT)
 
     def refuse(job: Any) -> None:
         if job.kind == "layer":
@@ -200,7 +211,7 @@ def test_what_fails_for_good_pauses_the_study_until_a_person_resumes_it(pipeline
 
 
 def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
-    study = begin(pipeline)
+    study = begin(pipeline, budget=SHORT)
     pipeline.loop.tick(everything=True)
     run = batches(pipeline, study)[0].run_id
     assert run is not None
@@ -212,7 +223,7 @@ def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
 
 
 def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> None:
-    study = begin(pipeline, mode="by hand")
+    study = begin(pipeline, mode="by hand", budget=SHORT)
     pipeline.step()
     pipeline.step()
     (waiting,) = batches(pipeline, study)
@@ -221,7 +232,7 @@ def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> N
     proposed = commands.next_batch(pipeline.context, study)
     assert (proposed.legal, proposed.accepted, proposed.plan.frames) == (10, False, 20)
     with pytest.raises(InvalidInput, match="count"):
-        commands.accept(pipeline.context, study, count=45)
+        commands.accept(pipeline.context, study, count=25)
     commands.accept(pipeline.context, study, count=16)
     with pytest.raises(Conflict, match="no proposal"):
         commands.accept(pipeline.context, study)
@@ -280,3 +291,135 @@ def test_a_pair_that_does_not_fail_and_pass_ends_with_its_scores(pipeline: Pipel
     ended = pursue(pipeline, study)
     assert ended.state is StudyState.FINISHED
     assert "do not fail and pass" in (ended.reason or "")
+
+
+def test_verify_ends_where_the_requirement_is_decided_and_is_reported(pipeline: Pipeline) -> None:
+    study = begin(pipeline, goal={"name": "verify", "share": 0.95}, batch=8)
+    ended = pursue(pipeline, study)
+    assert (ended.state, ended.reason) == (StudyState.FINISHED, "The requirement is decided.")
+    assert ended.result is not None
+    assert ended.result.numbers["outcome"] == "not met"
+    page = report(pipeline.context, study)
+    assert "Is the requirement met?" in page
+    assert ended.result.sentences[0] in page
+    assert "<figcaption><b>It fails, " in page
+
+
+@dataclass(frozen=True)
+class Told:
+    """A batch with planted scores."""
+
+    count: int
+    points: list[list[float]]
+    outcomes: Outcomes
+
+
+def planted(pipeline: Pipeline, score: Callable[..., Any], **more: Any) -> tuple[Pursuit, list[Told]]:
+    """Take a study to its end with scores from the two coordinates in the unit square: (n,) each to (n,) or (2, n)."""
+    vary = [["person-1.pos.x", "UNIFORM", -3, 0], ["person-1.pos.y", "UNIFORM", 3, 9]]  # beside the house
+    parsed = parse_study(document(constraints=[], vary=vary, **{"budget": {"variants": 260}, "batch": 20, **more}))
+    known, batches = Pursuit(resolve_document(pipeline.context, parsed)), list[Told]()
+    while left := parsed.budget.variants - sum(len(batch.points) for batch in batches):
+        proposal = known.ask(batches, min(parsed.batch, left))
+        if not len(proposal) and not known.waits:
+            break
+        columns = np.atleast_2d(score(*proposal.points.T)).tolist()
+        scores = Outcomes(scores=columns[0], second=columns[1] if len(columns) == 2 else ())
+        batches.append(Told(parsed.batch, proposal.points.tolist(), scores))
+    known.follow(batches, everything=True)
+    return known, batches
+
+
+def test_find_counts_modes_and_shows_a_variant_of_each(pipeline: Pipeline) -> None:
+    def corners(x: Any, y: Any) -> Any:
+        return np.clip(np.minimum(np.hypot(x, y), np.hypot(1 - x, 1 - y)) / 0.5, 0, 1)
+
+    known, batches = planted(pipeline, corners, goal="find")
+    result = known.result()
+    assert result is not None
+    assert len(result.numbers["modes"]) == 2  # type: ignore[arg-type]
+    shown = {words: batches[number].outcomes.scores[index] for number, index, words in known.decisive()}
+    assert list(shown) == ["Mode 1", "Mode 2"]
+    assert all(score is not None and score < 0.5 for score in shown.values())
+
+
+def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> None:
+    known, batches = planted(
+        pipeline, lambda x, y: np.clip(1.3 * y - 0.2 * x, 0, 1), goal="map", budget={"variants": 150}
+    )
+    result = known.result()
+    assert result is not None
+    assert result.numbers["passing"] == pytest.approx(0.538, abs=0.03)
+    for number, index, words in known.decisive():
+        assert words == "Next to the bound"
+        assert batches[number].outcomes.scores[index] == pytest.approx(0.5, abs=0.05)
+    drawn = known.boundary()
+    assert drawn is not None
+    assert drawn.names == ("person-1.pos.y", "person-1.pos.x")
+    assert drawn.ends[0] == ("3 m", "9 m")
+    sizes = {call: sum(width for *_, width, other in drawn.strips if other == call) for call in drawn.calls}
+    assert sum(sizes.values()) == CELLS**2
+    assert sizes["pass"] / CELLS**2 == pytest.approx(0.538, abs=0.05)
+    texts = dict.fromkeys(("id", "name", "question", "state", "measure", "where", "document", "digest"), "text")
+    page = build_report(
+        StudyReport(**texts, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text")
+    )
+    areas = re.findall(r'<rect x="\d+" y="\d+" width="(\d+)" height="1" fill="(#\w+)"', page)
+    assert len({colour for _, colour in areas}) == len(drawn.calls)
+    assert sum(int(width) for width, _ in areas) == CELLS**2
+    assert {column >= CELLS // 2 for _, column, _, call in drawn.strips if call == "pass"} == {False, True}
+
+
+def test_rank_names_the_parameter_that_matters_first(pipeline: Pipeline) -> None:
+    known, _ = planted(pipeline, lambda x, y: 0.2 * x + 0.8 * y, goal="rank")
+    result = known.result()
+    assert result is not None
+    assert result.sentences[0].startswith("person-1.pos.y: 9")
+    assert result.numbers["blocks"] == (260 - 30) // 4
+
+
+def test_verify_bounds_the_mean_score_without_a_share(pipeline: Pipeline) -> None:
+    known, _ = planted(pipeline, lambda x, y: np.full(len(x), 0.9), goal="verify")
+    result = known.result()
+    assert result is not None
+    assert result.numbers["outcome"] == "met"
+    assert "mean score is 0.900, 0.5 required" in result.sentences[0]
+
+
+def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipeline) -> None:
+    functions = ["blank", "deeplabv3plus-small"]
+    known, batches = planted(
+        pipeline,
+        lambda x, y: np.stack([0.8 * y, 0.8 * y + 0.2 * x]),
+        goal={"name": "compare", "within": 0.05},
+        functions=functions,
+    )
+    result = known.result()
+    assert result is not None
+    assert result.numbers["estimate"] == pytest.approx(0.1, abs=0.03)
+    assert "Better: deeplabv3plus-small." in result.sentences
+    number, index, words = known.decisive()[0]
+    assert words == "deeplabv3plus-small does better"
+    first, second = batches[number].outcomes.by_variant[index]
+    assert first is not None
+    assert second is not None
+    assert second - first > 0.15
+    rows = [
+        {"variant_index": 0, "frame_id": "r-000000-0", "sensor": "", "function": function, "pacc": value}
+        for function, value in zip(reversed(functions), (0.25, 0.75), strict=True)
+    ]
+    outcomes = known.study.outcomes(rows, 2, ())
+    assert outcomes.by_variant == [(0.75, 0.25), (None, None)]
+
+
+@pytest.mark.parametrize(
+    ("change", "limit"),
+    [
+        ({"goal": "map"}, ">= 110"),
+        ({"goal": "rank", "budget": {"variants": 29}}, ">= 30"),
+        ({"goal": {"name": "compare", "within": 0.1}, "functions": ["blank", "deeplabv3plus-small"]}, ">= 50"),
+    ],
+)
+def test_a_budget_without_any_answer_is_refused(pipeline: Pipeline, change: dict[str, Any], limit: str) -> None:
+    with pytest.raises(InvalidInput, match=f"budget.variants: .*{limit}"):
+        begin(pipeline, **change)

@@ -1,4 +1,4 @@
-"""The report of a study, from the database and the stored products."""
+"""Build the report of a study from the database and the stored products."""
 
 from __future__ import annotations
 
@@ -18,26 +18,21 @@ from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.runs.frames import FrameKey
-from valerie.runs.study import ExplainGoal
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
 
-#: Numbers of variants that are shown of an estimate: the lowest scores, and those next above the bound.
+#: Numbers of variants that are shown where a result names none: the lowest scores, and those next above the bound.
 _LOWEST: Final = 4
 _NEXT: Final = 2
-_QUESTIONS: Final = {
-    "estimate": "How often does a variant fail?",
-    "explain": "Which smallest change flips the verdict?",
-}
 #: A variant of a study: batch, index and what it is.
 _Place = tuple[int, int, str]
 
 
 def report(context: Context, study_id: str) -> str:
-    """Return the page of a study, with what is known from the batches that ended.
+    """Return the page of a study, with the result from the batches that ended.
 
     Raises:
         NotFound: no such study.
@@ -52,9 +47,10 @@ def report(context: Context, study_id: str) -> str:
         StudyReport(
             id=study.id,
             name=study.name,
-            question=_QUESTIONS[study.document.goal.name],
+            question=study.document.goal.question,
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             sentences=() if result is None else result.sentences,
+            boundary=pursuit.boundary(),
             pictures=tuple(_pictures(context, pursuit, batches)),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
             totals=_totals(batches, pursuit.study),
@@ -83,10 +79,11 @@ def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
 
 
 def _counts(batch: BatchRow, resolved: ResolvedStudy) -> tuple[int, int]:
-    """Return the numbers of variants that failed, and of legal ones that have no score."""
-    scores = () if batch.outcomes is None else batch.outcomes.scores
-    failed = sum(score is not None and score < resolved.measure.at_least for score in scores)
-    return failed, sum(score is None and i not in batch.rejected for i, score in enumerate(scores))
+    """Return the numbers of variants that failed for a function, and of legal ones that lack a score."""
+    variants = [] if batch.outcomes is None else batch.outcomes.by_variant
+    at_least = resolved.measure.at_least
+    failed = sum(any(score is not None and score < at_least for score in scores) for scores in variants)
+    return failed, sum(None in scores and i not in batch.rejected for i, scores in enumerate(variants))
 
 
 def _totals(batches: Sequence[BatchRow], resolved: ResolvedStudy) -> tuple[str, ...]:
@@ -102,25 +99,24 @@ def _totals(batches: Sequence[BatchRow], resolved: ResolvedStudy) -> tuple[str, 
 
 def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
     study = pursuit.study
-    places: list[_Place] = pursuit.decisive()
-    if not isinstance(study.document.goal, ExplainGoal):
-        places = _extremes(study, batches)
-    for number, index, title in places:
+    for number, index, title in pursuit.decisive() or _extremes(study, batches):
         batch = batches[number]
-        score = None if batch.outcomes is None else batch.outcomes.scores[index]
         if batch.run_id is None:
             continue
-        values = study.domain.values(batch.points[index])
+        functions = study.document.spec.functions
+        scores = [None] * len(functions) if batch.outcomes is None else batch.outcomes.by_variant[index]
+        values = _named(study, study.domain.values(batch.points[index]))
         for camera, name in enumerate(study.run.cameras):
             key = FrameKey(batch.run_id, index, camera)
-            try:
-                source = find_picture(context, key, kind="errors")
-                picture = jpeg(paint_picture(context, source))
-            except ValerieError as error:
-                log.warning("study.picture", frame=str(key), error=str(error))
-                continue
-            shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
-            yield ShownPicture(f"{title}, {name}", shown, _named(study, values), str(key), picture)
+            for function, score in zip(functions, scores, strict=True):
+                try:
+                    picture = jpeg(paint_picture(context, find_picture(context, key, kind="errors", function=function)))
+                except ValerieError as error:
+                    log.warning("study.picture", frame=str(key), error=str(error))
+                    continue
+                shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
+                what = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
+                yield ShownPicture(what, shown, values, str(key), picture)
 
 
 def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]:
