@@ -14,8 +14,12 @@ from valerie.testing.assets import simple_manifest
 
 @pytest.fixture(scope="module")
 def street(street: Manifest) -> Manifest:
-    """The street of these tests, with every parameter of the sensor."""
-    others = (d for d in street.parameters if not d.path.startswith("sensor."))
+    """The street of these tests, also by night, with every parameter of the sensor."""
+    others = (
+        d.model_copy(update={"minimum": -20.0}) if d.path == "scene.sun-1.elevation" else d
+        for d in street.parameters
+        if not d.path.startswith("sensor.")
+    )
     sensor = (row.definition() for row in SENSOR_PARAMETERS.values())
     return street.model_copy(update={"parameters": (*others, *sensor)})
 
