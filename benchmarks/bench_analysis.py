@@ -19,9 +19,9 @@ from benchmarks import results
 from benchmarks.planted import REPORTED
 from benchmarks.planted_grids import planted_grid
 from valerie.analysis.analyze import analyze
-from valerie.analysis.report import build_report
-from valerie.analysis.report_model import Provenance, ReportInput
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.report.model import Provenance, ReportInput
+from valerie.analysis.report.report import build_report
+from valerie.analysis.rows.table import EvaluationTable
 
 #: Places across, headings, suns, characters, cameras.
 OTHERS = (10, 8, 4, 2, 3)

@@ -19,8 +19,8 @@ from scipy.special import expit, logit, ndtr
 
 from benchmarks import results
 from tests.planted_tables import planted_table
-from valerie.analysis.design import Design
-from valerie.analysis.error_model import LEVELS, LIMIT, fit_error_models
+from valerie.analysis.error_model.model import LEVELS, LIMIT, fit_error_models
+from valerie.analysis.rows.design import Design
 from valerie.statistics.calibration import calibration, quantile_shares
 
 Floats = NDArray[np.float64]

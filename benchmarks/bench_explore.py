@@ -26,8 +26,8 @@ from tests.planted_tables import X, planted_table
 from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.pipeline.base.run_artifacts import TABLE_PARQUET
 from valerie.storage.keys import run_key
 

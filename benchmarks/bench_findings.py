@@ -26,9 +26,9 @@ from benchmarks import planted, results
 from benchmarks.planted import REPORTED, World
 from benchmarks.planted_grids import planted_grid
 from tests.planted_tables import drawn_space, planted_table, requirement
-from valerie.analysis.design import Design
-from valerie.analysis.finding_search import find_findings
-from valerie.analysis.verdicts import judge_requirements
+from valerie.analysis.findings.search import find_findings
+from valerie.analysis.rows.design import Design
+from valerie.analysis.verdicts.verdicts import judge_requirements
 from valerie.statistics.confirmation import find, holm
 from valerie.statistics.contrasts import contrasts
 from valerie.statistics.curves import Shape, contradicted_bins, fit_curve

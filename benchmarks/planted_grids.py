@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable, combine
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.measures import MEASURES
 
 #: Pixels of every planted person.

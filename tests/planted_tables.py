@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from valerie.analysis.design import Design
-from valerie.analysis.findings import Finding, Step, View
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.findings.findings import Finding, Step, View
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import MEASURES
 from valerie.parameters.blocks import Block, Variation
 from valerie.parameters.definitions import ParameterDefinition

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter
-
 T = TypeVar("T")
 
 #: An object of a JSON document that another program or format defines, or that is written for others and not read again: JSON
@@ -30,4 +28,7 @@ def typed(form: type[T], document: object) -> T:
     Raises:
         ValidationError: the data do not have this form.
     """
+    # Commands that print no results start without pydantic.
+    from pydantic import TypeAdapter
+
     return TypeAdapter(form).validate_python(document)

@@ -19,7 +19,7 @@ from typing import Any
 
 from rich.console import Console
 
-from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
+from valerie.analysis.comparison.drawing import comparison_renderable, draw_comparison
 from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference

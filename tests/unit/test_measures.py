@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import pytest
 
-from valerie.analysis.table import schema_of
+from valerie.analysis.rows.table import schema_of
 from valerie.datasets.index import COLUMNS
 from valerie.db import long_table
 from valerie.errors import UnknownName

@@ -18,8 +18,8 @@ from sqlalchemy.orm import Session
 from services.eval_worker import tasks as evaluation
 from services.infer_worker import tasks as inference
 from services.render_worker import tasks as rendering
-from valerie.analysis.findings import Findings
-from valerie.analysis.summary import Summary
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.summary.summary import Summary
 from valerie.broker import create_app
 from valerie.db import blocks, frames, functions, processes, results, runs
 from valerie.db.engine import open_engine, reading, writing

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from valerie.analysis.all_classes import AllClasses
-from valerie.analysis.finding_search import find_findings
-from valerie.analysis.findings import Findings
-from valerie.analysis.summary import Summary, summarize
-from valerie.analysis.table import EvaluationTable
-from valerie.analysis.trends import Trends, find_trends
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.findings.search import find_findings
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.summary.all_classes import AllClasses
+from valerie.analysis.summary.summary import Summary, summarize
+from valerie.analysis.trends.trends import Trends, find_trends
 from valerie.runs.documents import RunSpec
 
 
@@ -37,7 +37,7 @@ def analyze(
     Args:
         table: the run's evaluations.
         classes: their scores over all classes, for the summary.
-        precisions: function to the precision that it ran in; see `valerie.analysis.finding_search.incomparable`.
+        precisions: function to the precision that it ran in; see `valerie.analysis.findings.search.incomparable`.
         threshold: detection threshold t, 0 < t ≤ 1.
         seed: of everything that is drawn: places that search, folds, bands.
         spec: of the run; its findings then propose a run that examines them.

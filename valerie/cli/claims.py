@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, write_ou
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.claims import Claims, Entry
+    from valerie.analysis.claims.claims import Claims, Entry
 
 #: Formats of the ledger, by the end of the file's name.
 _FORMATS = (".csv", ".parquet", ".json", ".md")
@@ -50,7 +50,7 @@ def read_claims(path: Path) -> Claims:
     Raises:
         InvalidInput: the file cannot be read, or is no such document.
     """
-    from valerie.analysis.claims import parse_claims
+    from valerie.analysis.claims.claims import parse_claims
     from valerie.loading import load_document
 
     return parse_claims(load_document(read_spec(path)))
@@ -66,7 +66,7 @@ def show_ledger(
     data_dir: Path | None = None,
 ) -> None:
     """Test claims on an ended run, print the ledger, and write it to a file of one of `_FORMATS`."""
-    from valerie.analysis.claims import write_ledger
+    from valerie.analysis.claims.claims import write_ledger
 
     run = run_reader(url, data_dir)(run_id)
     entries = write_ledger(statements, run.table, seed=run.spec.seed)
@@ -78,7 +78,7 @@ def show_ledger(
     from rich.padding import Padding
     from rich.text import Text
 
-    from valerie.analysis.claims import Outcome
+    from valerie.analysis.claims.claims import Outcome
 
     styles = {Outcome.REPRODUCED: "bold green", Outcome.NOT_REPRODUCED: "bold red", Outcome.UNDECIDED: "bold yellow"}
     console().print(Text(statements.title, style="bold"))
@@ -94,8 +94,8 @@ def show_ledger(
 
 
 def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
-    from valerie.analysis.claims import ledger_table, ledger_text
-    from valerie.analysis.table import encoded
+    from valerie.analysis.claims.claims import ledger_table, ledger_text
+    from valerie.analysis.rows.table import encoded
 
     if suffix == ".json":
         return json.dumps(list(map(asdict, entries)), ensure_ascii=False, indent=1).encode()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from valerie.analysis.beside import Beside
+    from valerie.analysis.comparison.beside import Beside
 
 
 def renderables(beside: Beside) -> list[RenderableType]:
@@ -15,7 +15,8 @@ def renderables(beside: Beside) -> list[RenderableType]:
     from rich.table import Table
     from rich.text import Text
 
-    from valerie.analysis.wording import percent, points, span_text
+    from valerie.analysis.comparison.wording import span_text
+    from valerie.analysis.wording import percent, points
 
     parts: list[RenderableType] = [
         Text(f"{beside.here} (here) and {beside.there} (there): {beside.frames:,} frames show the same scenes", "bold")

@@ -11,7 +11,7 @@ from valerie.cli.deployment import context_of
 from valerie.cli.shell import DataDir, Exit, Json, RunId, say, settings_of, write_output
 
 if TYPE_CHECKING:
-    from valerie.analysis.error_model_files import ErrorModelCard
+    from valerie.analysis.error_model.files import ErrorModelCard
 
 
 def error_model(
@@ -47,8 +47,8 @@ def error_model(
     whole places that it has not seen. Exits with 3 if a function gets no model: too few places, or a
     calibration error above 2 %.
     """
-    from valerie.analysis.error_model import GIVEN
-    from valerie.analysis.error_model_files import CARD, ErrorModelCard
+    from valerie.analysis.error_model.files import CARD, ErrorModelCard
+    from valerie.analysis.error_model.model import GIVEN
     from valerie.pipeline.evidence.error_models import make_error_models
 
     columns = GIVEN if given is None else tuple(name.strip() for name in given.split(","))

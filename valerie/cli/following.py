@@ -100,9 +100,9 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         return
     out = console()
     if summary is not None:
-        from valerie.analysis.findings import Findings
-        from valerie.analysis.summary import Summary
-        from valerie.analysis.summary_text import summary_renderable
+        from valerie.analysis.findings.findings import Findings
+        from valerie.analysis.summary.summary import Summary
+        from valerie.analysis.summary.text import summary_renderable
 
         out.print()
         _print_first(summary)
@@ -128,10 +128,10 @@ def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSum
 
 def _print_first(summary: RunSummary) -> None:
     """Print what stands before all other results: warnings, then verdicts."""
-    from valerie.analysis.summary import Summary
-    from valerie.analysis.summary_text import warnings_renderable
-    from valerie.analysis.verdict_text import verdicts_renderable
-    from valerie.analysis.verdicts import RequirementVerdict
+    from valerie.analysis.summary.summary import Summary
+    from valerie.analysis.summary.text import warnings_renderable
+    from valerie.analysis.verdicts.text import verdicts_renderable
+    from valerie.analysis.verdicts.verdicts import RequirementVerdict
 
     out = console()
     out.print(warnings_renderable(typed(Summary, summary.summary)), end="")

@@ -17,7 +17,7 @@ from valerie.plain import typed
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from valerie.analysis.gate import GateResult, GateRun
+    from valerie.analysis.verdicts.gate import GateResult, GateRun
 
 
 def gate(
@@ -63,9 +63,9 @@ def gate(
     baseline is compared on identical frames, slice by slice; at most 5 % of the
     slices that are named worse are expected to be so by chance.
     """
-    from valerie.analysis.gate import called
-    from valerie.analysis.gate import gate as judge
-    from valerie.analysis.junit import junit_xml
+    from valerie.analysis.verdicts.gate import called
+    from valerie.analysis.verdicts.gate import gate as judge
+    from valerie.analysis.verdicts.junit import junit_xml
 
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
@@ -90,8 +90,8 @@ def renderables(result: GateResult) -> list[RenderableType]:
     """Return a gate's result for a rich console: verdicts, then what became worse, then all other slices."""
     from rich.text import Text
 
-    from valerie.analysis.gate import slice_text
-    from valerie.analysis.verdict_text import verdicts_renderable
+    from valerie.analysis.verdicts.gate import slice_text
+    from valerie.analysis.verdicts.text import verdicts_renderable
 
     parts: list[RenderableType] = [verdicts_renderable(result.verdicts), ""] if result.verdicts else []
     for version in result.versions:
@@ -110,8 +110,8 @@ def renderables(result: GateResult) -> list[RenderableType]:
 
 
 def _verdicts(result: GateResult, suffix: str) -> bytes:
-    from valerie.analysis.table import encoded
-    from valerie.analysis.verdicts import verdict_table
+    from valerie.analysis.rows.table import encoded
+    from valerie.analysis.verdicts.verdicts import verdict_table
 
     if suffix == ".json":
         return json.dumps(list(map(asdict, result.verdicts)), ensure_ascii=False, indent=1).encode()
@@ -135,9 +135,9 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
     def from_server(run_id: str) -> GateRun:
         import io
 
-        from valerie.analysis.gate import GateRun
-        from valerie.analysis.table import EvaluationTable
-        from valerie.analysis.verdicts import RequirementVerdict
+        from valerie.analysis.rows.table import EvaluationTable
+        from valerie.analysis.verdicts.gate import GateRun
+        from valerie.analysis.verdicts.verdicts import RequirementVerdict
         from valerie.runs.pins import Pins
         from valerie.runs.spec import RunSpec
 

@@ -26,11 +26,11 @@ def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> 
     A grid has no confidence interval. Run on several streets (``asset: {name: urban-street, seed: 7}``) and taken together,
     its streets are a sample and have one.
     """
-    from valerie.analysis.findings import Findings
-    from valerie.analysis.summary import Summary
-    from valerie.analysis.summary_text import summary_renderable, warnings_renderable
-    from valerie.analysis.verdict_text import verdicts_renderable
-    from valerie.analysis.verdicts import RequirementVerdict
+    from valerie.analysis.findings.findings import Findings
+    from valerie.analysis.summary.summary import Summary
+    from valerie.analysis.summary.text import summary_renderable, warnings_renderable
+    from valerie.analysis.verdicts.text import verdicts_renderable
+    from valerie.analysis.verdicts.verdicts import RequirementVerdict
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
     with context_of(data_dir) as context:

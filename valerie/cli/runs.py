@@ -251,7 +251,7 @@ def compare(
     Prints paired differences of pACC by slice, rank correlation, and which
     conclusions hold in both. `valerie report RUN --beside OTHER` has the pictures.
     """
-    from valerie.analysis.table import encoded
+    from valerie.analysis.rows.table import encoded
     from valerie.cli.claims import read_claims
     from valerie.cli.comparing import renderables
     from valerie.cli.deployment import context_of

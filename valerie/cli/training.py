@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, con
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.before_after import Comparison
+    from valerie.analysis.comparison.before_after import Comparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
     from valerie.pipeline.retraining.loop import Retrained
@@ -163,7 +163,7 @@ def compare(
     """
     comparison = _compare(run, versions, where, data_dir, threads=threads, mixed=mixed)
     if picture is not None:
-        from valerie.analysis.before_after_drawing import draw_comparison
+        from valerie.analysis.comparison.drawing import draw_comparison
 
         draw_comparison(comparison, picture, title=f"run {run}")
         say(f"wrote {picture}")
@@ -214,7 +214,7 @@ def _show(comparison: Comparison, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(comparison.as_document(), ensure_ascii=False))
         return
-    from valerie.analysis.before_after_drawing import comparison_renderable
+    from valerie.analysis.comparison.drawing import comparison_renderable
 
     console().print(comparison_renderable(comparison))
 

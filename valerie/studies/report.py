@@ -86,10 +86,9 @@ class StudyReport:
 
 def build_report(source: StudyReport) -> str:
     """Write the page; equal input gives equal text."""
-    style = files("valerie.analysis").joinpath("templates/report.css").read_text(encoding="utf-8")
-    return (
-        _environment().get_template("study.html.j2").render(source=source, style=style, cells=CELLS, colours=_COLOURS)
-    )
+    style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
+    template = _environment().get_template("study.html.j2")
+    return template.render(source=source, style=style, cells=CELLS, colours=_COLOURS)
 
 
 @cache

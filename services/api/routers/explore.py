@@ -26,8 +26,8 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
-from valerie.analysis.child_specs import refined_spec
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.findings.child_specs import refined_spec
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
 from valerie.db.engine import reading, writing
 from valerie.db.runs import now_utc

@@ -14,8 +14,8 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.analysis.table import encoded
-from valerie.analysis.verdicts import RequirementVerdict, verdict_table
+from valerie.analysis.rows.table import encoded
+from valerie.analysis.verdicts.verdicts import RequirementVerdict, verdict_table
 from valerie.db import long_table
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName

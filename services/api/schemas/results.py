@@ -7,9 +7,9 @@ from typing import Final, Literal
 from pydantic import ConfigDict, Field
 
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
-from valerie.analysis.findings import Findings
-from valerie.analysis.summary import Summary
-from valerie.analysis.verdicts import RequirementVerdict
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.summary.summary import Summary
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.measures import Source
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import MEASURES
 
 PARAMETERS = {

@@ -1,6 +1,8 @@
-from valerie.analysis.before_after import Change, Difference
-from valerie.analysis.findings import Finding, Findings, Inequality, Step
-from valerie.analysis.wording import change_sentence, finding_sentence, searched_sentence, setting_labels
+from valerie.analysis.comparison.before_after import Change, Difference
+from valerie.analysis.comparison.wording import change_sentence
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
+from valerie.analysis.findings.wording import finding_sentence, searched_sentence
+from valerie.analysis.wording import setting_labels
 from valerie.statistics.contrasts import Matching
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.planted_tables import planted_finding
-from valerie.analysis.findings import View
+from valerie.analysis.findings.findings import View
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 

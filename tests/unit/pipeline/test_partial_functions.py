@@ -9,9 +9,9 @@ from sqlalchemy import select
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
-from valerie.analysis.findings import Findings
-from valerie.analysis.summary import Summary
-from valerie.analysis.summary_text import summary_text
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.summary.summary import Summary
+from valerie.analysis.summary.text import summary_text
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.models import Frame

@@ -11,7 +11,7 @@ import yaml
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
-from valerie.analysis.summary import summarize
+from valerie.analysis.summary.summary import summarize
 from valerie.db import frames, measured, results
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson

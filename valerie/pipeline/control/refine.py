@@ -10,9 +10,9 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from valerie.analysis.findings import Findings
-from valerie.analysis.refining import refined_spec
-from valerie.analysis.region import Region, region_of
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.findings.refining import refined_spec
+from valerie.analysis.findings.region import Region, region_of
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import TableRow

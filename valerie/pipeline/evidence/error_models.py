@@ -10,9 +10,9 @@ from typing import Final
 import orjson
 import pyarrow as pa
 
-from valerie.analysis.error_model import GIVEN, fit_error_models
-from valerie.analysis.error_model_files import CARD, error_model_files
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.error_model.files import CARD, error_model_files
+from valerie.analysis.error_model.model import GIVEN, fit_error_models
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
@@ -47,7 +47,7 @@ def make_error_models(
     Raises:
         NotFound: no such run.
         Conflict: the run has not ended.
-        InvalidInput, MissingDependency: as `valerie.analysis.error_model.fit_error_models` does.
+        InvalidInput, MissingDependency: as `valerie.analysis.error_model.model.fit_error_models` does.
     """
     table = EvaluationTable.from_parquet(
         pa.BufferReader(context.store.get(artifact_key(context, run_id, TABLE_PARQUET)))

@@ -13,9 +13,9 @@ from typing import Final
 import orjson
 import pyarrow as pa
 
-from valerie.analysis.findings import Findings
-from valerie.analysis.register import register, register_json, register_table
-from valerie.analysis.table import EvaluationTable, encoded
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.report.register import register, register_json, register_table
+from valerie.analysis.rows.table import EvaluationTable, encoded
 from valerie.db import frames, runs
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow
@@ -52,6 +52,7 @@ from valerie.pipeline.export.folder import require_free_name, require_room
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.selection import function_index, sensor_index
+from valerie.plain import typed
 from valerie.runs.moments import in_utc
 
 #: Bytes per pixel of a picture, and of a painted map of classes, as PNG; rounded up.
@@ -140,7 +141,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         partial.mkdir(parents=True)
         for name, data in files.items():
             (partial / name).write_bytes(data)
-        conditions = register(Findings.from_json(summary["findings"]))
+        conditions = register(typed(Findings, summary["findings"]))
         (partial / REGISTER_JSON).write_bytes(document_bytes(register_json(conditions)))
         (partial / REGISTER_CSV).write_bytes(encoded(register_table(conditions), "csv"))
         descriptions = _DOCUMENTS | {name: _ERROR_MODEL_FILES[Path(name).suffix] for name in models}

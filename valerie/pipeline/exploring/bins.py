@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import Cell
 

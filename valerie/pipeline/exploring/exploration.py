@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from cachetools import LRUCache
 from numpy.typing import NDArray
 
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
 from valerie.parameters.constraints import Sql, compile_constraint, quoted

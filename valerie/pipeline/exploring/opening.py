@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 from cachetools import LRUCache
 
-from valerie.analysis.frame_counts import ABSENT
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.frame_counts import ABSENT
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.db.runs import RunRow, now_utc

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute
 from sqlalchemy import Engine
 
-from valerie.analysis.table import PARAMETER_COLUMNS
+from valerie.analysis.rows.table import PARAMETER_COLUMNS
 from valerie.datasets import coco, openlabel
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.pipeline.export.folder import FRAGMENTS

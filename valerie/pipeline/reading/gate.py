@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import orjson
 
-from valerie.analysis.gate import GateRun
-from valerie.analysis.verdicts import RequirementVerdict
+from valerie.analysis.verdicts.gate import GateRun
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key

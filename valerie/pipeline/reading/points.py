@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from valerie.analysis.frame_counts import ABSENT
+from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.db import long_table, runs
 from valerie.db.engine import reading
 from valerie.db.long_table import Point

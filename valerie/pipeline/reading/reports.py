@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.beside import Beside, Side, put_beside
-from valerie.analysis.claims import Claims
-from valerie.analysis.report import build_report
-from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
-from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict
+from valerie.analysis.claims.claims import Claims
+from valerie.analysis.comparison.beside import Beside, Side, put_beside
+from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.report import build_report
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.db.results import FailedLink

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 from sqlalchemy import Engine
 
-from valerie.analysis.all_classes import AllClasses, all_classes
-from valerie.analysis.design import Design
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.design import Design
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.summary.all_classes import AllClasses, all_classes
 from valerie.db import long_table, results
 from valerie.db.engine import reading
 from valerie.db.long_table import LongRow

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from sqlalchemy import Connection
 
-from valerie.analysis.table import EvaluationTable
-from valerie.analysis.verdicts import RequirementVerdict, judge_requirements
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.verdicts.verdicts import RequirementVerdict, judge_requirements
 from valerie.db import long_table
 from valerie.db.engine import reading
 from valerie.labels import PERSON

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.before_after import Comparison, aligned, compare, row_keys
-from valerie.analysis.region import Region
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.comparison.before_after import Comparison, aligned, compare, row_keys
+from valerie.analysis.findings.region import Region
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput

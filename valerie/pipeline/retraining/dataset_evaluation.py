@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.analysis.region import Choices, Region
+from valerie.analysis.findings.region import Choices, Region
 from valerie.labels import PERSON
 from valerie.measures import TableRow
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType

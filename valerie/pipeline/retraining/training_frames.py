@@ -19,7 +19,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from valerie.analysis.region import Region
+from valerie.analysis.findings.region import Region
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.perception.training.frame_folder import (

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from valerie.analysis.frame_counts import ABSENT
-from valerie.analysis.region import Region, region_of
+from valerie.analysis.findings.region import Region, region_of
+from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
 from valerie.perception.documents.function import FunctionDocument

@@ -12,7 +12,7 @@ import orjson
 import structlog
 
 from valerie.analysis.analyze import Analysis
-from valerie.analysis.verdicts import RequirementVerdict
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
 from valerie.db.results import FailedLink

@@ -24,7 +24,7 @@ from rocrate.rocrate import ROCrate
 
 from tests.planted_tables import planted_finding
 from tests.world.blank import Pipeline, completed_run
-from valerie.analysis.findings import View
+from valerie.analysis.findings.findings import View
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.run_artifacts import SUMMARY
 from valerie.pipeline.evidence import manifest as limits

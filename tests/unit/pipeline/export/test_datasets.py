@@ -11,7 +11,7 @@ from jsonschema import Draft7Validator
 from vcd.schema import openlabel_schema
 
 from tests.world.blank import Pipeline, completed_run
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import FrameName

@@ -6,7 +6,7 @@ import pytest
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
-from valerie.analysis.claims import parse_claims
+from valerie.analysis.claims.claims import parse_claims
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.reading.reports import compare_runs, report_with
 

@@ -6,7 +6,7 @@ import pytest
 from sklearn.metrics import jaccard_score
 
 from tests.world.blank import completed_run
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import frames, long_table, results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids

@@ -6,8 +6,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.world.blank import Pipeline, completed_run
-from valerie.analysis.region import Range, Region
-from valerie.analysis.wording import change_sentence
+from valerie.analysis.comparison.wording import change_sentence
+from valerie.analysis.findings.region import Range, Region
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON, VOID
 from valerie.perception.base import FunctionCard, PerceptionFunction

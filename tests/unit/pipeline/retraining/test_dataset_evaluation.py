@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tests.unit.datasets.frames import labelled
-from valerie.analysis.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.errors import InferenceError, InvalidInput

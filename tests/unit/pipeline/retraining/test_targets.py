@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from valerie.analysis.region import Arc, Bound, Choices, Range, Region
+from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput
 from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target

@@ -1,0 +1,158 @@
+"""The ledger of claims on planted tables, whose answers are known."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from valerie.analysis.claims.claims import Entry, Outcome, ledger_table, parse_claims, write_ledger
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.plain import typed
+
+PLACES = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 12).tolist()}
+PAPER = Path(__file__).parents[4] / "examples" / "claims" / "paper.yaml"
+
+
+@pytest.fixture(scope="module")
+def table(synthetic_table) -> EvaluationTable:
+    """120 places: pACC is 0.9, less 0.2 in yellow for a-net, and falls from 30 % occlusion on."""
+
+    def law(function, character, _distance, occlusion, noise):
+        dressed = 0.2 if (function, character) == ("a-net", "yellow-shirt") else 0.0
+        return 0.9 - dressed - 1.5 * max(0.0, occlusion - 0.3) + 0.01 * noise
+
+    return synthetic_table(law, **PLACES)
+
+
+def answers(table, **test):
+    claims = parse_claims({"title": "planted", "claims": [{"id": "c", "says": "so it is", **test}]})
+    return write_ledger(claims, table)
+
+
+def outcomes(table, **test):
+    return [entry.outcome for entry in answers(table, **test)]
+
+
+COLOURS = {"factor": "person-1.character", "first": "yellow-shirt", "second": "black-outfit"}
+
+
+def test_a_difference_is_paired_and_judged_for_each_function(table):
+    lower, equal = answers(table, difference={**COLOURS, "sign": "<"})
+    assert (lower.function, lower.outcome) == ("a-net", Outcome.REPRODUCED)
+    assert lower.low < -0.2 < lower.high < 0
+    assert lower.places == 120
+    assert equal.outcome is not Outcome.REPRODUCED
+    assert outcomes(table, difference={**COLOURS, "sign": ">"}, functions=["a-net"]) == [Outcome.NOT_REPRODUCED]
+    assert outcomes(table, difference={**COLOURS, "sign": "="}) == [Outcome.NOT_REPRODUCED, Outcome.REPRODUCED]
+
+
+def test_a_score_that_leaves_its_level_is_placed_on_the_axis_where_the_places_suffice(table, synthetic_table):
+    def law(_function, _character, _distance, occlusion, noise):
+        return 0.9 - 1.5 * max(0.0, occlusion - 0.3) + 0.01 * noise
+
+    many = {"xs": np.linspace(-2, 7, 30).tolist(), "ys": np.linspace(5, 33, 40).tolist()}
+    large = synthetic_table(law, **many, functions=("b-net",), characters=("black-outfit",))
+    right = {"over": "occlusion_rate", "at": 0.36, "tolerance": 0.25}
+    wrong = {"over": "occlusion_rate", "at": 0.7, "tolerance": 0.05}
+    (entry,) = answers(large, departure=right)
+    assert entry.outcome is Outcome.REPRODUCED
+    assert entry.low < 0.3 + 0.1 / 1.5 < entry.high
+    assert outcomes(large, departure=wrong) == [Outcome.NOT_REPRODUCED]
+    assert outcomes(table, departure=right, functions=["b-net"]) == [Outcome.UNDECIDED]
+
+
+def test_trends_follow_the_data(table):
+    over = {"over": "occlusion_rate"}
+    assert outcomes(table, trend={**over, "shape": "falling"}, functions=["b-net"]) == [Outcome.REPRODUCED]
+    assert outcomes(table, trend={**over, "shape": "rising"}, functions=["b-net"]) == [Outcome.NOT_REPRODUCED]
+    seen = "occlusion_rate < 0.25"
+    level = outcomes(table, trend={**over, "shape": "level"}, where=seen, functions=["b-net"])
+    assert level == [Outcome.UNDECIDED]  # a level is shown by a narrow band alone
+
+
+def test_a_flip_names_the_two_frames(table):
+    (entry,) = answers(table, flip={**COLOURS, "at_least": 0.15}, functions=["a-net"])
+    assert entry.outcome is Outcome.REPRODUCED
+    assert len(set(entry.frames)) == 2
+    assert outcomes(table, flip={**COLOURS, "at_least": 0.6}, functions=["a-net"]) == [Outcome.NOT_REPRODUCED]
+
+
+def test_a_flip_reads_the_same_from_either_side(table):
+    reverse = {**COLOURS, "first": COLOURS["second"], "second": COLOURS["first"]}
+    (there,), (back,) = (
+        answers(table, flip={**side, "at_least": 0.15}, functions=["a-net"]) for side in (COLOURS, reverse)
+    )
+    assert there.estimate == pytest.approx(-back.estimate)
+    assert there.frames == back.frames[::-1]
+    own = table.codes("function").where("a-net")
+    frames = [table.codes("frame_id").names[k] for k in table.codes("frame_id").index[own]]
+    pacc = dict(zip(frames, table.numbers("pacc")[own].tolist(), strict=True))
+    assert there.estimate == pytest.approx(pacc[there.frames[1]] - pacc[there.frames[0]])
+
+
+def test_a_quantity_of_frames_is_computed_once_and_a_score_for_each_function(table):
+    distances = table.numbers("distance_m")
+    (entry,) = answers(table, quantity={"of": "distance_m", "statistic": "minimum", "low": 17, "high": 18})
+    assert entry.function == ""
+    assert entry.estimate == distances.min()
+    share = {"of": "occlusion_rate", "statistic": "share", "above": 0.05, "low": 0.0, "high": 1.0}
+    (entry,) = answers(table, quantity=share)
+    assert entry.estimate == pytest.approx((table.numbers("occlusion_rate")[::2] > 0.05).mean(), abs=1e-12)
+    assert len(answers(table, quantity={"of": "pacc", "low": 0.5})) == 2
+    assert outcomes(table, quantity={"of": "pacc", "high": 0.1}) == [Outcome.NOT_REPRODUCED] * 2
+
+
+def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
+    assert outcomes(table, slip="85 % cannot have less than 85 %") == [Outcome.SLIP]
+    assert outcomes(table, untestable="the paper's networks are not to be had") == [Outcome.NOT_TESTABLE]
+
+
+@pytest.mark.parametrize(
+    ("claim", "error", "words"),
+    [
+        (
+            {"functions": ["c-net"], "trend": {"over": "distance_m", "shape": "level"}},
+            UnknownName,
+            r"claims\.0\.functions",
+        ),
+        ({"difference": {**COLOURS, "first": "red", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.first"),
+        ({"difference": {**COLOURS, "factor": "rain", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.factor"),
+        ({"trend": {"over": "distans", "shape": "level"}}, UnknownName, "distance_m"),
+        ({"where": "pac > 1", "trend": {"over": "distance_m", "shape": "level"}}, InvalidInput, r"claims\.0\.where"),
+    ],
+)
+def test_a_claim_about_something_that_the_run_lacks_is_refused_with_its_place(table, claim, error, words):
+    with pytest.raises(error, match=words):
+        answers(table, **claim)
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        {},
+        {"slip": "a", "untestable": "b"},
+        {"quantity": {"of": "pacc"}},
+        {"quantity": {"of": "pacc", "statistic": "share", "low": 0.5}},
+        {"trend": {"over": "distance_m", "shape": "bent"}},
+    ],
+)
+def test_a_claim_has_one_complete_test(claim):
+    with pytest.raises(InvalidInputs, match="claims"):
+        parse_claims({"title": "t", "claims": [{"id": "c", "says": "s", **claim}]})
+
+
+def test_a_ledger_survives_json_and_becomes_a_table(table):
+    entries = answers(table, flip={**COLOURS, "at_least": 0.15})
+    assert typed(tuple[Entry, ...], list(map(asdict, entries))) == entries
+    arrow = ledger_table(entries)
+    assert arrow.num_rows == 2
+    assert arrow["outcome"].to_pylist()[0] == "reproduced"
+
+
+def test_the_papers_claims_are_a_document_whose_words_stand_in_the_paper():
+    claims = parse_claims(yaml.safe_load(PAPER.read_text()))
+    assert len({claim.id for claim in claims.claims}) == len(claims.claims)
+    assert all(claim.source.startswith(("6.", "table", "figure")) for claim in claims.claims)

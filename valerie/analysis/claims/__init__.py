@@ -1,0 +1,1 @@
+"""A source's statements and printed numbers beside what a run shows."""

@@ -1,0 +1,490 @@
+"""A ledger of claims: each statement of a paper, a data sheet or a colleague beside what a run shows of it.
+
+Claims are documents (`examples/claims/paper.yaml`). A claim says which rows it is about and how it is tested; the ledger
+computes the quantity with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not
+testable here*. Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from
+the band of a curve (`valerie.statistics.curves.departure`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from enum import StrEnum
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from valerie.analysis.rows.levels import Factor, factors_of
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import UnknownName
+from valerie.runs.where import compile_where
+from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
+from valerie.statistics.curves import Shape, departure, fit_curve
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.observations import Observations, observe
+from valerie.validation import problems_of
+
+#: Confidence of every interval of the ledger, each alone.
+LEVEL: Final = 0.95
+
+Text = Annotated[str, Field(min_length=1, max_length=2_000)]
+Name = Annotated[str, Field(min_length=1, max_length=128)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+Statistic = Literal["mean", "minimum", "maximum", "share"]
+
+
+class Quantity(_Document):
+    """A number of the rows lies in a range: their mean, smallest or largest value, or the share above a value."""
+
+    of: Name
+    statistic: Statistic = "mean"
+    above: Number | None = None
+    low: Number | None = None
+    high: Number | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.statistic == "share") != (self.above is not None):
+            raise ValueError("`above` belongs to a share, and a share needs it")
+        if self.low is None and self.high is None:
+            raise ValueError("needs `low`, `high` or both")
+        return self
+
+
+class Difference(_Document):
+    """The score at one level of a factor less that at another, everything else equal.
+
+    ``sign`` is ``>`` or ``<``, or ``=``: then the interval lies within ± ``within``.
+    """
+
+    factor: Name
+    first: Name
+    second: Name
+    sign: Literal["<", ">", "="]
+    within: Annotated[float, Field(gt=0, lt=1)] = 0.05
+
+
+class Departure(_Document):
+    """The score stays level up to ``at`` on an axis and then changes by more than ``by``."""
+
+    over: Name
+    at: Number
+    tolerance: Annotated[float, Field(ge=0)]
+    by: Annotated[float, Field(gt=0, lt=1)] = 0.1
+
+
+class Trend(_Document):
+    """The score rises, falls or stays level over an axis."""
+
+    over: Name
+    shape: Literal["rising", "falling", "level"]
+
+
+class Flip(_Document):
+    """Some pair that differs in one factor alone differs in its score by at least ``at_least``."""
+
+    factor: Name
+    first: Name
+    second: Name
+    at_least: Annotated[float, Field(gt=0, le=1)]
+
+
+class Claim(_Document):
+    """One statement and its test.
+
+    Attributes:
+        id: of the claim.
+        source: where it stands, such as ``6.2.2``.
+        says: in the source's words.
+        where: selection of the rows that it is about; empty: all.
+        functions: that it is about; empty: every function of the run.
+        quantity, difference, departure, trend, flip: the test.
+        untestable: why this run cannot say; instead of a test.
+        slip: why the source cannot mean what it says; instead of a test.
+    """
+
+    id: Name
+    source: str = ""
+    says: Text
+    where: str = Field(default="", max_length=2_000)
+    functions: tuple[Name, ...] = ()
+    quantity: Quantity | None = None
+    difference: Difference | None = None
+    departure: Departure | None = None
+    trend: Trend | None = None
+    flip: Flip | None = None
+    untestable: str = ""
+    slip: str = ""
+
+    @model_validator(mode="after")
+    def _one_test(self) -> Self:
+        tests = ("quantity", "difference", "departure", "trend", "flip", "untestable", "slip")
+        if sum(bool(getattr(self, name)) for name in tests) != 1:
+            raise ValueError(f"needs exactly one of {', '.join(tests)}")
+        return self
+
+
+class Printed(_Document):
+    """A number that the source prints, beside which the report puts that of the run.
+
+    Attributes:
+        source: where it stands, such as ``table 2``.
+        what: in words.
+        of, statistic, above: the number, as in `Quantity`.
+        value: as printed, in the column's unit.
+        where, functions: as in `Claim`.
+    """
+
+    source: str = ""
+    what: Text
+    of: Name
+    statistic: Statistic = "mean"
+    above: Number | None = None
+    value: Number
+    where: str = Field(default="", max_length=2_000)
+    functions: tuple[Name, ...] = ()
+
+
+class Cross(_Document):
+    """Pictures of one view under the levels of two factors, everything else equal.
+
+    Attributes:
+        source: where the source shows the like.
+        title: in words.
+        down, across: the factors.
+        where: selection of the rows that may be shown.
+        published: the source's own table, line by line; the first line is the head.
+    """
+
+    source: str = ""
+    title: Text
+    down: Name
+    across: Name
+    where: str = Field(default="", max_length=2_000)
+    published: tuple[tuple[str | Number, ...], ...] = ()
+
+
+class Claims(_Document):
+    """A document of claims.
+
+    Attributes:
+        title: of the source.
+        source: where it is found.
+        claims: its statements.
+        numbers: that it prints.
+        crosses: pictures like those that it shows.
+    """
+
+    title: Text
+    source: str = ""
+    claims: Annotated[tuple[Claim, ...], Field(min_length=1, max_length=1_000)]
+    numbers: Annotated[tuple[Printed, ...], Field(max_length=1_000)] = ()
+    crosses: Annotated[tuple[Cross, ...], Field(max_length=100)] = ()
+
+
+class Outcome(StrEnum):
+    REPRODUCED = "reproduced"
+    NOT_REPRODUCED = "not reproduced"
+    UNDECIDED = "undecided"
+    NOT_TESTABLE = "not testable here"
+    SLIP = "slip of the source"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the ledger.
+
+    Attributes:
+        id, source, says: of the claim.
+        function: that was looked at; empty for a claim about frames alone.
+        outcome: answer.
+        finding: what the run shows, in words.
+        estimate, low, high: the quantity and its interval; None where there is none.
+        rows, places: that it rests on.
+        frames: ids of the frames of the largest flip, before and after.
+    """
+
+    id: str
+    source: str
+    says: str
+    function: str
+    outcome: Outcome
+    finding: str
+    estimate: float | None = None
+    low: float | None = None
+    high: float | None = None
+    rows: int = 0
+    places: int = 0
+    frames: tuple[str, ...] = ()
+
+
+def parse_claims(document: object) -> Claims:
+    """Check a document of claims.
+
+    Raises:
+        InvalidInputs: every problem of the document, with its place.
+    """
+    try:
+        return Claims.model_validate(document)
+    except ValidationError as error:
+        raise problems_of(error) from None
+
+
+def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tuple[Entry, ...]:
+    """Test every claim on a run.
+
+    Args:
+        claims: the document.
+        table: the run's evaluations.
+        seed: of the curves.
+
+    Raises:
+        InvalidInput, UnknownName: a claim names a column, function or level that the run does not have, with its field.
+    """
+    entries: list[Entry] = []
+    for i, claim in enumerate(claims.claims):
+        field = f"claims.{i}"
+        if claim.slip or claim.untestable:
+            outcome = Outcome.SLIP if claim.slip else Outcome.NOT_TESTABLE
+            entries.append(Entry(claim.id, claim.source, claim.says, "", outcome, claim.slip or claim.untestable))
+            continue
+        rows = rows_where(claim.where, table, f"{field}.where")
+        names = table.codes("function").names
+        for name in claim.functions:
+            if name not in names:
+                raise UnknownName("function", name, names, field=f"{field}.functions")
+        about_frames = claim.quantity is not None and not is_score(claim.quantity.of)
+        for name in claim.functions or (names[:1] if about_frames else names):
+            own = rows & table.codes("function").where(name)
+            entry = Entry(claim.id, claim.source, claim.says, "" if about_frames else name, Outcome.UNDECIDED, "")
+            entries.append(_test(claim, entry, table, own, field, seed))
+    return tuple(entries)
+
+
+def ledger_table(entries: Sequence[Entry]) -> pa.Table:
+    """Return the ledger as a table, one row per entry."""
+    return pa.Table.from_pylist(
+        [{**asdict(entry), "outcome": str(entry.outcome), "frames": " ".join(entry.frames)} for entry in entries],
+        schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(Entry)]),
+    )
+
+
+def ledger_text(claims: Claims, entries: Sequence[Entry]) -> str:
+    """Return the ledger as a Markdown table."""
+
+    def cell(text: str) -> str:
+        return text.replace("|", "\\|").replace("\n", " ")
+
+    lines = [f"# {claims.title}", "", claims.source, "", "| | Claim | Function | Answer | What the run shows |"]
+    lines.append("|---|---|---|---|---|")
+    for entry in entries:
+        cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
+        lines.append(f"| {' | '.join(map(cell, cells))} |")
+    return "\n".join(lines) + "\n"
+
+
+_NUMBERS: Final = {
+    "estimate": pa.float64(), "low": pa.float64(), "high": pa.float64(), "rows": pa.int64(), "places": pa.int64(),
+}  # fmt: skip
+
+
+def is_score(column: str) -> bool:
+    """Return True if a function's look decides the value of a column."""
+    return bool(compile_where(f"{column} == {column}").scored)
+
+
+def rows_where(expression: str, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
+    """Return (N,) bool: the rows that an expression selects; all rows if it is empty.
+
+    Raises:
+        InvalidInput, UnknownName: it cannot be evaluated; the problem names ``field``.
+    """
+    if not expression:
+        return np.ones(len(table), np.bool_)
+    where = compile_where(expression, field=field)
+    columns = table.arrow.select(sorted(where.names)).to_pylist()
+    return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
+
+
+def _test(claim: Claim, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str, seed: int) -> Entry:
+    if claim.quantity is not None:
+        return _quantity(claim.quantity, entry, table, rows)
+    if claim.difference is not None:
+        return _difference(claim.difference, entry, table, rows, f"{field}.difference")
+    if claim.departure is not None:
+        return _departure(claim.departure, entry, table, rows, seed)
+    if claim.trend is not None:
+        return _trend(claim.trend, entry, table, rows, seed)
+    assert claim.flip is not None
+    return _flip(claim.flip, entry, table, rows, f"{field}.flip")
+
+
+def statistic_of(values: NDArray[np.float64], statistic: Statistic, above: float | None) -> float:
+    """Return the mean, smallest or largest of some values, or the share of them above a value."""
+    if above is not None:
+        return float(np.mean(values > above))
+    return float({"minimum": np.min, "maximum": np.max}.get(statistic, np.mean)(values))
+
+
+def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_]) -> Entry:
+    values = table.numbers(test.of)
+    rows = rows & np.isfinite(values)
+    if not rows.any():
+        return replace(entry, finding=f"no row has {test.of}")
+    scores = values[rows] if test.above is None else (values[rows] > test.above).astype(np.float64)
+    estimate = statistic_of(values[rows], test.statistic, test.above)
+    low = high = None
+    if test.statistic in ("mean", "share") and scores.min() >= 0 and scores.max() <= 1:
+        interval = mean_interval(scores, table.units.of(rows))
+        if isinstance(interval, Interval):
+            low, high = interval.low, interval.high
+    least, most = (-np.inf if test.low is None else test.low), (np.inf if test.high is None else test.high)
+    inside = least <= estimate <= most
+    if inside:
+        outcome = Outcome.REPRODUCED
+    elif low is not None and high is not None and high >= least and low <= most:
+        outcome = Outcome.UNDECIDED
+    else:
+        outcome = Outcome.NOT_REPRODUCED
+    what = test.of if test.above is None else f"{test.of} > {test.above:g}"
+    claimed = " and ".join(
+        f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
+    )
+    return replace(
+        entry,
+        outcome=outcome,
+        finding=f"{test.statistic}({what}) is {estimate:.4g}; claimed {claimed}",
+        estimate=estimate, low=low, high=high,
+        rows=int(np.count_nonzero(rows)), places=len(np.unique(table.places[rows])),
+    )  # fmt: skip
+
+
+def _difference(test: Difference, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str) -> Entry:
+    contrast, _ = _contrast(test, table, rows, field)
+    if contrast is None:
+        return replace(entry, finding=f"no place shows both {test.first} and {test.second}, everything else equal")
+    low, high = contrast.interval(LEVEL)
+    if test.sign == "=":
+        held, against = max(abs(low), abs(high)) <= test.within, low > test.within or high < -test.within
+    else:
+        held, against = (low > 0, high < 0) if test.sign == ">" else (high < 0, low > 0)
+    outcome = Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED if against else Outcome.UNDECIDED
+    finding = (
+        f"{test.factor} {test.first} less {test.second}: {100 * contrast.estimate:+.1f} points "
+        f"({100 * low:.1f} to {100 * high:.1f}; {contrast.matching}, {contrast.pairs:,} pairs)"
+    )
+    return replace(
+        entry, outcome=outcome, finding=finding, estimate=contrast.estimate, low=low, high=high,
+        rows=2 * contrast.pairs, places=contrast.places,
+    )  # fmt: skip
+
+
+def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str) -> Entry:
+    contrast, observations = _contrast(test, table, rows, field)
+    if contrast is None:
+        return replace(entry, finding=f"no pair shows {test.first} and {test.second}, everything else equal")
+    pacc, largest, pair = table.numbers("pacc"), 0.0, None
+    for direction in (contrast, replace(contrast, estimate=-contrast.estimate)):
+        for before, after in largest_flips(observations, direction, 1).tolist():
+            if abs(pacc[after] - pacc[before]) > abs(largest):
+                largest, pair = float(pacc[after] - pacc[before]), (before, after)
+    held = abs(largest) >= test.at_least
+    frames = table.codes("frame_id")
+    return replace(
+        entry,
+        outcome=Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED,
+        finding=f"the largest change of {test.factor} alone, from {test.second} to {test.first}, is {100 * largest:+.1f} points "
+        f"({contrast.pairs:,} pairs)",
+        estimate=largest, rows=2 * contrast.pairs, places=contrast.places,
+        frames=() if pair is None else tuple(frames.names[frames.index[row]] for row in pair),
+    )  # fmt: skip
+
+
+def _contrast(
+    test: Difference | Flip, table: EvaluationTable, rows: NDArray[np.bool_], field: str
+) -> tuple[Contrast | None, Observations]:
+    """Return the contrast of the first level to the second, and the rows that it was made of."""
+    factors = {factor.name: factor for factor in factors_of(table)}
+    if test.factor not in factors:
+        raise UnknownName("factor of the run", test.factor, factors, field=f"{field}.factor")
+    factor = factors[test.factor]
+    before, after = _level(factor, test.second, f"{field}.second"), _level(factor, test.first, f"{field}.first")
+    values = np.where(rows, table.numbers("pacc"), np.nan)
+    observations = observe(values, table.places, {name: each.codes for name, each in factors.items()})
+    # Contrasts go from the lower level to the higher one.
+    changes = contrasts(
+        observations, interactions=False, only=[(Change(test.factor, min(before, after), max(before, after)),)]
+    )
+    if not changes or changes[0].degrees <= 0:
+        return None, observations
+    contrast = changes[0]
+    if before > after:
+        contrast = replace(contrast, changes=(Change(test.factor, before, after),), estimate=-contrast.estimate)
+    return contrast, observations
+
+
+def _level(factor: Factor, name: str, field: str) -> int:
+    if name not in factor.levels:
+        raise UnknownName(f"level of {factor.name}", name, factor.levels, field=field)
+    return factor.levels.index(name)
+
+
+def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:
+    curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
+    if curve is None:
+        return replace(entry, finding=f"too few places for a curve over {test.over}")
+    left = departure(curve, test.by)
+    not_before, at_latest = left.not_before, left.at_latest
+    reached = at_latest is not None and at_latest <= test.at + test.tolerance
+    held = not_before is not None and not_before >= test.at - test.tolerance
+    if held and reached:
+        outcome = Outcome.REPRODUCED
+    elif (at_latest is not None and at_latest < test.at - test.tolerance) or (
+        not_before is not None and not_before > test.at + test.tolerance
+    ):
+        outcome = Outcome.NOT_REPRODUCED
+    else:
+        outcome = Outcome.UNDECIDED
+    best = "never" if left.estimate is None else f"at {left.estimate:.3g}"
+    certain = [f"not before {not_before:.3g}"] if not_before is not None else []
+    certain += [f"at {at_latest:.3g} at the latest"] if at_latest is not None else []
+    finding = (
+        f"pACC leaves its first level by {100 * test.by:g} points {best}"
+        + (f" ({', '.join(certain)})" if certain else " (the band is too wide to say when)")
+        + f"; claimed {test.at:g} ± {test.tolerance:g}"
+    )
+    return replace(
+        entry, outcome=outcome, finding=finding, estimate=left.estimate, low=not_before, high=at_latest,
+        rows=curve.rows, places=curve.places,
+    )  # fmt: skip
+
+
+def _trend(test: Trend, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:
+    curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
+    if curve is None:
+        return replace(entry, finding=f"too few places for a curve over {test.over}")
+    first, last = curve.y[0], curve.y[-1]
+    opposite = {Shape.RISING: Shape.FALLING, Shape.FALLING: Shape.RISING}
+    claimed = Shape(test.shape)
+    # A level is what is left where nothing else is seen: it shows no level.
+    if (curve.shape is claimed and claimed is not Shape.LEVEL) or (
+        claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1
+    ):
+        outcome = Outcome.REPRODUCED
+    elif curve.shape is opposite.get(claimed) or (claimed is Shape.LEVEL and curve.shape is not Shape.LEVEL):
+        outcome = Outcome.NOT_REPRODUCED
+    else:
+        outcome = Outcome.UNDECIDED
+    ends = f"{100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at {curve.x[-1]:.3g}"
+    finding = f"pACC over {test.over} is {curve.shape}: {ends}"
+    return replace(entry, outcome=outcome, finding=finding, estimate=last - first, rows=curve.rows, places=curve.places)

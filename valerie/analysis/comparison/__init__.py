@@ -1,0 +1,1 @@
+"""Two functions, two versions or two runs on the same frames."""

@@ -1,0 +1,342 @@
+"""Several versions of a function on the same frames: scores side by side, and what became better or worse.
+
+All versions looked at the same frames, so rows are paired and judged by whole places, all groups together
+(`valerie.statistics.gates`). Every score is given as frame mean and pooled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.rows.binning import bin_edges
+from valerie.analysis.rows.frame_counts import characters, frame_counts, present
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.metrics.collection import CollectionScores
+from valerie.plain import JsonObject
+from valerie.statistics.gates import SliceComparison, compare_versions
+
+_DISTANCE_BIN_M: Final = 10.0
+_OCCLUSION: Final = (
+    ("not occluded (≤ 5 %)", -1.0, 0.05),
+    ("occluded 5–50 %", 0.05, 0.5),
+    ("occluded > 50 %", 0.5, 1.0),
+)
+#: Largest expected share of false ones among the groups named better, and among those named worse.
+_FALSE_DISCOVERIES: Final = 0.025
+#: Smallest change of a pooled score that counts as better or worse: one percentage point.
+_CLASS_STEP: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
+
+    Attributes:
+        pacc_mean, pacc_pooled: over the group's persons; in the mean every person has the same weight, pooled every pixel.
+        detected: share of persons with pACC ≥ the threshold.
+        precision_mean, precision_pooled, iou_mean, iou_pooled: of the frames that show the group's persons.
+        false_pixels: pixels of these frames that are called person and belong to none.
+    """
+
+    pacc_mean: float | None
+    pacc_pooled: float | None
+    detected: float | None
+    precision_mean: float | None
+    precision_pooled: float | None
+    iou_mean: float | None
+    iou_pooled: float | None
+    false_pixels: int
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Mean pACC of a later version minus that of the first, on one group of persons.
+
+    Attributes:
+        mean: mean over places of the mean difference of their persons.
+        low, high: 95 % interval of it alone, by place; None with fewer than two places.
+        places: number of places.
+        lost, gained: persons that were detected and now are not; that were not and now are.
+        judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    places: int
+    lost: int
+    gained: int
+    judgement: Literal["better", "worse", ""]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupComparison:
+    """One group of persons under all versions.
+
+    Attributes:
+        name: describes the persons.
+        persons: number of persons in frames with a defined pACC.
+        frames: number of frames that show them.
+        sides: per version, in order; the first is "before".
+        differences: of each later version to the first.
+    """
+
+    name: str
+    persons: int
+    frames: int
+    sides: tuple[Side, ...]
+    differences: tuple[Difference, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One thing that a later version does better or worse than the first.
+
+    Attributes:
+        kind: ``group`` of persons (mean pACC), ``class`` (pooled IoU), or ``score`` of the class person (pooled).
+        name: of the group, the class or the score.
+        before, after: of the first and the later version, in [0, 1].
+        step: their difference; above 0 the later version is better.
+        difference: by place, with its interval; groups only.
+    """
+
+    kind: Literal["group", "class", "score"]
+    name: str
+    before: float | None
+    after: float | None
+    step: float
+    difference: Difference | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Comparison of all versions over all groups and classes.
+
+    Attributes:
+        versions: names, "before" first.
+        threshold: of the detection rate.
+        groups: all persons first, then the parts.
+        numeric_classes: in which the versions ran, in their order; empty where unknown.
+        judged_by: names of the classes that ``classes`` and ``overall`` are over; all 19 unless a version knows fewer.
+        classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
+        overall: score over all classes to (frame mean, pooled) per version.
+    """
+
+    versions: tuple[str, ...]
+    numeric_classes: tuple[str, ...]
+    judged_by: tuple[str, ...]
+    threshold: float
+    groups: tuple[GroupComparison, ...]
+    classes: Mapping[str, tuple[tuple[float | None, float | None], ...]]
+    overall: Mapping[str, tuple[tuple[float | None, float | None], ...]]
+
+    @property
+    def alike(self) -> bool:
+        """True unless two versions are known to have run in different numeric classes."""
+        return len(set(self.numeric_classes)) < 2
+
+    def changes(self, version: int) -> tuple[Change, ...]:
+        """Return what became better or worse with one later version, the largest change first.
+
+        A group changed where it is judged so; a class or a score of the class person changed where it moved by a
+        percentage point or more.
+        """
+        changes = [
+            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
+            for group in self.groups
+            for own in (group.differences[version - 1],)
+            if own.judgement
+        ]
+        for name, sides in self.classes.items():
+            before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
+            changes.append(Change("class", name, before, after, after - before))
+        whole = self.groups[0].sides
+        for name in ("precision", "iou"):
+            one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
+            if one is not None and other is not None:
+                changes.append(Change("score", name, one, other, other - one))
+        clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
+        return tuple(sorted(clear, key=lambda change: -abs(change.step)))
+
+    def as_document(self) -> JsonObject:
+        """Return JSON values, with the changes of each later version."""
+        return {
+            "versions": list(self.versions),
+            "numeric_classes": list(self.numeric_classes),
+            "judged_by": list(self.judged_by),
+            "threshold": self.threshold,
+            "groups": [asdict(group) for group in self.groups],
+            "classes": {name: [list(side) for side in sides] for name, sides in self.classes.items()},
+            "overall": {name: [list(side) for side in sides] for name, sides in self.overall.items()},
+            "changes": {
+                name: [asdict(change) for change in self.changes(number)]
+                for number, name in enumerate(self.versions[1:], start=1)
+            },
+        }
+
+
+def compare(
+    versions: Mapping[str, tuple[EvaluationTable, CollectionScores]],
+    *,
+    numeric_classes: Sequence[str] = (),
+    more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
+    threshold: float = 0.5,
+) -> Comparison:
+    """Compare versions of a function on the same frames.
+
+    Args:
+        versions: name to long table (one function, one sensor setting) and scores; the first is "before". The rows come
+            from `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
+        numeric_classes: in which the versions ran, in their order.
+        more_groups: name to (N,) bool over the first table's rows; added to the groups by distance, occlusion, character
+            and camera.
+        threshold: of the detection rate.
+
+    Raises:
+        InvalidInput: fewer than two versions, tables of other rows, or scores of other classes.
+    """
+    if len(versions) < 2:
+        raise InvalidInput("too few versions to compare", field="versions", value=list(versions), limit="at least two")
+    tables = [table for table, _ in versions.values()]
+    first = tables[0]
+    for name, table in zip(versions, tables, strict=True):
+        if row_keys(table) != row_keys(first):
+            raise InvalidInput("rows of other frames or persons", field=name)
+    defined = np.isfinite(first.numbers("pacc"))  # the same in all versions: visibility alone decides it
+    parts = {**(more_groups or {}), **parts_of(first)}
+    masks = {"all persons": present(first), **{name: mask for name, mask in parts.items() if (mask & defined).any()}}
+    differences = [differences_of(masks, first, table, threshold) for table in tables[1:]]
+    groups = [
+        _group(name, mask, tables, tuple(own[name] for own in differences), threshold) for name, mask in masks.items()
+    ]
+    scores = [scores for _, scores in versions.values()]
+    judged = scores[0].judged
+    if any(one.judged != judged for one in scores):
+        raise InvalidInput("scores of other classes", field="versions", value=[list(one.judged) for one in scores])
+    classes = {
+        scores[0].classes[k].label.name: tuple(
+            (one.classes[k].iou.pooled, one.classes[k].pacc.pooled) for one in scores
+        )
+        for k in judged
+        if any(one.classes[k].iou.pooled is not None for one in scores)
+    }
+    overall = {
+        name: tuple((one.overall[name].frames.mean, one.overall[name].pooled) for one in scores)
+        for name in ("pixel_accuracy", "miou", "macc", "fwiou")
+    }
+    judged_by = tuple(scores[0].classes[k].label.name for k in judged)
+    return Comparison(tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall)
+
+
+def row_keys(table: EvaluationTable) -> list[tuple[str, int | None]]:
+    """Return (frame, instance) of every row; versions are comparable if these are equal, row by row."""
+    frames, instances = table.arrow["frame_id"].to_pylist(), table.arrow["instance_id"].to_pylist()
+    return list(zip(frames, instances, strict=True))
+
+
+def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
+    """Return the tables reduced to the rows that all have, in the order of the first.
+
+    Args:
+        tables: one function and one sensor setting each.
+    """
+    keys = [row_keys(table) for table in tables]
+    common = set(keys[0]).intersection(*keys[1:])
+    order = [key for key in keys[0] if key in common]
+    reduced = []
+    for table, own in zip(tables, keys, strict=True):
+        row = {key: i for i, key in enumerate(own)}
+        reduced.append(EvaluationTable(table.arrow.take([row[key] for key in order]), table.parameters, table.designs))
+    return reduced
+
+
+def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+    """Return the groups by distance, occlusion, character and camera: name to (N,) bool."""
+    parts: dict[str, NDArray[np.bool_]] = {}
+    distance, occlusion = table.numbers("distance_m"), table.numbers("occlusion_rate")
+    defined = np.isfinite(distance) & np.isfinite(table.numbers("pacc"))
+    if defined.any():
+        edges = bin_edges(float(distance[defined].min()), float(distance[defined].max()), _DISTANCE_BIN_M)
+        for low, high in pairwise(edges):
+            parts[f"distance {low:g}–{high:g} m"] = (distance >= low) & (distance < high)
+    for name, low, high in _OCCLUSION:
+        parts[name] = (occlusion > low) & (occlusion <= high)
+    for kind, names in (("character", characters(table)), ("camera", table.codes("camera").names)):
+        if len(names) > 1:
+            parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
+    return parts
+
+
+def differences_of(
+    masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
+) -> dict[str, Difference]:
+    """Return the difference of a later version to the first in each group of rows, which are the same in both tables."""
+    before, after = first.numbers("pacc"), later.numbers("pacc")
+
+    def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
+        return compare_versions(
+            one, other, first.places, masks, threshold=threshold, false_discoveries=_FALSE_DISCOVERIES
+        ).slices
+
+    return {
+        fell.name: Difference(
+            mean=fell.difference if fell.pairs else 0.0,
+            low=fell.low if fell.places > 1 else None,
+            high=fell.high if fell.places > 1 else None,
+            places=fell.places,
+            lost=fell.lost,
+            gained=fell.gained,
+            judgement="worse" if fell.worse else "better" if rose.worse else "",
+        )
+        for fell, rose in zip(gate(before, after), gate(after, before), strict=True)
+    }
+
+
+def _group(
+    name: str,
+    mask: NDArray[np.bool_],
+    tables: Sequence[EvaluationTable],
+    differences: tuple[Difference, ...],
+    threshold: float,
+) -> GroupComparison:
+    defined = mask & np.isfinite(tables[0].numbers("pacc"))
+    frames = np.unique(tables[0].evaluations[mask])
+    sides = tuple(_side(table, defined, frames, threshold) for table in tables)
+    return GroupComparison(name, int(defined.sum()), len(frames), sides, differences)
+
+
+def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float) -> Side:
+    pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
+    counts = frame_counts(table)
+    tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]
+    union = tp_of_frames + fp + fn_of_frames
+    return Side(
+        pacc_mean=_mean(pacc),
+        pacc_pooled=_ratio(tp.sum(), (tp + fn).sum()),
+        detected=_mean((pacc >= threshold).astype(np.float64)),
+        precision_mean=_mean_ratio(tp_of_frames, tp_of_frames + fp),
+        precision_pooled=_ratio(tp_of_frames.sum(), (tp_of_frames + fp).sum()),
+        iou_mean=_mean_ratio(tp_of_frames, union),
+        iou_pooled=_ratio(tp_of_frames.sum(), union.sum()),
+        false_pixels=int(fp.sum()),
+    )
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _ratio(part: Any, whole: Any) -> float | None:
+    return float(part) / float(whole) if whole else None
+
+
+def _mean_ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> float | None:
+    some = whole > 0
+    return float((part[some] / whole[some]).mean()) if some.any() else None

@@ -1,0 +1,353 @@
+"""Two runs of the same scenes beside each other: another render engine, another version of a function, another setting.
+
+Frames are the same where the scene is (`valerie.pipeline.reading.reports` names it); rows are paired by frame, sensor
+setting, function and person, and judged by whole places (`valerie.statistics.gates`). Conclusions are tested in both runs on
+the rows that they share, so that neither has more evidence than the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from valerie.analysis.claims.claims import Claim, Claims, Entry, Outcome, write_ledger
+from valerie.analysis.claims.claims import Difference as ClaimedDifference
+from valerie.analysis.comparison.before_after import Difference, differences_of, parts_of
+from valerie.analysis.findings.findings import Finding
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.measures import OF_FUNCTION, names_from
+from valerie.plain import JsonObject
+
+#: Pairs that are shown of those which differ most.
+_SHOWN_FLIPS: Final = 3
+#: Findings and candidates that are looked for in the other run.
+_MOST_FINDINGS: Final = 12
+#: Columns that the other run has of its own; of the function's name there is one.
+_OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefined_reason") if name != "function")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """One of two runs.
+
+    Attributes:
+        name: for people, such as its renderer.
+        run_id: its id.
+        table: its evaluations.
+        scenes: (N,) names of what the rows show: equal where the scenes of two frames are.
+    """
+
+    name: str
+    run_id: str
+    table: EvaluationTable
+    scenes: NDArray[np.object_]
+
+
+@dataclass(frozen=True, slots=True)
+class SharedSlice:
+    """Persons that both runs scored.
+
+    Attributes:
+        name: of the slice.
+        pairs: number of persons; a person counts once in each frame.
+        here, there: mean pACC.
+        difference: there − here, by place.
+    """
+
+    name: str
+    pairs: int
+    here: float
+    there: float
+    difference: Difference
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A person in the same frame of both runs."""
+
+    frame_here: str
+    frame_there: str
+    sensor: str
+    sensor_there: str
+    function: str
+    function_there: str
+    here: float
+    there: float
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionBeside:
+    """One function in both runs.
+
+    Attributes:
+        function, sensor: as the first run names them.
+        slices: all persons first, then the parts.
+        rank_correlation: Spearman's, over the persons; None with fewer than three, or with equal scores.
+        fell, rose: pairs that differ most, there below here and above.
+    """
+
+    function: str
+    sensor: str
+    slices: tuple[SharedSlice, ...]
+    rank_correlation: float | None
+    fell: tuple[Pair, ...]
+    rose: tuple[Pair, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conclusion:
+    """A finding or claim, tested in both runs on the frames that they share.
+
+    Attributes:
+        kind: ``finding``, ``candidate`` or ``claim``.
+        text: what it says.
+        here, there: the ledger's answers.
+    """
+
+    kind: str
+    text: str
+    here: Entry
+    there: Entry
+
+    @property
+    def agreement(self) -> str:
+        """Whether it holds in both runs, in words."""
+        held = [entry.outcome is Outcome.REPRODUCED for entry in (self.here, self.there)]
+        refuted = [entry.outcome is Outcome.NOT_REPRODUCED for entry in (self.here, self.there)]
+        if all(held):
+            return "holds in both"
+        if all(refuted):
+            return "holds in neither"
+        if any(held) and any(refuted):
+            return "holds only here" if held[0] else "holds only there"
+        return "undecided here" if not (held[0] or refuted[0]) else "undecided there"
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Two runs beside each other.
+
+    Attributes:
+        here, there: names of the runs; ``run_here`` and ``run_there`` are their ids.
+        frames: number of frames that both show; ``frames_here`` and ``frames_there`` are all of them.
+        differs: what differs between the specs besides names, in words.
+        functions: one entry per function and sensor setting that both have.
+        conclusions: findings, candidates and claims.
+    """
+
+    here: str
+    there: str
+    run_here: str
+    run_there: str
+    frames: int
+    frames_here: int
+    frames_there: int
+    differs: tuple[str, ...]
+    functions: tuple[FunctionBeside, ...]
+    conclusions: tuple[Conclusion, ...]
+
+    def to_json(self) -> JsonObject:
+        """Return JSON values."""
+        agreements = [one.agreement for one in self.conclusions]
+        document = asdict(self)
+        for one, agreement in zip(document["conclusions"], agreements, strict=True):
+            one["agreement"] = agreement
+        return document
+
+    def slices_table(self) -> pa.Table:
+        """Return the paired differences as a table, one row per function, sensor setting and slice."""
+        return pa.Table.from_pylist(
+            [
+                {
+                    "function": one.function, "sensor": one.sensor, "slice": part.name, "pairs": part.pairs,
+                    "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
+                    "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
+                    "lost": part.difference.lost, "gained": part.difference.gained,
+                    "judgement": part.difference.judgement, "rank_correlation": one.rank_correlation,
+                }
+                for one in self.functions
+                for part in one.slices
+            ]
+        )  # fmt: skip
+
+
+def put_beside(
+    here: Side,
+    there: Side,
+    *,
+    findings: Sequence[Finding] = (),
+    claims: Claims | None = None,
+    differs: Sequence[str] = (),
+    threshold: float = 0.5,
+    seed: int = 0,
+) -> Beside:
+    """Compare two runs on the scenes that they share.
+
+    Args:
+        here, there: the runs.
+        findings: of the first run, which are tested in both.
+        claims: a document that is tested in both, too.
+        differs: what differs between the specs, in words.
+        threshold: of the detection rate.
+        seed: of the curves of claims.
+
+    Raises:
+        InvalidInput: they share no scene, function and person with a score.
+    """
+    rows_here, rows_there = _paired(here, there)
+    if not len(rows_here):
+        raise InvalidInput(
+            "the runs share no scene that both scored with the same function",
+            field="beside",
+            value=there.run_id,
+            limit="a run of the same variants",
+        )
+    one = _taken(here.table, rows_here)
+    other = _taken(there.table, rows_there)
+    # The same rows with the other run's scores: every factor and place is the same, whatever the other run varied.
+    scored = one.arrow
+    for name in _OWN_COLUMNS:
+        scored = scored.set_column(scored.column_names.index(name), name, other.arrow[name])
+    two = EvaluationTable(scored, one.parameters, one.designs)
+    conclusions = [*_of_findings(findings, one, two, seed), *_of_claims(claims, one, two, seed)]
+    return Beside(
+        here=here.name,
+        there=there.name,
+        run_here=here.run_id,
+        run_there=there.run_id,
+        frames=len(one.codes("frame_id").names),
+        frames_here=len(here.table.codes("frame_id").names),
+        frames_there=len(there.table.codes("frame_id").names),
+        differs=tuple(differs),
+        functions=tuple(_functions(one, two, other, threshold)),
+        conclusions=tuple(conclusions),
+    )
+
+
+def _paired(here: Side, there: Side) -> tuple[list[int], list[int]]:
+    """Return the rows of both runs that are about the same person, scene, sensor setting and function."""
+    keys = _keys(here, there)
+    place = {key: row for row, key in enumerate(_keys(there, here))}
+    rows = [(row, place[key]) for row, key in enumerate(keys) if key in place]
+    return [row for row, _ in rows], [row for _, row in rows]
+
+
+def _keys(side: Side, other: Side) -> list[tuple[str, str, str, int | None]]:
+    """Return what names each row; a single sensor setting, and a single function, may have another name in the other run."""
+    table = side.table
+    names = []
+    for column in ("function", "sensor"):
+        alone = all(len(each.table.codes(column).names) == 1 for each in (side, other))
+        texts = table.arrow[column].to_pylist()
+        # Versions of one function are the same function.
+        names.append([""] * len(texts) if alone else [text.partition("@")[0] for text in texts])
+    instances = table.arrow["instance_id"].to_pylist()
+    return list(zip(side.scenes.tolist(), names[0], names[1], instances, strict=True))
+
+
+def _taken(table: EvaluationTable, rows: list[int]) -> EvaluationTable:
+    return EvaluationTable(table.arrow.take(rows), table.parameters, table.designs)
+
+
+def _functions(
+    one: EvaluationTable, two: EvaluationTable, other: EvaluationTable, threshold: float
+) -> list[FunctionBeside]:
+    before, after = one.numbers("pacc"), two.numbers("pacc")
+    both = np.isfinite(before) & np.isfinite(after)
+    found = []
+    for function in one.codes("function").names:
+        for sensor in one.codes("sensor").names:
+            own = both & one.codes("function").where(function) & one.codes("sensor").where(sensor)
+            if not own.any():
+                continue
+            masks = {"all persons": own, **{name: own & part for name, part in parts_of(one).items()}}
+            masks = {name: mask for name, mask in masks.items() if mask.any()}
+            differences = differences_of(masks, one, two, threshold)
+            slices = [
+                SharedSlice(
+                    name, int(mask.sum()), float(before[mask].mean()), float(after[mask].mean()), differences[name]
+                )
+                for name, mask in masks.items()
+            ]
+            rows = np.flatnonzero(own)
+            order = rows[np.argsort((after - before)[rows], kind="stable")]
+            fell = [row for row in order[:_SHOWN_FLIPS] if after[row] < before[row]]
+            rose = [row for row in order[::-1][:_SHOWN_FLIPS] if after[row] > before[row]]
+            found.append(
+                FunctionBeside(
+                    function,
+                    sensor,
+                    tuple(slices),
+                    _rank_correlation(before[own], after[own]),
+                    tuple(_pair(one, other, int(row)) for row in fell),
+                    tuple(_pair(one, other, int(row)) for row in rose),
+                )
+            )
+    return found
+
+
+def _rank_correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
+    """Return Spearman's rank correlation: Spearman 1904, *American Journal of Psychology* 15, 72–101."""
+    from scipy.stats import spearmanr
+
+    if len(one) < 3 or np.ptp(one) == 0 or np.ptp(other) == 0:
+        return None
+    return float(spearmanr(one, other).statistic)
+
+
+def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> Pair:
+    here, there = one.arrow.slice(row, 1).to_pylist()[0], other.arrow.slice(row, 1).to_pylist()[0]
+    return Pair(
+        here["frame_id"],
+        there["frame_id"],
+        here["sensor"],
+        there["sensor"],
+        here["function"],
+        there["function"],
+        here["pacc"],
+        there["pacc"],
+    )
+
+
+def _of_findings(
+    findings: Sequence[Finding], one: EvaluationTable, two: EvaluationTable, seed: int
+) -> list[Conclusion]:
+    """Test main effects: an interaction and a comparison of functions are no statements of the ledger."""
+    conclusions = []
+    for finding in findings[:_MOST_FINDINGS]:
+        if len(finding.steps) != 1 or not finding.function:
+            continue
+        step = finding.steps[0]
+        sign = ">" if finding.effect > 0 else "<"
+        text = f"{finding.function}: {step.factor} {step.after} {'above' if sign == '>' else 'below'} {step.before}"
+        test = ClaimedDifference(factor=step.factor, first=step.after, second=step.before, sign=sign)
+        claim = Claim(id="finding", says=text, functions=(finding.function,), difference=test)
+        kind = "finding" if finding.confirmed else "candidate"
+        conclusions += _tested(kind, Claims(title=text, claims=(claim,)), one, two, seed)
+    return conclusions
+
+
+def _of_claims(claims: Claims | None, one: EvaluationTable, two: EvaluationTable, seed: int) -> list[Conclusion]:
+    if claims is None:
+        return []
+    conclusions = []
+    for claim in claims.claims:
+        # What the frames show is the same in both runs.
+        if not (claim.slip or claim.untestable):
+            conclusions += _tested("claim", claims.model_copy(update={"claims": (claim,)}), one, two, seed)
+    return [conclusion for conclusion in conclusions if conclusion.here.function]
+
+
+def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTable, seed: int) -> list[Conclusion]:
+    """Return the answers of both runs; nothing where the shared rows lack a factor, level or function of the claim."""
+    try:
+        pairs = zip(write_ledger(claims, one, seed=seed), write_ledger(claims, two, seed=seed), strict=True)
+    except InvalidInput:
+        return []
+    return [Conclusion(kind, here.says, here, there) for here, there in pairs]

@@ -1,0 +1,41 @@
+"""The words of comparisons."""
+
+from __future__ import annotations
+
+from valerie.analysis.comparison.before_after import Change, Difference
+from valerie.analysis.comparison.before_after import Comparison as VersionComparison
+from valerie.analysis.wording import percent
+from valerie.measures import measure_of
+
+
+def change_sentence(change: Change) -> str:
+    """Return one change between two versions with its numbers."""
+    values = f"{percent(change.before)} → {percent(change.after)} %"
+    if change.kind == "class":
+        return f"class {change.name}: pooled IoU {values}"
+    if change.kind == "score":
+        return f"person {measure_of(change.name).title}, pooled: {values}"
+    own = change.difference
+    assert own is not None
+    by_place = f"{100 * own.mean:+.1f} points by place{span_text(own)}, {own.places:,} places"
+    return f"{change.name}: mean pACC {values} ({by_place}; {own.lost:,} lost, {own.gained:,} gained)"
+
+
+def span_text(difference: Difference) -> str:
+    """Return the interval of a difference as people read it, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
+    if difference.low is None or difference.high is None:
+        return ""
+    return f", 95 % [{100 * difference.low:+.1f}, {100 * difference.high:+.1f}]"
+
+
+def numeric_classes_sentence(comparison: VersionComparison) -> str:
+    """Return the numeric classes that the versions ran in, with a warning where they differ; empty where unknown."""
+    if not comparison.numeric_classes:
+        return ""
+    if comparison.alike:
+        return f"All ran as {comparison.numeric_classes[0]}."
+    ran = zip(comparison.versions, comparison.numeric_classes, strict=True)
+    return (
+        f"Numeric classes differ, so differences may come from precision or engine: "
+        f"{'; '.join(f'{version} ran as {numeric_class}' for version, numeric_class in ran)}."
+    )

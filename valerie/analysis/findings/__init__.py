@@ -1,0 +1,1 @@
+"""Effects that places confirm, candidates, and the specs that examine them further."""

@@ -1,0 +1,131 @@
+"""Specs of runs that look closer: at a finding on places that its run has not seen, or at where a selection lies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import prod
+from typing import Final
+
+import numpy as np
+
+from valerie.analysis.rows.design import position_paths
+from valerie.analysis.rows.levels import Factor
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import ParameterDefinition, ParameterType
+from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.values import Scalar
+from valerie.runs.varied import VariedChoice, VariedUniform
+from valerie.statistics.contrasts import Change
+from valerie.statistics.units import LISTED
+
+#: Most new positions between two neighbours of a grid.
+_BETWEEN: Final = 20
+
+
+def child_spec(
+    table: EvaluationTable,
+    spec: RunSpec,
+    factors: Sequence[Factor],
+    changes: Sequence[Change],
+    places: int | None,
+) -> str:
+    """Return the YAML of a run that compares the same levels on fresh places.
+
+    A design that draws its variants draws others. A grid keeps the two levels of each change and all that is listed
+    besides, at positions between those of the run.
+
+    Args:
+        table: of the run.
+        spec: of the run.
+        factors: of the finding.
+        changes: of the finding, in the same order.
+        places: number of places that the finding needs; None: unknown.
+    """
+    child = spec.model_copy(update={"parent_run": table.codes("run_id").names[0], "iteration": spec.iteration + 1})
+    if not any(block.design in LISTED for block in spec.blocks):
+        share = max((places or 0) / sum(block.count or 1 for block in spec.blocks), 1.0)
+        blocks = tuple(
+            block.model_copy(update={"count": int(np.ceil((block.count or 1) * share))}) for block in spec.blocks
+        )
+        return child.model_copy(update={"blocks": blocks, "seed": spec.seed + 1}).to_yaml()
+    values = {path: _values(table, path) for path in table.parameters}
+    for factor, change in zip(factors, changes, strict=True):
+        if factor.column in values:
+            compared = np.isin(factor.codes, (change.before, change.after))
+            values[factor.column] = _values(table.select(compared), factor.column)
+    positions = position_paths(table.parameters)
+    moved = [path for path in positions if path not in {factor.column for factor in factors}]
+    kept = prod(len(values[path]) for path in positions if path not in moved)
+    for path, between in _between({path: values[path] for path in moved}, (places or 0) / kept).items():
+        values[path] = [*between]
+    vary = tuple(
+        VariedChoice(parameter=path, distribution="CHOICE", values=tuple(listed)) for path, listed in values.items()
+    )
+    block = BlockDocument(vary=vary, constants=_common_constants(spec.blocks))
+    return child.model_copy(update={"blocks": (block,)}).to_yaml()
+
+
+def _common_constants(blocks: Sequence[BlockDocument]) -> dict[str, Scalar]:
+    """Return the constants that all blocks share."""
+    first, *others = blocks
+    return {
+        name: value
+        for name, value in first.constants.items()
+        if all(one.constants.get(name) == value for one in others)
+    }
+
+
+def _values(table: EvaluationTable, path: str) -> list[Scalar]:
+    return sorted(value for value in table.arrow[path].unique().to_pylist() if value is not None)
+
+
+def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[float]]:
+    """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
+    axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
+    if not axes:
+        return {}
+    gaps = np.prod([len(values) - 1.0 for values in axes.values()])
+    each = next((n for n in range(1, _BETWEEN) if gaps * n ** len(axes) >= places), _BETWEEN)
+    parts = np.arange(1, each + 1) / (each + 1)
+    return {
+        path: np.round(values[:-1, None] + np.diff(values)[:, None] * parts, 4).ravel().tolist()
+        for path, values in axes.items()
+    }
+
+
+def refined_spec(
+    table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
+) -> RunSpec:
+    """Return the spec of a run that looks closer at where the rows of a selection lie.
+
+    Every varied number is drawn from the range that the rows span, every other parameter from the values that they have.
+    A parameter that has one value in them is a constant.
+
+    Args:
+        table: the selected rows, of one run.
+        spec: of the run.
+        definitions: the run's parameters.
+        count: number of variants.
+
+    Raises:
+        InvalidInput: there is no row.
+    """
+    if not len(table):
+        raise InvalidInput("selects no row to refine", field="where")
+    kinds = {definition.path: definition.type for definition in definitions}
+    vary: list[VariedUniform | VariedChoice] = []
+    constants = dict(_common_constants(spec.blocks))
+    for path in table.parameters:
+        values = _values(table, path)
+        if len(values) == 1:
+            constants[path] = values[0]
+        elif kinds[path] in (ParameterType.FLOAT, ParameterType.ANGLE):
+            vary.append(VariedUniform(parameter=path, distribution="UNIFORM", minimum=values[0], maximum=values[-1]))
+        else:
+            vary.append(VariedChoice(parameter=path, distribution="CHOICE", values=tuple(values)))
+    block = BlockDocument(
+        design="sobol" if vary else "grid", count=count if vary else None, vary=tuple(vary), constants=constants
+    )
+    parent = table.codes("run_id").names[0]
+    return spec.model_copy(update={"blocks": (block,), "parent_run": parent, "iteration": spec.iteration + 1})

@@ -1,0 +1,163 @@
+"""The next spec from a run: half the steps, inside the region of what was found (the paper, section 5.3: "initial step size")."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
+from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.blocks import GRID, POINTS, Block, Variation
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.distributions import Choice, Constant, Homogeneous, Uniform
+from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.values import Scalar
+from valerie.runs.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
+
+#: Values of a parameter that is added to a grid.
+_ADDED: Final = 3
+#: Relative tolerance of steps.
+_TOLERANCE: Final = 1e-9
+
+
+def refined_spec(
+    spec: RunSpec,
+    blocks: Sequence[Block],
+    definitions: Mapping[str, ParameterDefinition],
+    region: Region,
+    *,
+    run_id: str,
+    middle: Mapping[str, Value],
+    add: Sequence[str] = (),
+    drop: Sequence[str] = (),
+) -> RunSpec:
+    """Return the spec of the next iteration.
+
+    HOMOGENEOUS parameters get half the step, from the first to the last step inside the region; UNIFORM ones its range;
+    CHOICE the values inside. A GAUSSIAN stays as it is. Points become a Sobol' design over the region.
+
+    Args:
+        spec: of the run.
+        blocks: of the run, in the asset's units.
+        definitions: path to definition.
+        region: by path.
+        run_id: of the run.
+        middle: path to the value that a dropped parameter gets.
+        add: paths of parameters that are varied over their declared ranges, too.
+        drop: paths of parameters that become constants.
+
+    Raises:
+        InvalidInput: an added parameter has no range, or nothing is left to vary.
+        UnknownName: a dropped parameter is not varied.
+    """
+    varied = {path for block in blocks for path in _paths(block)}
+    for path in drop:
+        if path not in varied:
+            raise UnknownName("varied parameter", path, varied, field="--drop")
+    constants: dict[str, Scalar] = {path: middle[path] for path in drop}
+    refined = []
+    for document, block in zip(spec.blocks, blocks, strict=True):
+        design = "sobol" if block.design == POINTS else document.design
+        variations = _of_points(block, definitions) if block.design == POINTS else block.variations
+        vary = [
+            _refined(variation, definitions[variation.path], region.bounds.get(variation.path))
+            for variation in variations
+            if variation.path not in drop
+        ]
+        vary += [_added(definitions[path], design) for path in add if path not in varied]
+        count = max(len(block.points), 1) if block.design == POINTS else document.count
+        kept = {name: value for name, value in document.constants.items() if name not in add}
+        refined.append(BlockDocument(design=design, count=count, vary=tuple(vary), constants={**kept, **constants}))
+    if not any(block.vary for block in refined):
+        raise InvalidInput("nothing is left to vary", field="--drop", value=list(drop))
+    of_run = {name: value for name, value in spec.constants.items() if name not in add}
+    return spec.model_copy(
+        update={
+            "blocks": tuple(refined),
+            "constants": of_run,
+            "parent_run": run_id,
+            "iteration": spec.iteration + 1,
+            "seed": spec.seed + 1,
+        }
+    )
+
+
+def _paths(block: Block) -> set[str]:
+    return {variation.path for variation in block.variations} | {path for point in block.points for path in point}
+
+
+def _of_points(block: Block, definitions: Mapping[str, ParameterDefinition]) -> list[Variation]:
+    """Return the ranges that the points of a block span."""
+    variations = []
+    for path in sorted({path for point in block.points for path in point}):
+        values = [point[path] for point in block.points if path in point]
+        if definitions[path].type in (ParameterType.CATEGORICAL, ParameterType.BOOL) or len(set(values)) == 1:
+            variations.append(Variation(path, Choice(values=tuple(dict.fromkeys(values)))))
+        else:
+            numbers = [float(value) for value in values]
+            variations.append(Variation(path, Uniform(minimum=min(numbers), maximum=max(numbers))))
+    return variations
+
+
+def _refined(variation: Variation, definition: ParameterDefinition, bound: Bound | None) -> Varied:
+    distribution, name = variation.distribution, definition.name
+    low, high = _ends(bound)
+    if isinstance(distribution, Homogeneous):
+        step = distribution.step if definition.type is ParameterType.INT else distribution.step / 2
+        first = _step_at(distribution.minimum, step, max(low, distribution.minimum), up=True)
+        last = _step_at(distribution.minimum, step, min(high, distribution.maximum), up=False)
+        return VariedHomogeneous(
+            parameter=name, distribution="HOMOGENEOUS", minimum=first, maximum=max(first, last), step=step
+        )
+    if isinstance(distribution, Uniform):
+        least = definition.minimum if distribution.minimum is None else distribution.minimum
+        most = definition.maximum if distribution.maximum is None else distribution.maximum
+        return VariedUniform(
+            parameter=name,
+            distribution="UNIFORM",
+            minimum=least if least is None else max(low, float(least)),
+            maximum=most if most is None else min(high, float(most)),
+            count=distribution.points,
+        )
+    if isinstance(distribution, Choice | Constant):
+        values = distribution.values if isinstance(distribution, Choice) else (distribution.constant,)
+        inside = tuple(value for value in values if bound is None or _holds(bound, value)) or values
+        return VariedChoice(parameter=name, distribution="CHOICE", values=inside)
+    return VariedGaussian(
+        parameter=name,
+        distribution="GAUSSIAN",
+        mean=distribution.mean,
+        standard_deviation=distribution.standard_deviation,
+        count=distribution.points,
+    )
+
+
+def _holds(bound: Bound, value: Value) -> bool:
+    return bound.holds(str(value) if isinstance(bound, Choices) else value)
+
+
+def _ends(bound: Bound | None) -> tuple[float, float]:
+    """Return the range of a bound; an arc across 360° is no range, and leaves everything."""
+    if isinstance(bound, Range):
+        return bound.low, bound.high
+    if isinstance(bound, Arc) and bound.start + bound.width <= 360:
+        return bound.start, bound.start + bound.width
+    return -math.inf, math.inf
+
+
+def _step_at(origin: float, step: float, value: float, *, up: bool) -> float:
+    """Return the step at or next to a value, towards the inside of the region."""
+    number = (value - origin) / step
+    whole = math.ceil(number - _TOLERANCE) if up else math.floor(number + _TOLERANCE)
+    return round(origin + whole * step, 10)
+
+
+def _added(definition: ParameterDefinition, design: str) -> Varied:
+    if definition.type is ParameterType.BOOL:
+        return VariedChoice(parameter=definition.name, distribution="CHOICE", values=(False, True))
+    if definition.type is ParameterType.CATEGORICAL:
+        return VariedChoice(parameter=definition.name, distribution="CHOICE", values=definition.choices)
+    if definition.minimum is None or definition.maximum is None:
+        raise InvalidInput("the parameter has no declared range", field="--add", value=definition.name)
+    return VariedUniform(parameter=definition.name, distribution="UNIFORM", count=_ADDED if design == GRID else None)

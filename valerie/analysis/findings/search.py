@@ -1,0 +1,220 @@
+"""Search of a run's findings.
+
+Contrasts (`valerie.statistics.contrasts`) of everything that the run varied are searched in one half of its places and confirmed
+in the other. What one function is compared over is a *family*, and so are the functions on identical frames; the
+families share the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.findings.child_specs import child_spec
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step, View
+from valerie.analysis.findings.wording import false_positives_sentence, finding_sentence, incomparable_sentence
+from valerie.analysis.rows.frame_counts import frame_counts, settings
+from valerie.analysis.rows.levels import Factor, factor_of, factors_of
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.runs.documents import RunSpec
+from valerie.statistics.confirmation import Finding as Judged
+from valerie.statistics.confirmation import find, named
+from valerie.statistics.contrasts import Change, Matching, largest_flips
+from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.observations import Observations, observe
+
+#: Joint confidence of all findings of a run.
+LEVEL: Final = 0.95
+#: A function is named when more than this share of the pixels that it calls person belong to no person.
+HEAVY: Final = 0.5
+#: Sides that differ by more than this in a measured quantity are shown with it: share of the person, and metres.
+UNEQUAL: Final[Mapping[str, float]] = {"occlusion_rate": 0.1, "distance_m": 2.0}
+#: Candidates that need more places than this many runs have are not listed.
+AFFORDABLE: Final = 10
+#: Image pairs of a finding.
+_PAIRS: Final = 3
+#: Precisions in which the labels of a function differ from those in full precision.
+_REDUCED: Final = frozenset({"bf16", "fp16"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Family:
+    """Rows that are compared, and the changes to look at; None: all, and how they act together."""
+
+    function: str
+    observations: Observations
+    factors: Mapping[str, Factor]
+    only: tuple[tuple[Change, ...], ...] | None = None
+
+
+def find_findings(
+    table: EvaluationTable,
+    *,
+    seed: int = 0,
+    precisions: Mapping[str, str] | None = None,
+    spec: RunSpec | None = None,
+) -> Findings:
+    """Compare the levels of everything that the run varied, for each function, and the functions with each other.
+
+    Args:
+        table: the run's evaluations.
+        seed: of the choice of places that search.
+        precisions: function to the precision that it ran in; see `incomparable`.
+        spec: of the run; its findings then propose a run that examines them.
+    """
+    families = list(_families(table, precisions or {}))
+    clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
+    comparisons = searched = confirming = 0
+    for family in families:
+        level = 1 - (1 - LEVEL) / len(families)
+        observations, only = family.observations, family.only
+        result = find(observations, seed=seed, interactions=only is None, only=only, level=level)
+        confirmed = [item for item in result.items if item.confirmed]
+        others = [item for item in result.items if not item.confirmed]
+        comparisons += result.comparisons
+        searched, confirming = max(searched, result.places_searched), max(confirming, result.places_confirming)
+        for item in (*confirmed, *named(observations, only=only, level=level), *others):
+            if not (item.confirmed or _worth_a_run(item, observations.places)):
+                continue
+            # Of several changes of the same factors the clearest stands for all; each two functions are another matter.
+            steps = item.candidate.changes
+            key = family.function, steps if family.only else tuple(change.factor for change in steps)
+            if key not in clearest:
+                clearest[key] = _finding(table, family, item, spec)
+    findings = sorted(
+        clearest.values(), key=lambda one: (not _clear(one), one.matching is Matching.MODEL, len(one.steps))
+    )
+    notes = list(_false_positives(table))
+    notes += [incomparable_sentence(a, b, precisions or {}) for a, b in incomparable(table, precisions or {})]
+    return Findings(
+        items=tuple(finding for finding in findings if finding.confirmed),
+        candidates=tuple(finding for finding in findings if not finding.confirmed),
+        comparisons=comparisons,
+        level=LEVEL,
+        places_searched=searched,
+        places_confirming=confirming,
+        notes=tuple(notes),
+    )
+
+
+def _worth_a_run(item: Judged, places: int) -> bool:
+    """Return whether a fresh run can settle a candidate, and other places do not already show the opposite."""
+    contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
+    return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
+
+
+def _clear(finding: Finding) -> bool:
+    """Return whether an interval leaves out 0."""
+    return finding.low is not None and finding.high is not None and finding.low * finding.high > 0
+
+
+def incomparable(table: EvaluationTable, precisions: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of functions, sorted, whose precisions differ so that a difference would partly be theirs.
+
+    bf16 and fp16 are comparable with themselves only. All other precisions are comparable with one another.
+
+    Args:
+        table: that holds the functions.
+        precisions: function to the precision that it ran in; a function that is missing ran in full precision.
+    """
+
+    def reduced(name: str) -> str:
+        precision = precisions.get(name, "")
+        return precision if precision in _REDUCED else ""
+
+    pairs = combinations(table.codes("function").names, 2)
+    return tuple((a, b) for a, b in pairs if reduced(a) != reduced(b))
+
+
+def _families(table: EvaluationTable, precisions: Mapping[str, str]) -> Iterator[_Family]:
+    """Yield the comparisons of each function, then that of the functions; none without anything to compare."""
+    pacc = table.numbers("pacc")
+    factors = {factor.name: factor for factor in factors_of(table)}
+    codes = {name: factor.codes for name, factor in factors.items()}
+    functions = table.codes("function")
+    for name in functions.names:
+        of_function = np.where(functions.where(name), pacc, np.nan)
+        if factors:
+            yield _Family(name, observe(of_function, table.places, codes), factors)
+    apart = incomparable(table, precisions)
+    names = functions.names
+    comparable = [(a, b) for a, b in combinations(range(len(names)), 2) if (names[a], names[b]) not in apart]
+    if comparable:
+        factor = factor_of(table, "function")
+        observations = observe(pacc, table.places, {**codes, "function": factor.codes})
+        only = tuple((Change("function", a, b),) for a, b in comparable)
+        yield _Family("", observations, {**factors, "function": factor}, only)
+
+
+def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpec | None) -> Finding:
+    contrast = item.candidate if item.contrast is None else item.contrast
+    factors = [family.factors[change.factor] for change in contrast.changes]
+    steps = tuple(
+        Step(factor.name, factor.levels[change.before], factor.levels[change.after])
+        for factor, change in zip(factors, contrast.changes, strict=True)
+    )
+    known, widest = np.isfinite(item.low), float(len(steps))  # scores lie in 0…1
+    flips = largest_flips(family.observations, item.candidate, _PAIRS)
+    finding = Finding(
+        sentence="",
+        function=family.function,
+        steps=steps,
+        matching=contrast.matching,
+        confirmed=item.confirmed,
+        effect=contrast.estimate,
+        low=max(item.low, -widest) if known else None,
+        high=min(item.high, widest) if known else None,
+        places=contrast.places,
+        pairs=contrast.pairs,
+        places_needed=item.places_needed,
+        examples=tuple((_view(table, before), _view(table, after)) for before, after in flips[:, -2:].tolist()),
+        unequal=tuple(
+            inequality
+            for factor, change, step in zip(factors, contrast.changes, steps, strict=True)
+            for inequality in _unequal(table, family.observations.rows, factor, change, step)
+        ),
+        spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
+    )
+    return replace(finding, sentence=finding_sentence(finding))
+
+
+def _view(table: EvaluationTable, row: int) -> View:
+    columns = table.arrow.slice(row, 1).select(["frame_id", "sensor", "function", "instance_id", "pacc"])
+    return View(**columns.to_pylist()[0])
+
+
+def _unequal(
+    table: EvaluationTable, rows: NDArray[np.int64], factor: Factor, change: Change, step: Step
+) -> Iterator[Inequality]:
+    """Yield the measured quantities of which the two sides of a change have unlike means."""
+    before, after = (rows[factor.codes[rows] == level] for level in (change.before, change.after))
+    for column, bound in UNEQUAL.items():
+        values = table.numbers(column)
+        if not (np.isfinite(values[before]).any() and np.isfinite(values[after]).any()):
+            continue
+        means = float(np.nanmean(values[before])), float(np.nanmean(values[after]))
+        if abs(means[1] - means[0]) > bound:
+            yield Inequality(column, step, *means)
+
+
+def _false_positives(table: EvaluationTable) -> Iterator[str]:
+    """Name the functions of whose person pixels more than `HEAVY` are wrong, beyond the choice of variants."""
+    counts = frame_counts(table)
+    called = counts.tp + counts.fp
+    for function, sensor in settings(table):
+        of_setting = table.codes("function").where(function) & table.codes("sensor").where(sensor)
+        evaluations = of_setting[counts.row] & (called > 0)
+        rows = np.zeros(len(table), np.bool_)
+        rows[counts.row[evaluations]] = True
+        wrong = np.zeros(len(table))
+        weight = np.zeros(len(table))
+        wrong[counts.row[evaluations]] = counts.fp[evaluations] / called[evaluations]
+        weight[counts.row[evaluations]] = called[evaluations]
+        interval = mean_interval(wrong[rows], table.units.of(rows), weights=weight[rows])
+        if isinstance(interval, Interval) and interval.low > HEAVY:
+            yield false_positives_sentence(function, sensor, interval)

@@ -1,0 +1,88 @@
+"""The words of findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
+from valerie.analysis.wording import percent
+from valerie.measures import measure_of
+from valerie.statistics.contrasts import Matching
+from valerie.statistics.intervals import Interval
+
+
+def finding_sentence(finding: Finding) -> str:
+    """Return a finding as sentences: effect and condition, interval, numbers, and what else differs."""
+    step = finding.steps[0]
+    size = f"{100 * abs(finding.effect):.1f} points"
+    higher = "higher" if finding.effect > 0 else "lower"
+    if len(finding.steps) == 2:
+        second = finding.steps[1]
+        text = (
+            f"{finding.function}: the effect of {_after(step)} instead of {step.before} on pACC is {size} {higher} "
+            f"with {_after(second)} than with {second.before}"
+        )
+    elif not finding.function:
+        better, worse = (step.after, step.before) if finding.effect > 0 else (step.before, step.after)
+        text = f"{better} sees more than {worse} on identical frames: pACC is {size} higher"
+    else:
+        text = f"{finding.function}: pACC is {size} {higher} with {_after(step)} than with {step.before}"
+    if finding.matching is Matching.MODEL:
+        text += ", between different places"
+    elif finding.function:
+        text += ", all else equal"
+    counted = [f"{finding.places:,} places"]
+    counted += [f"{finding.pairs:,} pairs"] if finding.pairs else []
+    if finding.low is not None and finding.high is not None:
+        # A function is named for being better, so the interval has to point its way.
+        sign = -1 if finding.effect < 0 and not finding.function else 1
+        ends = sorted(100 * sign * end for end in (finding.low, finding.high))
+        low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
+        counted.insert(0, f"joint 95 % interval {low} to {high}")
+    return f"{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+
+
+def _after(step: Step) -> str:
+    """Return the factor with its later level; names that contain the factor's stand alone: ``camera-3``."""
+    return step.after if step.after.startswith(step.factor) else f"{step.factor} {step.after}"
+
+
+def unequal_sentence(unequal: Sequence[Inequality]) -> str:
+    """Return what else differs between the sides of a finding; empty where nothing does."""
+    texts = [
+        f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
+        f"{measure_of(one.column).text(one.before)} with {one.step.before})"
+        for one in unequal
+    ]
+    return f" The sides also differ in {' and '.join(texts)}." if texts else ""
+
+
+def searched_sentence(findings: Findings) -> str:
+    """Return how findings were found, and what it means that there are none."""
+    if not findings.comparisons:
+        return "Nothing to compare: vary a parameter, or name several functions."
+    looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} places"
+    if not findings.places_confirming:
+        return f"{looked}, too few to confirm anything: 10 places are needed."
+    sure = f"with {100 * findings.level:g} % confidence for all together"
+    none = "" if findings.items else "; none is confirmed"
+    return f"{looked}, judged in {findings.places_confirming:,} others {sure}{none}."
+
+
+def candidate_text(finding: Finding) -> str:
+    """Return how a candidate can be settled."""
+    return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
+
+
+def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
+    """Return that most pixels which a function calls person belong to none."""
+    return (
+        f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
+        f"(95 % interval {percent(interval.low)} to {percent(interval.high)}, {interval.units:,} {interval.estimand.noun})."
+    )
+
+
+def incomparable_sentence(a: str, b: str, precisions: Mapping[str, str]) -> str:
+    """Return why two functions were not compared."""
+    first, second = (f"{name} ({precisions.get(name, 'full precision')})" for name in (a, b))
+    return f"{first} and {second} ran in different precisions and are not compared."

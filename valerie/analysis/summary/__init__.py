@@ -1,0 +1,1 @@
+"""Means, shares and spreads by pedestrian and function, and their words."""

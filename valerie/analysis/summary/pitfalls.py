@@ -1,0 +1,62 @@
+"""What makes the numbers of a run look right although they say little: it stands before all results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.rows.frame_counts import frame_counts
+from valerie.analysis.rows.table import EvaluationTable
+
+#: Mean grey level below which a picture is black, and above which it is white, of 255.
+BLACK: Final = 2.0
+WHITE: Final = 253.0
+#: Standard deviation of the grey levels below which a picture is constant.
+CONSTANT: Final = 1.0
+#: Largest number of frames that a warning lists.
+_LISTED: Final = 3
+
+
+def pitfalls(table: EvaluationTable) -> tuple[str, ...]:
+    """Return the warnings about a run, as sentences; its rates and verdicts count everything nevertheless."""
+    return (*_silent_functions(table), *_empty_pictures(table))
+
+
+def _silent_functions(table: EvaluationTable) -> Iterator[str]:
+    counts = frame_counts(table)
+    functions = table.codes("function")
+    for name in functions.names:
+        looks = functions.where(name)[counts.row]
+        called, visible = (counts.tp + counts.fp)[looks].sum(), (counts.tp + counts.fn)[looks].sum()
+        if visible and not called:
+            yield (
+                f"{name} never predicts a person: it calls no pixel of {np.count_nonzero(looks):,} pictures person. "
+                "Its class map may be wrong."
+            )
+
+
+def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
+    frames, sensors = table.codes("frame_id"), table.codes("sensor")
+    measured = np.isfinite(table.numbers("picture_mean"))
+    pictures = frames.index * max(len(sensors.names), 1) + sensors.index
+    total = len(np.unique(pictures[measured]))
+    for fault, rows in _faults(table):
+        _, first = np.unique(pictures[measured & rows], return_index=True)
+        faulty = np.flatnonzero(measured & rows)[first]
+        if len(faulty):
+            listed = [frames.names[frames.index[row]] for row in faulty[:_LISTED]]
+            more = ", …" if len(faulty) > _LISTED else ""
+            verb = "is" if len(faulty) == 1 else "are"
+            yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more})."
+
+
+def _faults(table: EvaluationTable) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield each fault of pictures, and (N,) bool: the rows with such a picture."""
+    mean = table.numbers("picture_mean")
+    black, white = mean < BLACK, mean > WHITE
+    yield "black", black
+    yield "white", white
+    yield "constant", (table.numbers("picture_deviation") < CONSTANT) & ~black & ~white

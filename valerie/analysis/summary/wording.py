@@ -1,0 +1,63 @@
+"""The words of a summary: what its brackets mean, and what it does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from valerie.analysis.findings.findings import Findings
+from valerie.analysis.rows.frame_counts import ALL
+from valerie.analysis.summary.summary import OCCLUDED, OcclusionShare, Summary, SummaryRow
+from valerie.analysis.wording import percent, reasons_text
+from valerie.statistics.intervals import Interval, Refusal
+from valerie.statistics.units import Estimand
+
+_ESTIMANDS: Final[Mapping[Estimand, str]] = {
+    Estimand.LISTED_GRID: "the listed variants",
+    Estimand.DESIGN_BOX: "the space that the design draws from",
+    Estimand.STREETS: "all streets, at the listed variants",
+}
+
+
+def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
+    """Return which share of each pedestrian's views is occluded; empty without views."""
+    texts = [
+        f"{'all' if share.character == ALL else share.character} {percent(share.share)} % of {share.persons:,}"
+        for share in shares
+        if share.persons
+    ]
+    return f"More than {100 * OCCLUDED:g} % occluded: {', '.join(texts)}." if texts else ""
+
+
+def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
+    """Return what the brackets of a summary mean, and why intervals are missing."""
+    sentences = []
+    units = {(one.estimand, one.units) for row in rows if isinstance(one := row.pacc_mean_interval, Interval)}
+    if units:
+        estimand, most = max(units, key=lambda one: one[1])
+        sentences.append(f"[95 % interval] for {_ESTIMANDS[estimand]}, from {most:,} {estimand.noun}.")
+    if any(row.pacc_mean_spread for row in rows):
+        places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
+        sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
+    reasons = dict.fromkeys(one.reason for row in rows if isinstance(one := row.pacc_mean_interval, Refusal))
+    return sentences + [f"No confidence interval: {reason}." for reason in reasons]
+
+
+def limits(summary: Summary, findings: Findings) -> list[str]:
+    """Return what the results do not say."""
+    first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)
+    sentences = []
+    if first is not None:
+        sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
+    if first is not None and first.estimand is Estimand.LISTED_GRID:
+        sentences.append(
+            "All variants were listed, so nothing is known of what lies between them, or of other streets."
+        )
+    if findings.places_searched:
+        places = findings.places_searched + findings.places_confirming
+        sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")
+    together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
+    # Visibility alone decides, so functions share their gaps.
+    gaps = dict.fromkeys((row.persons, reasons_text(row.undefined)) for row in together if row.undefined)
+    sentences += [f"Of {persons:,} views of a person, some have no pACC: {reasons}." for persons, reasons in gaps]
+    return sentences

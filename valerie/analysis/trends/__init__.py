@@ -1,0 +1,1 @@
+"""Scores over one measure: bins, polynomials and curves."""

@@ -1,0 +1,1 @@
+"""Requirements judged, and the gate of a CI pipeline."""

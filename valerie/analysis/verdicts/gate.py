@@ -1,0 +1,299 @@
+"""A run as the gate of a change: its verdicts, and its functions against a baseline on identical frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
+from valerie.errors import Conflict, InvalidInput, UnknownName
+from valerie.measures import measure_of
+from valerie.parameters.paths import short_name
+from valerie.plain import JsonObject
+from valerie.runs.pins import Pins
+from valerie.runs.spec import RunSpec
+from valerie.statistics.gates import Gate, SliceComparison, compare_versions
+from valerie.statistics.verdicts import Outcome
+
+#: Width of the distance bands that are slices, metres.
+_BAND_M: Final = 10.0
+#: A parameter with more levels than this is cut into so many parts of about equally many rows.
+_MOST_LEVELS, _PARTS = 8, 4
+#: Fields of a spec in which two runs on the same frames may differ.
+_FREE: Final = frozenset(
+    {"name", "description", "functions", "requirements", "detection_threshold", "parent_run", "iteration"}
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateRun:
+    """What the gate reads of a run.
+
+    Attributes:
+        id: of the run.
+        spec: its spec.
+        asset_digest: of its asset.
+        pins: numeric classes of its engines and functions.
+        table: its evaluations.
+        verdicts: on its requirements.
+    """
+
+    id: str
+    spec: RunSpec
+    asset_digest: str
+    pins: Pins
+    table: EvaluationTable
+    verdicts: tuple[RequirementVerdict, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class VersionGate:
+    """One function against its baseline.
+
+    Attributes:
+        version, baseline: the functions; the baseline with its run where that is another.
+        gate: the comparison of their pACC.
+        unmatched: rows that only one of the two has.
+    """
+
+    version: str
+    baseline: str
+    gate: Gate
+    unmatched: int
+
+
+@dataclass(frozen=True, slots=True)
+class GateResult:
+    """Everything that a change has to pass.
+
+    Attributes:
+        run_id: of the run.
+        verdicts: on its requirements.
+        versions: its functions against the baseline; empty without one.
+        allow_undecided: whether undecided requirements pass.
+    """
+
+    run_id: str
+    verdicts: tuple[RequirementVerdict, ...]
+    versions: tuple[VersionGate, ...]
+    allow_undecided: bool = False
+
+    def passes(self, verdict: RequirementVerdict) -> bool:
+        """Return whether a verdict lets the change through."""
+        return verdict.outcome is Outcome.MET or (self.allow_undecided and verdict.outcome is Outcome.UNDECIDED)
+
+    @property
+    def passed(self) -> bool:
+        """True if all verdicts pass and no function is worse than its baseline."""
+        return all(map(self.passes, self.verdicts)) and not any(version.gate.worse for version in self.versions)
+
+    def to_json(self) -> JsonObject:
+        """Return the result as JSON values."""
+        return {
+            "run": self.run_id,
+            "passed": self.passed,
+            "allow_undecided": self.allow_undecided,
+            "verdicts": list(map(asdict, self.verdicts)),
+            "versions": [_without_nan(asdict(version)) for version in self.versions],
+        }
+
+
+def gate(
+    run: GateRun,
+    baseline: GateRun | str | None = None,
+    *,
+    function: str | None = None,
+    effect: float = 0.05,
+    false_discoveries: float = 0.05,
+    mixed: bool = False,
+    allow_undecided: bool = False,
+) -> GateResult:
+    """Hold a run against its requirements, and its functions against a baseline.
+
+    Args:
+        run: that has ended.
+        baseline: another run on the same frames, or the name of a function of this run; None: requirements alone.
+        function: the only function to compare; None: every one that has a baseline.
+        effect: smallest drop of pACC to detect; it decides how many places are needed.
+        false_discoveries: largest expected share of false ones among the slices named worse.
+        mixed: also compare functions that ran in unequal numeric classes.
+        allow_undecided: let undecided requirements pass.
+
+    Raises:
+        InvalidInput: there is nothing to judge, or the baseline looked at other frames.
+        UnknownName: no such function.
+        Conflict: numeric classes differ, and ``mixed`` is not given.
+    """
+    if baseline is None:
+        if not run.verdicts:
+            raise InvalidInput(
+                "the run has no requirements, and there is no baseline to compare with", field="--baseline",
+                limit="requirements in the spec, or --baseline RUN|FUNCTION",
+            )  # fmt: skip
+        return GateResult(run.id, run.verdicts, (), allow_undecided)
+    other = run if isinstance(baseline, str) else baseline
+    if other is not run:
+        _require_same_frames(run, other)
+    versions = tuple(
+        _compare(run, version, other, reference, effect, false_discoveries)
+        for version, reference in _pairs(run, baseline, function)
+        if mixed or _require_one_class(run, version, other, reference)
+    )
+    return GateResult(run.id, run.verdicts, versions, allow_undecided)
+
+
+def called(reference: str, run: GateRun) -> str | None:
+    """Return what a run's spec calls a function: by its whole name, or by its name without the version; else None."""
+    functions = run.spec.functions
+    if reference in functions:
+        return reference
+    versions = [function for function in functions if function.partition("@")[0] == reference]
+    return versions[0] if len(versions) == 1 else None
+
+
+def _function(reference: str, run: GateRun, field: str) -> str:
+    function = called(reference, run)
+    if function is None:
+        raise UnknownName("function of the run", reference, run.spec.functions, field=field)
+    return function
+
+
+def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[tuple[str, str]]:
+    """Return (function of the run, function of the baseline)."""
+    chosen = run.spec.functions if function is None else (_function(function, run, "--function"),)
+    if isinstance(baseline, str):
+        reference = _function(baseline, run, "--baseline")
+        pairs = [(version, reference) for version in chosen if version != reference]
+    elif len(chosen) == len(baseline.spec.functions) == 1:
+        pairs = [(chosen[0], baseline.spec.functions[0])]
+    else:
+        by_name = {own.partition("@")[0]: own for own in baseline.spec.functions}
+        pairs = [(version, by_name[name]) for version in chosen if (name := version.partition("@")[0]) in by_name]
+    if not pairs:
+        raise InvalidInput(
+            "there is no other function to compare with the baseline", field="--baseline",
+            value=baseline if isinstance(baseline, str) else baseline.id, limit=", ".join(chosen),
+        )  # fmt: skip
+    return pairs
+
+
+def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
+    own, others = (one.spec.model_dump(mode="json", exclude=set(_FREE)) for one in (run, baseline))
+    own["asset"], others["asset"] = [own["asset"], run.asset_digest], [others["asset"], baseline.asset_digest]
+    for name in own:
+        if own[name] != others[name]:
+            raise InvalidInput(
+                f"run {baseline.id} looked at other frames: its {name} differs", field="--baseline", value=baseline.id,
+                limit=f"a run that differs only in {', '.join(sorted(_FREE))}",
+            )  # fmt: skip
+
+
+def _require_one_class(run: GateRun, version: str, other: GateRun, reference: str) -> bool:
+    classes = [
+        {
+            "image": one.pins.engine.numeric_class,
+            "ground truth": one.pins.truth.numeric_class,
+            "inference": one.pins.functions[name].numeric_class,
+        }
+        for one, name in ((run, version), (other, reference))
+    ]
+    for stage, own in classes[0].items():
+        if own != classes[1][stage]:
+            raise Conflict(
+                f"{version} and its baseline {reference} differ in the numeric class of their {stage}: {own} and "
+                f"{classes[1][stage]}. Run both in the same one, or use --mixed to compare what precision or engine "
+                "change too"
+            )
+    return True
+
+
+def _compare(
+    run: GateRun, version: str, other: GateRun, reference: str, effect: float, false_discoveries: float
+) -> VersionGate:
+    before, after = (
+        one.table.select(one.table.codes("function").where(name)) for one, name in ((other, reference), (run, version))
+    )
+    keys_before, keys_after = _row_keys(before), _row_keys(after)
+    place_of = {key: row for row, key in enumerate(keys_before)}
+    rows = [(place_of[key], row) for row, key in enumerate(keys_after) if key in place_of]
+    old, new = np.array(rows, np.int64).reshape(-1, 2).T
+    matched = EvaluationTable(after.arrow.take(new), after.parameters, after.designs)
+    compared = compare_versions(
+        before.numbers("pacc")[old],
+        matched.numbers("pacc"),
+        matched.places,
+        _slices(matched),
+        threshold=run.spec.detection_threshold,
+        effect=effect,
+        false_discoveries=false_discoveries,
+    )
+    named = reference if other is run else f"{reference} of run {other.id}"
+    return VersionGate(version, named, compared, len(keys_before) + len(keys_after) - 2 * len(rows))
+
+
+def _row_keys(table: EvaluationTable) -> list[tuple[str, str, int | None]]:
+    """Return (frame without its run, sensor, instance) of every row."""
+    columns = (table.arrow[name].to_pylist() for name in ("frame_id", "sensor", "instance_id"))
+    return [(frame.partition(".")[2], sensor, instance) for frame, sensor, instance in zip(*columns, strict=True)]
+
+
+def _slices(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+    """Return the slices that are compared: all rows, distance bands, and the levels of every varied parameter."""
+    slices = {"all": np.ones(len(table), np.bool_)}
+    distance = table.numbers("distance_m")
+    bands = np.floor(distance / _BAND_M)
+    for band in np.unique(bands[np.isfinite(bands)]).tolist():
+        text = measure_of("distance_m").range_text(band * _BAND_M, (band + 1) * _BAND_M)
+        slices[f"distance {text}"] = bands == band
+    for path, kind in table.parameters.items():
+        slices |= {f"{short_name(path)} {name}": rows for name, rows in _levels(table, path, kind).items()}
+    return slices
+
+
+def _levels(table: EvaluationTable, path: str, kind: str) -> dict[str, NDArray[np.bool_]]:
+    if kind == "CATEGORICAL":
+        codes = table.codes(path)
+        return {name: codes.where(name) for name in codes.names}
+    values = table.numbers(path)
+    levels = np.unique(values[np.isfinite(values)])
+    if kind == "BOOL":
+        return {("false", "true")[int(level)]: values == level for level in levels.tolist()}
+    if len(levels) <= _MOST_LEVELS:
+        return {f"{level:g}": values == level for level in levels.tolist()}
+    edges = np.unique(np.quantile(values[np.isfinite(values)], np.linspace(0, 1, _PARTS + 1)))
+    parts = {}
+    for low, high in pairwise(edges.tolist()):
+        below = values <= high if high == edges[-1] else values < high
+        parts[f"{low:.4g}…{high:.4g}"] = (values >= low) & below
+    return parts
+
+
+def slice_text(item: SliceComparison, effect: float) -> str:
+    """Return one compared slice in words."""
+    if not item.pairs:
+        return "no pairs"
+    text = f"{100 * item.difference:+.1f} points"
+    if np.isfinite(item.low):
+        text += f" ({100 * item.low:+.1f} to {100 * item.high:+.1f})"
+    text += f", {item.pairs:,} pairs at {item.places:,} places, {item.lost:,} lost and {item.gained:,} gained"
+    needed = item.places_needed
+    if item.worse:
+        return text
+    if needed is None:
+        return f"{text}; how many places show a drop of {100 * effect:g} points is not known"
+    enough = "" if needed <= item.places else " and these are too few"
+    return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

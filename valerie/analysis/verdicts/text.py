@@ -1,0 +1,71 @@
+"""Verdicts in words, for the terminal, the report and test results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
+from valerie.analysis.wording import percent, reasons_text
+from valerie.statistics.verdicts import Basis, Outcome
+
+_STYLES = {Outcome.MET: "bold green", Outcome.NOT_MET: "bold red", Outcome.UNDECIDED: "bold yellow"}
+_WORDS = {">=": "at least", "<=": "at most"}
+
+
+def verdicts_renderable(verdicts: Sequence[RequirementVerdict]) -> RenderableType:
+    """Return verdicts for a rich console."""
+    parts: list[RenderableType] = [Text("Requirements", style="bold")]
+    for verdict in verdicts:
+        head = Text.assemble((verdict.outcome.upper(), _STYLES[verdict.outcome]), f"  {title(verdict)}")
+        parts += [head, Padding(Text(sentence(verdict)), (0, 0, 0, 2))]
+        parts += [Padding(Text(note, style="dim"), (0, 0, 0, 2)) for note in notes(verdict)]
+    return Group(*parts)
+
+
+def title(verdict: RequirementVerdict) -> str:
+    """Return requirement and function."""
+    return f"{verdict.id} · {verdict.function}" + (f": {verdict.text}" if verdict.text else "")
+
+
+def sentence(verdict: RequirementVerdict) -> str:
+    """Return what was measured, what is required, and what else it takes to decide."""
+    where = f" where {verdict.where}" if verdict.where else ""
+    measured = f"{verdict.quantity}{where} is {percent(verdict.estimate)} %"
+    if verdict.worst is not None and verdict.best is not None:
+        low, high = sorted((verdict.worst, verdict.best))
+        measured += f" ({percent(low)} to {percent(high)} % with the failed frames)"
+    text = f"{measured}; {_WORDS[verdict.sign]} {100 * verdict.bound:g} % is required."
+    if not verdict.reason:
+        return text
+    return f"{text} {verdict.reason[0].upper()}{verdict.reason[1:]}{_further(verdict)}."
+
+
+def _further(verdict: RequirementVerdict) -> str:
+    if verdict.further is None:
+        return ""
+    if verdict.basis is Basis.GRID:
+        return f": {verdict.further:,} {verdict.of}"
+    return f": about {verdict.further:,} more{' in the region' if verdict.where else ''} would decide it"
+
+
+def notes(verdict: RequirementVerdict) -> list[str]:
+    """Return how it was judged, what was left out, and who was missed."""
+    counted = f"{verdict.rows:,} {verdict.of} in {verdict.units:,} variants"
+    if verdict.basis is None:
+        lines = [f"Not judged: {counted}."]
+    else:
+        after = "" if verdict.decided_after is None else f"; decided after {verdict.decided_after:,}"
+        lines = [f"Of {verdict.basis}: {counted}; {verdict.method}{after}."]
+    out = [f"without a value: {reasons_text(verdict.undefined)}"] if verdict.undefined else []
+    out += [f"too few visible pixels: {verdict.too_small:,}"] if verdict.too_small else []
+    out += [f"failed for good, so at their worst: {verdict.lost:,}"] if verdict.lost else []
+    lines += [f"{verdict.of.capitalize()} not counted or not known: {'; '.join(out)}."] if out else []
+    missed = [band for band in verdict.missed if band.missed]
+    if missed:
+        bands = ", ".join(f"{b.missed:,} of {b.persons:,} at {b.low:g}–{b.high:g} m" for b in missed)
+        lines.append(f"Missed (pACC < {verdict.threshold:g}): {bands}.")
+    return lines
