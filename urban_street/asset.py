@@ -1,7 +1,7 @@
 """The asset pack ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
 
-Vehicles in traffic are hidden by default, and then cost nothing. Parked ones belong to the background: each value of a varied
-colour or door needs a background of its own. All vehicles have nodes for body, doors and wheels.
+Vehicles in traffic are hidden by default, at no cost. Parked ones belong to the background: each value of a varied colour or
+door needs its own background. All vehicles have nodes for body, doors and wheels.
 
 The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
 positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. The truth
@@ -142,7 +142,7 @@ def make_manifest(settings: Settings) -> Manifest:
 
 
 def make_scene(settings: Settings, manifest: Manifest) -> Scene:
-    """Build the street with its people in a few CPU seconds; shapes of people are built on first use."""
+    """Build the street with its people in a few CPU seconds. The shapes of people are built on first use."""
     from urban_street.street.build import build_street
     from urban_street.traffic import Traffic
 

@@ -70,7 +70,7 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
 
 
 class Crowd:
-    """Nodes, materials and textures of persons; each has materials of its own, which vary alone.
+    """Nodes, materials and textures of persons. Each person has its own materials, which vary independently.
 
     Bodies and textures are shared, and built on first use.
     """

@@ -20,14 +20,14 @@ from valerie.scene.graph.transforms import place
 
 
 class Traffic:
-    """Nodes, materials and textures of vehicles in traffic; each has paint of its own, which varies alone."""
+    """Nodes, materials and textures of vehicles in traffic. Each vehicle has its own paint, which varies independently."""
 
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
 
     def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
-        """Yield the nodes of a vehicle: the top one, and its kinds, or its parts and its rider, who is an object of his own."""
+        """Yield the nodes of a vehicle: the top one, and its kinds, or its parts and its rider, who is a separate object."""
         path = f"{ROOT}.{name}"
         yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=shown)
         for number, kind in enumerate(at.kinds):
@@ -56,12 +56,12 @@ class Traffic:
 
 @lru_cache(maxsize=len(MOUNTS))
 def _rider(mount: str) -> VehicleContent:
-    """Return the rider of a vehicle: the same in every street, and dressing takes longest of all that stands there."""
+    """Return the rider of a vehicle. It is the same in every street, and cached, since dressing takes the longest."""
     return build_rider(mount)
 
 
 def _own_name(material: str, owner: str) -> str:
-    """Return a material's name: with the owner's prefix for paint and glowing lenses, which each vehicle has alone."""
+    """Return a material's name, with the owner's prefix for paint and glowing lenses, which vehicles do not share."""
     return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
 
 

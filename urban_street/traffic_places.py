@@ -1,6 +1,6 @@
 """The vehicles in traffic of a generated street: default places, parameters, outlines.
 
-All are hidden by default, and then cost nothing. Their default places block nobody and nothing.
+All are hidden by default, at no cost. Their default places block nothing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The houses of a generated street that can be moved, turned and resized within limits, and the ways that they leave free.
 
 They belong to the background. Houses stand side by side, so most changes need room first: a smaller house, or one farther back.
-Outlines decide what is in the way (`valerie.scene.legality.mover_rules`).
+Outlines decide whether a change is legal (`valerie.scene.legality.mover_rules`).
 """
 
 from __future__ import annotations
@@ -95,5 +95,5 @@ def _middle(house: Placement) -> float:
 
 
 def _sum(first: float, second: float) -> float:
-    """Return the sum, rounded to decimetres: people read the ranges."""
+    """Return the sum, rounded to decimetres for readable ranges."""
     return round(first + second, 1)

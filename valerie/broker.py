@@ -44,7 +44,7 @@ _CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
 
 #: What the libraries raise when the broker is away.
 _SILENCE: Final = (OperationalError, BatchPublishError, RedisError, OSError)
-#: Time in which the broker must answer whoever sends or asks: Redis needs milliseconds.
+#: Time limit of an answer of the broker; Redis needs milliseconds.
 _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
 
@@ -140,7 +140,7 @@ class Broker:
     """Sends messages and looks at queues; one per process.
 
     A broker that is stopped but keeps its connections open does not answer for `_ANSWER_SECONDS`, and is then left alone for
-    `_QUIET_SECONDS`: whoever calls meanwhile is refused at once, so that no thread waits for long.
+    `_QUIET_SECONDS`: callers are refused at once meanwhile, so that no thread waits for long.
     """
 
     def __init__(self, settings: Settings) -> None:

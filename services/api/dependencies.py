@@ -46,7 +46,7 @@ def only_declared_queries(request: Request) -> None:
 
 
 def _declared(dependant: Dependant) -> Iterator[str]:
-    """Yield the names of all query parameters, also of dependencies."""
+    """Yield the names of all query parameters, including those of dependencies."""
     yield from (field.alias for field in dependant.query_params)
     for inner in dependant.dependencies:
         yield from _declared(inner)

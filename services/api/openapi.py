@@ -76,7 +76,7 @@ def binary(media_type: str, description: str) -> dict[int | str, JsonObject]:
 
 
 def install(app: FastAPI, routers: Sequence[APIRouter]) -> None:
-    """Complete the generated document; it is built once, at the first request."""
+    """Complete the generated document, once, at the first request."""
 
     def build() -> JsonObject:
         if app.openapi_schema is None:

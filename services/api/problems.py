@@ -81,7 +81,7 @@ class Problem(BaseModel):
 
 
 class ProblemResponse(JSONResponse):
-    """JSON that can be sent whatever it quotes from a request, even half a surrogate pair."""
+    """JSON that can quote any text of a request, even half a surrogate pair."""
 
     media_type = MEDIA_TYPE
 

@@ -100,7 +100,7 @@ class Protection:
         await self._app(scope, replay, send)
 
     def _limit_of(self, request: Request) -> int:
-        """Return the limit of this request's body in bytes; files of functions and label maps may be longer than documents."""
+        """Return the limit of this request's body in bytes, which is higher for files of functions and label maps."""
         if request.method == "POST" and request.url.path == _FUNCTIONS:
             return self._function_limit
         if request.method == "PUT" and _PREDICTION.fullmatch(request.url.path):
@@ -115,7 +115,7 @@ class Protection:
         return scheme.lower() == "bearer" and hmac.compare_digest(token.strip().encode(), self._token)
 
     def _foreign(self, request: Request) -> bool:
-        """Return whether the request comes from a page of another origin or was sent to a foreign host name.
+        """Return True if the request comes from a page of another origin or was sent to a foreign host name.
 
         A name that was bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
         """
@@ -130,7 +130,7 @@ class Protection:
         return name not in _LOOPBACK_NAMES or elsewhere
 
     async def _body(self, receive: Receive) -> bytes | None:
-        """Return the whole body; None as soon as it exceeds the limit, which a stream does without declaring a length."""
+        """Return the whole body, or None as soon as it exceeds the limit, as a stream without a declared length may."""
         parts: list[bytes] = []
         size = 0
         while True:

@@ -1,4 +1,4 @@
-"""Answers of bytes with entity tag and range (RFC 9110, sections 8.8.3, 13 and 14); they read no more than they send."""
+"""Byte responses with entity tags and ranges (RFC 9110, sections 8.8.3, 13 and 14), which read only the bytes that they send."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ IfNoneMatch = Annotated[
 
 
 def _holds(known: str | None, etag: str) -> bool:
-    """Return whether ``If-None-Match`` names a version; weak and strong tags are compared alike."""
+    """Return True if ``If-None-Match`` names a version. Weak and strong tags are compared alike."""
     tags = [] if known is None else [one.strip().removeprefix("W/") for one in known.split(",")]
     return etag.removeprefix("W/") in tags or tags == ["*"]
 
@@ -46,7 +46,7 @@ class Conditions:
         self.range, self._known, self._if_range = range_, if_none_match, if_range
 
     def holds(self, etag: str) -> bool:
-        """Return whether the client has this version."""
+        """Return True if the client has this version."""
         return _holds(self._known, etag)
 
     def part(self, etag: str, size: int) -> tuple[int, int] | None:

@@ -11,7 +11,7 @@ from valerie.settings import load_settings
 
 
 def main() -> None:
-    """Run until told to stop."""
+    """Run until a signal ends the process."""
     settings = load_settings()
     configure_logging(settings)
     serve(settings, Stage.EVAL, offers=[], register=register, open_maker=EvaluateMaker)

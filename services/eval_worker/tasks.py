@@ -10,7 +10,7 @@ from valerie.pipeline.work.finish import finish_run
 
 
 def register(app: Celery) -> Child:
-    """Declare the tasks on ``app``; return what holds the child's context."""
+    """Declare the tasks on ``app``, and return the holder of the child's context."""
     child = Child()
 
     @app.task(name=EVALUATE)  # type: ignore[untyped-decorator]

@@ -43,7 +43,7 @@ def _functions(chosen: str) -> tuple[str, ...]:
 
 
 def main() -> None:
-    """Run until told to stop."""
+    """Run until a signal ends the process."""
     settings = load_settings()
     configure_logging(settings)
     for notice in plugins.look_at_installed():

@@ -9,7 +9,7 @@ from valerie.pipeline.work.child import Child
 
 
 def register(app: Celery) -> Child:
-    """Declare the task on ``app``; return what holds the child's context."""
+    """Declare the task on ``app``, and return the holder of the child's context."""
     child = Child()
 
     @app.task(name=INFER)  # type: ignore[untyped-decorator]

@@ -16,7 +16,7 @@ log = structlog.get_logger()
 
 
 def main() -> None:
-    """Run until told to stop."""
+    """Run until a signal ends the process."""
     settings = load_settings()
     configure_logging(settings)
     for notice in plugins.look_at_installed():

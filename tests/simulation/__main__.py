@@ -1,4 +1,4 @@
-"""`python -m tests.simulation --seed 17` repeats one schedule and prints its trace; without a seed, many are tried."""
+"""`python -m tests.simulation --seed 17` repeats one schedule and prints its trace; without a seed, it tries many."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ import structlog
 from tests.simulation.bugs import BUGS
 from tests.simulation.world import FAULTS, Outcome, Simulation
 
-#: A planted bug is found within so many schedules of its fault.
+#: Schedules within which a planted bug must be found.
 _SOON = 20
 
 
 def main() -> int:
     """Return 1 where an invariant was violated."""
     parser = argparse.ArgumentParser(prog="python -m tests.simulation", description=__doc__)
-    parser.add_argument("--seed", type=int, help="run this schedule alone, and print what happens")
-    parser.add_argument("--schedules", type=int, default=100, help="how many seeds are tried")
-    parser.add_argument("--first", type=int, default=1, help="the first of them")
-    parser.add_argument("--fault", action="append", choices=sorted(set(FAULTS)), help="only this kind; may be repeated")
+    parser.add_argument("--seed", type=int, help="run this schedule only, and print its trace")
+    parser.add_argument("--schedules", type=int, default=100, help="number of seeds to try")
+    parser.add_argument("--first", type=int, default=1, help="first seed")
+    parser.add_argument(
+        "--fault", action="append", choices=sorted(set(FAULTS)), help="use only this fault; may be repeated"
+    )
     parser.add_argument("--bug", choices=sorted(BUGS), help="plant a bug")
-    parser.add_argument("--prove", action="store_true", help="also plant each bug, which must be found")
+    parser.add_argument("--prove", action="store_true", help="also plant each bug, and fail unless it is found")
     arguments = parser.parse_args()
-    if os.environ.get("PYTHONHASHSEED") != "0":  # the order of sets must follow from the seed, too
+    if os.environ.get("PYTHONHASHSEED") != "0":  # the order of sets must be reproducible, too
         command = [sys.executable, "-m", "tests.simulation", *sys.argv[1:]]
         os.execve(sys.executable, command, {**os.environ, "PYTHONHASHSEED": "0"})
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
@@ -49,7 +51,7 @@ def main() -> int:
 
 
 def judged(outcome: Outcome, calm: Outcome) -> Outcome:
-    """The outcome, with a violation where its results are not those of the calm schedule."""
+    """Return the outcome, with a violation if its results differ from those of the calm schedule."""
     if outcome.violations or outcome.digest == calm.digest:
         return outcome
     text = f"the results {outcome.digest} are not those of a calm run, {calm.digest}"
@@ -57,7 +59,7 @@ def judged(outcome: Outcome, calm: Outcome) -> Outcome:
 
 
 def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str) -> bool:
-    """Try seeds; print those that fail with the command that repeats them, and figures; return whether one failed."""
+    """Try seeds, print figures and the command that repeats each failure, and return whether a seed failed."""
     started, failed, worst, steps, disturbed = time.process_time(), 0, (0.0, 0), 0, 0
     for seed in seeds:
         outcome = judged(Simulation(seed, faults).run(), calm)
@@ -78,7 +80,7 @@ def many(seeds: range, faults: Sequence[str], calm: Outcome, options: str) -> bo
 
 
 def found(name: str, calm: Outcome) -> bool:
-    """Whether schedules find a planted bug; print the first that does."""
+    """Return whether a schedule finds a planted bug, and print the first that does."""
     bug = BUGS[name]
     with bug.plant():
         for seed in range(1, _SOON + 1):

@@ -1,4 +1,4 @@
-"""Bugs to plant: a simulation that does not find them proves nothing."""
+"""Bugs to plant. A simulation that misses them proves nothing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def publish_what_is_not_held(connection: Connection, finished: list[Finished], *
 
 
 class Bug(NamedTuple):
-    """A bug, and a fault that shows it soon."""
+    """A bug and a fault that reveals it quickly."""
 
     plant: Callable[[], Any]
     fault: str

@@ -1,4 +1,4 @@
-"""What a simulated process works with: database, broker, store and maker, each with its faults."""
+"""The simulated database, broker, store and maker, each with its faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from valerie.storage.store import ArtifactStore
 
 @dataclass
 class Weather:
-    """Until when each shared part is disturbed, seconds of the schedule; shares of messages that are lost or doubled."""
+    """Current disturbances: the end of each in seconds of the schedule; shares of lost and doubled messages; largest delay."""
 
     locked: float = 0.0
     away: float = 0.0
@@ -40,12 +40,12 @@ class Weather:
 
     @property
     def clear_at(self) -> float:
-        """The moment from which nothing is disturbed but messages."""
+        """Time after which only messages are disturbed, seconds of the schedule."""
         return max(self.locked, self.away, self.hung, self.full, self.read_only)
 
 
 class Database:
-    """In the place of an engine: others may go on before each transaction, and it may be locked."""
+    """Stand-in for an engine: other processes may run before each transaction, and it may be locked."""
 
     def __init__(self, engine: Engine, schedule: Schedule, weather: Weather) -> None:
         self._engine, self._schedule, self._weather = engine, schedule, weather
@@ -86,7 +86,7 @@ class Queues:
         return {route: sum(1 for _, message in self.messages if message.queue == route) for route in routes}
 
     def take(self, queues: Collection[str]) -> Message | None:
-        """A message of one of ``queues`` that has arrived."""
+        """Remove and return a message that has arrived in one of ``queues``; None without any."""
         if self._weather.away > self._schedule.now or self._weather.hung > self._schedule.now:
             return None
         arrived = [
@@ -97,7 +97,7 @@ class Queues:
         return self.messages.pop(self._schedule.random.choice(arrived))[1] if arrived else None
 
     def redeliver(self, message: Message, after: float) -> None:
-        """Bring a message of a dead worker back."""
+        """Return a message of a dead worker to its queue."""
         self.messages.append((self._schedule.now + after, message))
 
     def _send(self, messages: list[Message]) -> None:
@@ -121,7 +121,7 @@ class Queues:
 
 
 class Store(ArtifactStore):
-    """The product's store over memory, that is full or read-only at times."""
+    """The product's store in memory, at times full or read-only."""
 
     def __init__(self, schedule: Schedule, weather: Weather) -> None:
         super().__init__(MemoryStore(), url="memory:")
@@ -136,7 +136,7 @@ class Store(ArtifactStore):
         return super().put(key, data, replace=replace)
 
     def damage(self, *, tear: bool) -> str | None:
-        """Tear an object, or lose it; return its key."""
+        """Truncate or delete a random object; return its key."""
         keys = sorted(info.key for info in self.list("products"))
         if not keys:
             return None
@@ -150,7 +150,7 @@ class Store(ArtifactStore):
 
 @dataclass
 class Maker:
-    """Products whose bytes and rows follow from their digests."""
+    """Makes products whose bytes and rows depend only on their digests."""
 
     schedule: Schedule
     store: Store
@@ -188,10 +188,10 @@ class Maker:
 
 @cache
 def bytes_of(kind: str, digest: str) -> bytes:
-    """The object of a product."""
+    """Return the stored bytes of a product."""
     return envelope.pack(kind, {"digest": np.frombuffer(digest.encode(), np.uint8)}, {})
 
 
 def pixels_of(digest: str) -> int:
-    """What the row of a product says."""
+    """Return the pixel count in the rows of a product."""
     return int(digest[:6], 16)

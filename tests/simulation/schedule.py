@@ -1,4 +1,4 @@
-"""Virtual time, and processes that live, freeze and die in it."""
+"""Virtual time, and processes that run, freeze and die in it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from greenlet import getcurrent, greenlet
 
 
 class Killed(BaseException):
-    """The process ends here, in the middle of whatever it does."""
+    """Ends a process at its current step."""
 
 
 @dataclass(eq=False)
@@ -23,9 +23,9 @@ class Process:
 
     Attributes:
         name: unique; also its name in leases.
-        skew: seconds by which its clock is ahead.
-        frozen_until: it does nothing before this moment.
-        alive: whether it was not killed.
+        skew: how far its clock is ahead, seconds.
+        frozen_until: time before which it does nothing, seconds of the schedule.
+        alive: False once it was killed.
         threads: its greenlets.
     """
 
@@ -37,7 +37,7 @@ class Process:
 
 
 class Schedule:
-    """Runs processes in an order that follows from a seed; ``after`` is called after each step."""
+    """Runs processes in an order determined by a seed, and calls ``after`` after each step."""
 
     def __init__(self, seed: int, after: Callable[[], None]) -> None:
         self.random = Random(seed)
@@ -56,7 +56,7 @@ class Schedule:
 
     @property
     def process(self) -> Process | None:
-        """The process that runs now."""
+        """The running process."""
         return self._of.get(getcurrent())
 
     def clock(self) -> float:
@@ -65,7 +65,7 @@ class Schedule:
         return 1_800_000_000.0 + self.now + self.jump + (process.skew if process else 0.0)
 
     def at(self, moment: float, call: Callable[[], None]) -> None:
-        """Call something between two steps."""
+        """Call a function between two steps."""
         self._push(moment, call)
 
     def spawn(self, process: Process, body: Callable[[], None]) -> greenlet:
@@ -83,16 +83,16 @@ class Schedule:
         return thread
 
     def sleep(self, seconds: float) -> None:
-        """Let the others go on."""
+        """Suspend the running thread, so that others run."""
         self._push(self.now + seconds, getcurrent())
         self._hub.switch()
 
     def pause(self) -> None:
-        """Let the others go on for a moment."""
+        """Suspend the running thread for at most a millisecond."""
         self.sleep(0.001 * self.random.random())
 
     def kill(self, process: Process) -> None:
-        """End a process; only between two steps."""
+        """Kill a process; call this only between two steps."""
         process.alive = False
         for thread in process.threads:
             if not thread.dead:
@@ -119,7 +119,7 @@ class Schedule:
             stopped = True
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Step until ``until`` holds."""
+        """Run steps until ``until`` returns True, then kill all processes."""
         self._hub = getcurrent()
         while not until():
             moment, _, _, what = heapq.heappop(self._queue)
@@ -140,5 +140,5 @@ class Schedule:
     _hub: greenlet
 
     def _push(self, moment: float, what: Any) -> None:
-        # Chance decides between what happens at the same moment.
+        # Events at the same moment are in random order.
         heapq.heappush(self._queue, (moment, self.random.random(), next(self._numbers), what))

@@ -1,4 +1,4 @@
-"""Seeded schedules of faults, and whether the simulation finds bugs. `make test-simulation` tries many more."""
+"""Seeded schedules of faults, and planted bugs that they must find. `make test-simulation` tries many more."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 
 def test_no_schedule_violates_an_invariant_and_every_planted_bug_is_found() -> None:
-    # A process of its own, whose order of sets follows from the seed: what fails here fails again.
+    # In a process of its own with a fixed order of sets, so that failures are reproducible.
     command = [sys.executable, "-m", "tests.simulation", "--schedules", "12", "--prove"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""One seeded schedule: two runs, two control loops, five workers, a user who meddles, and faults."""
+"""One seeded schedule: two runs, two control loops, five workers, a user who intervenes, and faults."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from valerie.storage.keys import run_key
 LEASE = 10.0
 MAX_ATTEMPTS = 4
 FIRST_FAULT, LAST_FAULT = 1.0, 25.0
-#: After the last fault, a run ends within so many seconds: a lease, the sweeps, and pauses before further attempts.
+#: Time limit of a run after the last fault, seconds: a lease, the sweeps, and pauses before further attempts.
 PATIENCE = 150.0
 FAULTS = (
     "kill worker",
@@ -88,14 +88,15 @@ SELECT f.run_id, f.variant_index, f.camera_index, p.digest, p.state, p.bytes, v.
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a schedule.
+    """The outcome of a schedule.
 
     Attributes:
-        violations: what must never happen, but did.
+        violations: violated invariants.
         digest: of all rows and objects.
-        faults, steps, seconds: how many, and the virtual time until all runs ended.
-        standstill: longest time without any move of a product after the last disturbance, seconds.
-        trace: what happened.
+        faults, steps, seconds: numbers of faults and steps, and the virtual time until all runs ended.
+        standstill: longest time without progress of any product after the last disturbance, seconds.
+        products: number of products.
+        trace: log of all steps and faults.
     """
 
     violations: tuple[str, ...]
@@ -110,7 +111,7 @@ class Outcome:
 
 @cache
 def _template() -> tuple[Any, Engine, tuple[str, ...]]:
-    """A deployment with two submitted runs that share most products."""
+    """Return a deployment with two submitted runs that share most products."""
     folder = Path(tempfile.mkdtemp(prefix="valerie-simulation-"))
     write_box_street(folder / "assets" / "box-street")
     pipeline = Pipeline(
@@ -122,7 +123,7 @@ def _template() -> tuple[Any, Engine, tuple[str, ...]]:
 
 
 class _AtOnce(Executor):
-    """Calls in the thread of the caller: the simulation has no other."""
+    """Runs calls in the thread of the caller."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -326,7 +327,7 @@ class Simulation:
         self._schedule.spawn(process, body)
 
     def _look(self) -> None:
-        """Be a user who looks at the runs now and then, and makes those go on that ended without all results."""
+        """Act as a user who regularly resumes or retries runs that ended without all results."""
         calm = self._schedule.now > max(self._disturbed_at, LAST_FAULT)
         for run_id, state, reason in self._sql.execute("SELECT id, state, reason FROM runs").fetchall():
             if calm and state in ("cancelled", "paused") and not (reason or "").startswith("storage"):
@@ -335,7 +336,7 @@ class Simulation:
                 self._user("retry", lambda context, run_id=run_id: lifecycle.retry(context, run_id))  # type: ignore[misc]
         self._schedule.at(self._schedule.now + 5.0, self._look)
 
-    # -- what must hold --------------------------------------------------------------------------------------------------
+    # -- invariants ------------------------------------------------------------------------------------------------------
 
     def _violation(self, text: str) -> None:
         self._schedule.note(f"VIOLATION: {text}")
@@ -350,12 +351,12 @@ class Simulation:
             if old == "running" and owner != actor and (new == "done" or (until or 0.0) >= self._schedule.clock()):
                 self._violation(f"{actor} moved product {digest[:6]} to {new}, which {owner} holds")
             if new in ("done", "failed", "ready", "running"):
-                # Only what is after the last disturbance, and not the time after the work.
+                # Counts only after the last disturbance, and not after the last product.
                 gap = self._schedule.now - max(self._moved_at, self._disturbed_at)
                 self._standstill = max(self._standstill, gap)
                 self._moved_at = self._schedule.now
         except Exception as error:
-            self._violation(f"the simulation itself: {error!r}")
+            self._violation(f"error in the simulation: {error!r}")
 
     def _tried(self, digest: str, attempts: int) -> None:
         if not 0 <= attempts <= MAX_ATTEMPTS:
@@ -367,7 +368,7 @@ class Simulation:
 
     def _check(self) -> None:
         if self._sql.execute(_LOST).fetchone()[0]:
-            self._violation("a running run has parked products, which nothing makes ready")
+            self._violation("a running run has parked products, which nothing will make ready")
 
     def _over(self) -> bool:
         if self._violations:

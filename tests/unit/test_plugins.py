@@ -14,7 +14,8 @@ from valerie.parameters.samplers import SAMPLERS
 from valerie.perception.shipped import FUNCTIONS
 from valerie.pipeline.base.pins import choose_pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
-from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import Manifest
+from valerie.testing.assets import simple_manifest
 
 WITNESS = """
 from valerie.parameters.samplers.random import RandomSampler as Sampler
@@ -136,6 +137,20 @@ def test_a_wrong_setting_is_named_with_its_place(name: str, settings: dict[str, 
         plugins.engine_inputs(name, settings)
 
 
+def boxes_in_weather() -> Manifest:
+    """Return the manifest of boxes with weather, lamps, and a sun that may set."""
+    document = simple_manifest().model_dump(mode="json")
+    kept = [entry for entry in document["parameters"] if entry["path"] != "scene.sun-1.elevation"]
+    weather = [
+        {"path": "scene.environment-1.rain", "minimum": 0, "maximum": 50, "default": 0},
+        {"path": "scene.environment-1.cloud_cover", "minimum": 0, "maximum": 1, "default": 0},
+        {"path": "scene.environment-1.visibility", "minimum": 30, "maximum": 20_000, "default": 20_000},
+        {"path": "scene.environment-1.street_lamps", "choices": ["auto", "on", "off"], "default": "auto"},
+        {"path": "scene.sun-1.elevation", "minimum": -20, "maximum": 85, "default": 45},
+    ]
+    return Manifest.model_validate({**document, "parameters": [*kept, *weather]})
+
+
 class TestAnEngineOfAPackage:
     """It declares everything itself: settings, abilities, and how people get it."""
 
@@ -144,16 +159,15 @@ class TestAnEngineOfAPackage:
         install()
 
     def run(self, **more: Any) -> ResolvedRun:
-        manifest, _ = asset_manifest("urban-street")
         document = {
             "name": "part",
-            "asset": "urban-street",
+            "asset": "boxes",
             "renderer": "mine",
             "functions": [],
             "vary": {"person-1.pos.x": {"uniform": {"from": 0, "to": 5, "count": 2}}},
             **more,
         }
-        return resolve(parse(document), manifest, engines=plugins.renderer_names())
+        return resolve(parse(document), boxes_in_weather(), engines=plugins.renderer_names())
 
     def test_is_made_with_its_settings(self) -> None:
         renderer = plugins.create_renderer("mine", {"samples": 3})
@@ -178,7 +192,7 @@ class TestAnEngineOfAPackage:
             self.run(constants={"sun-1.elevation": "-10 deg"})
 
     def test_names_how_people_get_it_to_a_run_that_waits(self) -> None:
-        spec = parse({"name": "waits", "asset": "urban-street", "renderer": "mine"})
+        spec = parse({"name": "waits", "asset": "boxes", "renderer": "mine"})
         assert "'mine' (`make mine` installs it)" in str(choose_pins(spec, [], {})[1])
 
 
@@ -208,10 +222,9 @@ class TestAPackageThatTheOperatorDoesNotName:
         assert not {"witness", "engine_of_mine"} & set(sys.modules)
 
     def test_is_told_in_every_place_of_a_spec(self) -> None:
-        manifest, _ = asset_manifest("urban-street")
         document = {
             "name": "part",
-            "asset": "urban-street",
+            "asset": "boxes",
             "renderer": "mine",
             "functions": ["my-function"],
             "vary": {"person-1.pos.x": {"uniform": {"from": 0, "to": 5}}},
@@ -220,7 +233,7 @@ class TestAPackageThatTheOperatorDoesNotName:
         }
         with pytest.raises(InvalidInputs) as caught:
             resolve(
-                parse(document), manifest, engines=plugins.renderer_names(), functions=plugins.function_names(),
+                parse(document), boxes_in_weather(), engines=plugins.renderer_names(), functions=plugins.function_names(),
                 samplers=plugins.samplers(),
             )  # fmt: skip
         offered = "offered by the package my-package, which VALERIE_PLUGINS does not name"

@@ -35,7 +35,7 @@ def test_the_height_slider_makes_taller() -> None:
 
 def test_the_average_shape_mixes_man_and_woman() -> None:
     man, woman, both = (shape_body(BodyShape(sex=s)).vertices for s in (1.0, 0.0, 0.5))
-    np.testing.assert_allclose(both, 0.5 * (man + woman), atol=1e-9)
+    np.testing.assert_allclose(both, 0.5 * (man + woman), atol=1e-12)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, float("nan")])
@@ -58,7 +58,7 @@ def test_turning_the_root_turns_the_body_rigidly(body: Body) -> None:
     turn = Rotation.from_euler("z", 90, degrees=True)
     posed = pose.pose_body(body, {"Root": turn}).apply(body.vertices, data.rig().weights)
     pivot = body.head("Root")
-    np.testing.assert_allclose(posed, (body.vertices - pivot) @ turn.as_matrix().T + pivot, atol=1e-9)
+    np.testing.assert_allclose(posed, (body.vertices - pivot) @ turn.as_matrix().T + pivot, atol=1e-12)
 
 
 def test_a_positive_hip_angle_brings_the_knee_forward(body: Body) -> None:
@@ -84,7 +84,7 @@ def test_half_a_cycle_later_left_and_right_have_changed_roles(body: Body) -> Non
 
 def test_the_gait_is_periodic(body: Body) -> None:
     np.testing.assert_allclose(
-        joint(body, Gait(phase=0.0), "ball_r"), joint(body, Gait(phase=1.0), "ball_r"), atol=1e-9
+        joint(body, Gait(phase=0.0), "ball_r"), joint(body, Gait(phase=1.0), "ball_r"), atol=1e-12
     )
 
 

@@ -49,12 +49,13 @@ def test_a_skipped_face_is_missing() -> None:
 
 def test_a_lathe_of_a_rectangle_is_a_cylinder() -> None:
     surface = lathe([(0.0, 0.0), (2.0, 0.0), (2.0, 3.0), (0.0, 3.0)], 400)
-    assert volume(surface) == pytest.approx(np.pi * 4.0 * 3.0, rel=1e-3)
+    # A polygon of n sides has (2π/n)²/6 less area than its circle: 4e-5.
+    assert volume(surface) == pytest.approx(np.pi * 4.0 * 3.0, rel=5e-5)
 
 
 def test_ellipsoids_have_their_volume() -> None:
     surface = ellipsoids([(0, 0, 0), (9, 0, 0)], (1.0, 2.0, 0.5), 96)
-    assert volume(surface) == pytest.approx(2.0 * 4.0 / 3.0 * np.pi, rel=5e-3)
+    assert volume(surface) == pytest.approx(2.0 * 4.0 / 3.0 * np.pi, rel=3e-3)
     assert_normals_outward(surface)
 
 
@@ -91,7 +92,8 @@ def test_a_closed_sheet_has_no_visible_seam() -> None:
     surface = sheet(points, closed=True)
     np.testing.assert_array_equal(surface.normals[:2], surface.normals[-2:])
     radial = surface.positions * [1, 1, 0]
-    assert (np.einsum("vk,vk->v", surface.normals, radial) > np.cos(np.radians(5.0))).all()
+    # A vertex has two triangles of one face of 22.5° and one of the other: (2 − 1) / 3 of half a face, 3.75°.
+    assert (np.einsum("vk,vk->v", surface.normals, radial) > np.cos(np.radians(3.8))).all()
 
 
 def test_texture_coordinates_are_metres_over_the_tile_with_v_downwards() -> None:

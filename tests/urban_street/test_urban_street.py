@@ -115,9 +115,11 @@ def test_a_person_covers_the_share_of_the_image_that_the_documentation_states(
     asset: SceneAsset, character: str
 ) -> None:
     shares = [area_percent(asset, "camera-1", 2.5, y, character) for y in (5, 11, 26)]
-    assert 0.5 <= shares[0] <= 0.9
-    assert 0.3 <= shares[1] <= 0.5
-    assert 0.1 <= shares[2] <= 0.19
+    # The table of `urban_street.asset`, where y = 26 lies between two rows. Triangles are filled up to their edges here, half a
+    # pixel more along the outline: 5 … 11 %.
+    assert 0.58 <= shares[0] <= 0.82 * 1.05
+    assert 0.32 <= shares[1] <= 0.45 * 1.07
+    assert 0.11 <= shares[2] <= 0.19 * 1.11
     assert all(near > far for near, far in pairwise(shares))
 
 

@@ -90,10 +90,10 @@ def test_shrinking_spares_the_border_of_the_frame() -> None:
 def test_an_outline_is_found_again_by_y_and_by_x() -> None:
     outline = Outline([(0, -2), (0.6, -1.9), (0.9, -1.3), (0.9, 1.2), (0.6, 1.8), (0, 2)])
     y = np.array([-1.0, 0.0, 1.0])
-    np.testing.assert_allclose(outline.at(outline.at_y(y))[0][:, 1], y, atol=1e-3)
+    np.testing.assert_allclose(outline.at(outline.at_y(y))[0][:, 1], y, atol=1e-6)
     for front, sign in ((True, 1.0), (False, -1.0)):
         place = outline.at(outline.at_x(np.array([0.3]), front=front))[0][0]
-        assert place[0] == pytest.approx(0.3, abs=1e-3)
+        assert place[0] == pytest.approx(0.3, abs=1e-6)
         assert sign * place[1] > 1.5
 
 
@@ -102,8 +102,9 @@ def test_rows_are_interpolated_through_their_knots_and_bend_at_creases() -> None
     for place, value in zip(knots[0], values[0], strict=True):
         assert hermite(knots, values, np.array([place]))[0] == pytest.approx(value)
     left, right = (hermite(knots, values, np.array([1.0 + step]), (1, 2))[0] for step in (-1e-4, 1e-4))
-    assert (1.0 - left) / 1e-4 == pytest.approx(1.0, abs=1e-2)
-    assert (right - 1.0) / 1e-4 == pytest.approx(0.0, abs=1e-2)
+    # Second derivatives of about 1 times half the step.
+    assert (1.0 - left) / 1e-4 == pytest.approx(1.0, abs=5e-4)
+    assert (right - 1.0) / 1e-4 == pytest.approx(0.0, abs=5e-4)
 
 
 def test_a_smooth_curve_never_overshoots() -> None:
@@ -133,11 +134,14 @@ def test_a_hull_is_a_rounded_box() -> None:
 
 
 def test_solids_have_their_volumes_and_face_outwards() -> None:
-    assert volume(pillow((1.0, 2.0, 0.5), squareness=1.0, sides=96, levels=49)) == pytest.approx(4.19 * 1.0, rel=0.02)
-    assert volume(torus(1.0, 0.2, 96, 48)) == pytest.approx(2 * np.pi**2 * 0.04, rel=0.02)
+    # A polygon of n sides has (2π/n)²/6 less area than its circle: 0.07 % for 96, 0.29 % for 48, 0.16 % for 64.
+    assert volume(pillow((1.0, 2.0, 0.5), squareness=1.0, sides=96, levels=49)) == pytest.approx(
+        4 / 3 * np.pi, rel=0.004
+    )
+    assert volume(torus(1.0, 0.2, 96, 48)) == pytest.approx(2 * np.pi**2 * 0.04, rel=0.004)
     outline = rounded_outline(0.5, 0.25, 0.1, steps=12)
-    assert volume(bar(outline, -1.0, 2.0)) == pytest.approx(3.0 * (1.0 * 0.5 - (4 - np.pi) * 0.01), rel=0.01)
-    assert volume(rod([(0, 0, 0), (0, 0, 2)], 0.1, 64, caps=True)) == pytest.approx(2 * np.pi * 0.01, rel=0.02)
+    assert volume(bar(outline, -1.0, 2.0)) == pytest.approx(3.0 * (1.0 * 0.5 - (4 - np.pi) * 0.01), rel=2e-4)
+    assert volume(rod([(0, 0, 0), (0, 0, 2)], 0.1, 64, caps=True)) == pytest.approx(2 * np.pi * 0.01, rel=0.002)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,12 @@ from typing import Any
 
 import yaml
 
+from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.gltf.writer import save_gltf
-from valerie.testing.assets import simple_asset
+from valerie.testing.assets import simple_asset, simple_manifest
+
+#: Default place of the car, metres.
+CAR_PLACE = (2.0, 8.0)
 
 
 def write_box_street(folder: Path, **changes: Any) -> None:
@@ -23,6 +27,34 @@ def write_box_street(folder: Path, **changes: Any) -> None:
     save_gltf(asset.base, folder / "scene.glb")
     document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]} | changes
     (folder / "manifest.yaml").write_text(yaml.safe_dump(document))
+
+
+def pose(path: str, x: float, y: float) -> list[dict[str, object]]:
+    """Return the declarations of place and heading of a node, with the default place (x, y)."""
+    return [
+        {"path": f"{path}.pos.x", "minimum": -40, "maximum": 40, "default": x},
+        {"path": f"{path}.pos.y", "minimum": -40, "maximum": 80, "default": y},
+        {"path": f"{path}.heading", "default": 0},
+    ]
+
+
+def traffic(*obstacles: Footprint, **fields: object) -> Manifest:
+    """Return the manifest of boxes with a car that moves and a hidden bicycle at (0, 30) that moves too.
+
+    Args:
+        obstacles: further obstacles.
+        fields: other entries of the manifest.
+    """
+    document = simple_manifest().model_dump(mode="json")
+    bicycle = Footprint(path="scene.bicycle-1", polygon=((-0.3, 29), (0.3, 29), (0.3, 31), (-0.3, 31)))
+    document["obstacles"] += [obstacle.model_dump() for obstacle in (*obstacles, bicycle)]
+    document["parameters"] = [
+        *document["parameters"],
+        *pose("scene.car-1", *CAR_PLACE),
+        *pose("scene.bicycle-1", 0, 30),
+        {"path": "scene.bicycle-1.visible", "default": False},
+    ]
+    return Manifest.model_validate({**document, **fields})
 
 
 def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dict[str, Any]:

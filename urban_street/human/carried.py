@@ -1,4 +1,4 @@
-"""Things that people carry: bags, an umbrella, a phone; built on the dressed, posed body, since straps lie on clothes."""
+"""Things that people carry: bags, an umbrella, a phone. They are built on the dressed body, since straps lie on clothes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def build(carries: str, pose: str, body: Body, posed: Posed, clothes: Points, gr
     Args:
         carries: one of `urban_street.human.stances.CARRIED` except ``own``.
         pose: one of `POSES`.
-        body, posed: the body and where its bones are.
+        body, posed: the body and the places of its bones.
         clothes: (V, 3) points of all clothes.
         ground: height of the ground, metres.
     """
@@ -189,7 +189,7 @@ def _umbrella(grip: Points, head: Points) -> tuple[Piece, Piece]:
     )
     ids = np.arange(points.shape[0] * 64).reshape(-1, 64)
     faces = np.concatenate([surface.strip(ids[k + 1], ids[k])[:, ::-1] for k in range(len(ids) - 1)])
-    faces = np.delete(faces, np.s_[64:128], axis=0)  # the first ring is one point: half of its strip has no area
+    faces = np.delete(faces, np.s_[64:128], axis=0)  # The first ring is one point, so half of its strip has no area.
     flat = points.reshape(-1, 3)
     uvs = np.stack([np.tile(angle / (2.0 * np.pi), len(ids)), np.repeat(shares.ravel(), 64)], axis=1)
     normals = surface.vertex_normals(flat, faces)
@@ -284,7 +284,7 @@ def _rod(start: Points, end: Points, radius: float) -> Piece:
 
 
 def _ribbon(path: Points, inside: Points, width: float, thickness: float) -> Piece:
-    """Return a strap of rectangular section along a path, flat on what lies towards ``inside``."""
+    """Return a strap of rectangular section along a path, with its flat side towards ``inside``."""
     along = normalize(np.gradient(path, axis=0))
     up = path - inside
     up = normalize(up - np.einsum("ij,ij->i", up, along)[:, None] * along)

@@ -31,7 +31,7 @@ class Character:
         textures: by name, with the same prefix.
         height_m: from the ground to the highest point.
         footprint_radius_m: of the upright cylinder around the origin that holds the whole person.
-        licence: where the data come from.
+        licence: of the data, with their source.
     """
 
     name: str
@@ -59,11 +59,11 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
 
     Args:
         name: of the character.
-        contact: where it sits, holds and stands.
+        contact: the places of seat, hands and feet.
         bare_head: False leaves hair and hat out, for a rider with a helmet.
 
     Returns:
-        The character, and where its head and joints are.
+        The character, and the places of its head and joints.
 
     Raises:
         UnknownName: no such character.

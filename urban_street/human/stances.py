@@ -19,7 +19,7 @@ from valerie.scene.graph.model import Stance
 #: Poses of a figure, and those of them that walk.
 POSES: Final = ("walking", "standing", "phone", "waving")
 GAITS: Final = ("walking",)
-#: Things that a figure can carry; ``own`` stands for the character's own thing.
+#: Things that a figure can carry. ``own`` is the character's own thing.
 CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
 #: The default stance of every figure: the instant shortly after a heel strike, with both feet on the ground.
 DEFAULT: Final = Stance("walking", 0.0, "own")
@@ -102,7 +102,7 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, carries: str) -> dic
 def feet_on_ground(
     body: Body, turns: Mapping[str, Rotation], gait: Gait, pose: str, step: int, soles: Soles
 ) -> dict[str, Rotation]:
-    """Bring the feet that carry to the ground.
+    """Bring the feet that carry weight to the ground.
 
     While both feet carry (standing, and the first eighth of each step, see `plant`), both are planted. Otherwise the
     carrying foot lies flat until its heel rises, and the other foot is lifted clear of the ground.

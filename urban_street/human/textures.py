@@ -1,4 +1,4 @@
-"""Procedural textures of cloth, skin, hair, eyes and shoes: seeded numpy, colour as sRGB and normals as glTF has them.
+"""Procedural textures of cloth, skin, hair, eyes and shoes: seeded numpy, colour in sRGB, normals in glTF's convention.
 
 Cloth textures are laid out as `unwrap` maps a garment: u once around trunk or limb, v from the top down.
 """

@@ -28,8 +28,8 @@ class Collar:
     Attributes:
         rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on; a profile
             that turns down again is a folded collar.
-        opening: how far the front stands lower, as a share of the height.
-        folded: the profile turns down outside, so that the cloth's inside is what one sees.
+        opening: drop of the front, as a share of the height.
+        folded: the profile turns down outside, so that the inside of the cloth is visible.
     """
 
     rows: tuple[tuple[float, float], ...]

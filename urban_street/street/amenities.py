@@ -1,6 +1,6 @@
 """Amenities of a street: shelter, benches, bins, bicycle stands, advertising, railings, tree pits.
 
-Every builder's object stands at the origin; what has a front faces −y, long things run along x.
+Each builder places its object at the origin. Fronts face −y, and long things run along x.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def shelter() -> Bag:
             ]
         ),
     )
-    # Panes are frames with a dotted band: glass that a label can be drawn for is opaque, so the panes stay open.
+    # Panes are open frames with a dotted band, since glass that can carry a label would be opaque.
     for z in (0.12, 1.0, high - 0.12):
         bag.add("frame-dark", boxes([[-half, deep - 0.10, z]], [[half, deep - 0.06, z + 0.05]]))
         bag.add("frame-dark", boxes([[-half - 0.02, 0.1, z]], [[-half + 0.02, deep - 0.08, z + 0.05]]))

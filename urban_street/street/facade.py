@@ -32,7 +32,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """Materials and habits of one front.
+    """Materials and style of one front.
 
     Attributes:
         wall, reveal, frame, sill, surround, door: materials.

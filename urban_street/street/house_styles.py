@@ -1,4 +1,4 @@
-"""Houses of more shape than a flat front: mansard, bay windows, timber frame, flat-roofed modern block.
+"""Houses with more relief than a flat front: mansard, bay windows, timber frame, flat-roofed modern block.
 
 Each builder takes a placement and returns the house in the frame of its front (see `facade`).
 """
@@ -431,7 +431,7 @@ def _long_balcony(bag: Bag, x0: float, x1: float, z: float, *, solid: bool, rng:
     else:
         low, high = railing(x0 + 0.03, x1 - 0.03, -deep + 0.03, z + 0.05, 1.0)
         bag.add("steel", boxes(low, high, skip=("-z", "+z")))
-    if rng.random() < 0.6:  # somebody's plants, somebody's table
+    if rng.random() < 0.6:  # plants and a table
         left = float(rng.uniform(x0 + 0.2, x1 - 1.2))
         bag.add(
             "hedge", boxes([[left, -deep + 0.1, z + 0.35]], [[left + 0.9, -deep + 0.35, z + 0.8 + 0.3 * rng.random()]])

@@ -173,7 +173,7 @@ def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> boo
 
 
 def other_walls(bag: Bag, house: House, *, gabled: bool) -> None:
-    """Add party walls and back: plain, seen where a neighbour is lower."""
+    """Add plain party walls and back, which are visible above lower neighbours."""
     w, d, h = house.width, house.depth, house.eaves
     faces = np.array(
         [

@@ -381,11 +381,11 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
-    """Place lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    """Place lamp posts, signs, bollards, bins, planters and bicycle stands where the trunks leave room."""
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
-        """Return the nearest place along the kerb at least 1.6 m from what stands there already."""
+        """Return the nearest place along the kerb at least 1.6 m from all objects there."""
         for step in range(60):
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):

@@ -39,7 +39,7 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     """Return all textures, each made when it is first read; equal settings give equal pixels."""
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
     textures = _carriageways(settings, [next(streams) for _ in range(3)])
-    next(streams)  # unused, so that the colours of each seed stay the same
+    next(streams)  # unused, but drawn so that the colours of each seed stay the same
     textures |= _one("turf", partial(ground.turf, next(streams)))
     for names, make in (
         (("paving", "paving-normal", "paving-roughness"), ground.paving),

@@ -31,7 +31,7 @@ def band_noise(
 def stretched_noise(
     shape: tuple[int, int], rng: np.random.Generator, *, rows: float, columns: float, slope: float = 1.0
 ) -> Field:
-    """Return periodic noise, longest ``rows`` pixels down and ``columns`` across: grain, streaks, runs."""
+    """Return periodic noise with wavelengths up to ``rows`` pixels down and ``columns`` across: grain, streaks, runs."""
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
     frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None] * rows, np.fft.rfftfreq(shape[1])[None] * columns)
     gain = 1.0 / np.maximum(frequency, 1.0) ** (slope + 1.0)

@@ -25,7 +25,7 @@ CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
 Season = Literal["spring", "summer", "autumn", "winter"]
-#: Along a side street: half of what it takes between the corner houses, and of its carriageway, metres.
+#: Half widths of a side street, between the corner houses and of its carriageway, metres.
 SIDE_HALF, SIDE_ROAD_HALF = 5.4, 3.0
 #: Length of a side street beyond the corner houses' fronts, metres.
 SIDE_LENGTH = 46.0
@@ -35,7 +35,7 @@ class StreetSettings(BaseModel):
     """The arguments of a generated street; lengths in metres.
 
     Attributes:
-        seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
+        seed: determines houses, cars, trees, colours and places; 0 is a valid seed.
         length_m: of the rows of houses.
         lanes: driving lanes, between two parking bays. x = 2.5 m is always the middle of one: of the middle one, or of
             the one right of the centre line.
@@ -43,7 +43,7 @@ class StreetSettings(BaseModel):
         pavement_width_m: from the kerb to the plots.
         kerb_height_m: of the pavements above the road.
         setback_m: of the houses behind the pavement; from 1.5 m on there are front gardens.
-        side_street: on which sides a street branches off at y = 46 m; there the zebra crossing lies before it.
+        side_street: sides on which a street branches off at y = 46 m; its zebra crossing lies before it.
         surface: of the carriageway.
         season: of the trees.
     """
@@ -74,7 +74,7 @@ class Lines:
         road_start, road_stop, row_start, row_stop: along the street.
         crossings: middles of the zebra crossings.
         side_y: middle of the side street, or None.
-        sides: on which sides it branches off (left, right).
+        sides: True where it branches off (left, right).
     """
 
     left_front: float
@@ -164,10 +164,10 @@ class Placement:
 
     Attributes:
         path: node path, e.g. ``scene.car-3``; the class is the name's first part.
-        kind: which builder and shape, e.g. ``sedan``.
+        kind: names builder and shape, e.g. ``sedan``.
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
-        seed: the object's own source of chance.
+        seed: of the object's own random choices.
         size: metres, meaning by kind (houses: width, depth, then the number of window axes and the index of the door's);
             empty where the kind determines the size.
         variant: index of the shared model or colour of that kind.
@@ -211,7 +211,7 @@ class GroundRegion:
 
 @dataclass(frozen=True, slots=True)
 class StreetLayout:
-    """A street without shapes: cheap, and enough to plan and to judge variants.
+    """A street without shapes, which is cheap and enough to plan runs and check variants.
 
     Attributes:
         settings: its arguments.

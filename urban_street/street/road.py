@@ -70,7 +70,7 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     cuts[-1] = stop
     y0, y1 = cuts[:-1] + 0.5 * _JOINT, cuts[1:] - 0.5 * _JOINT
     bevel = 0.025
-    # Upright face, bevel, top and what a joint shows of the back: stone by stone.
+    # Upright face, bevel, top and the part of the back that a joint shows, stone by stone.
     stone = [(0.0, -0.05), (0.0, height - bevel), (bevel, height), (KERB_WIDTH - 0.004, height)]
     deep = height - 2.0 * _JOINT
     back = (KERB_WIDTH - 0.004, deep)
@@ -104,7 +104,7 @@ def _level(x0: float, x1: float, y0: float, y1: float, z: float) -> Floats:
 
 
 def _bed(x0: float, x1: float, y0: float, y1: float, z: float) -> Surface:
-    """Build a block below a surface, up to z. Where edges meet, rays that slip between them find it and no other class."""
+    """Build a block below a surface, up to z. Rays that slip between two edges hit it instead of another class."""
     (left, right), (low, high) = sorted((x0, x1)), sorted((y0, y1))
     return boxes([[left, low, _GROUND]], [[right, high, z]], skip=("-z",), tile=2.0)
 

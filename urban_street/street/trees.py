@@ -27,9 +27,9 @@ class TreeSettings:
         trunk: radius of the trunk at its foot.
         clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
         leaf: length of a leaf.
-        taper: how much narrower the crown's top is than its bottom, as a part of the radius.
+        taper: difference between the radii of the crown's bottom and top, as a part of the radius.
         under: flatness of the crown's underside (1 is round).
-        rise: how far branches bend upwards (drooping where negative), as a part of their length.
+        rise: upward bend of branches (drooping if negative), as a part of their length.
     """
 
     height: float = 8.2
@@ -109,7 +109,7 @@ def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) ->
     Args:
         shape: in summer.
         season: the season.
-        blossoms: whether spring covers the tree densely.
+        blossoms: True if the tree is covered with blossoms in spring.
     """
     if season == "spring" and not blossoms:
         return replace(shape, leaves=round(0.8 * shape.leaves), leaf=0.82 * shape.leaf)
@@ -123,7 +123,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
 
     Args:
         settings: size and density.
-        rng: its own source of chance.
+        rng: of its own random choices.
         bark: material of the wood.
         leaves: material of the leaves.
         twigs: material of branches and twigs, if another.

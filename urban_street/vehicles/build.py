@@ -45,7 +45,7 @@ def build_vehicle(
 
     Args:
         kind: one of `KINDS`.
-        seed: decides on rim, number plate and, without ``colour``, paint; 0 is a seed like any other.
+        seed: determines rim, number plate and, without ``colour``, paint; 0 is a valid seed.
         colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
         fine: False builds a car for views from more than about 40 m, with a third of the triangles.
         lights: brightness of the lamps, 0 off … 1 full.
@@ -81,7 +81,7 @@ def picked_paint(kind: str, seed: int) -> str:
 
 
 def vehicle_seed(seed: int, variant: int) -> int:
-    """Return the seed of the vehicle that a variant number stands for in a scene of some seed."""
+    """Return the seed of the vehicle for a variant number and the seed of a scene."""
     return int(np.random.SeedSequence([seed, variant, 7003]).generate_state(1)[0])
 
 

@@ -30,8 +30,8 @@ class CarDesign:
         glass_tail: y of the middle of the rear window's lower edge.
         rear_base: y of the rear pillar's outside at the belt.
         rail: (half width, z) of the roof's side edge.
-        bonnet_crown, boot_crown: how much the middle is above the edges.
-        posts: (y at the belt, y at the roof) of what stands between the side windows, front to rear.
+        bonnet_crown, boot_crown: height of the middle above the edges.
+        posts: (y at the belt, y at the roof) of the posts between the side windows, front to rear.
         doors: y of the front edge of the front doors, of the middle gap, and of the rear doors' end.
         quarter: (y at the belt, y at the roof) of the glass's rear end.
         hatch: the tail opens with the rear window (no boot lid).

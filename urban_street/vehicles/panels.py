@@ -15,7 +15,7 @@ from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
 from urban_street.vehicles.skin import Master, Patch, cut, flange, mirrored, reversed_
 
-#: Half the width of a gap between panels, metres, and how deep it is.
+#: Half the width and the depth of a gap between panels, metres.
 _GAP = 0.0035
 _DEPTH = 0.018
 #: Thickness of a door.
@@ -56,7 +56,7 @@ class Panels:
         return self.half
 
     def _edge(self, patch: Patch, depth: float) -> Surface:
-        """Build the edge of a panel; bodies for far views have none."""
+        """Build the edge of a panel. Bodies for distant views have none."""
         return flange(patch, depth) if self.shell.fine else merge([])
 
     # -- outlines -----------------------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class Panels:
         low = shapely.box(0.0, 0.0, shell.outline.length, sill_top)
         plastic = low.union(self._arches.buffer(0.05)) if d.cladding else low
         plastic = plastic.union(diffuser)
-        # Panels, first come first served.
+        # Earlier panels take precedence where outlines overlap.
         doors = self._door_outlines()
         taken: list[BaseGeometry] = []
         bumpers = [self._front_bumper(), self._rear_bumper(), self._tailgate()]
@@ -203,7 +203,7 @@ class Panels:
         )
 
     def _lamp(self, region: BaseGeometry, *, front: bool) -> None:
-        """Add a lens with something in it."""
+        """Add a lens with its inner parts."""
         body, ring = self.half.parts[BODY], self.shell.ring
         inner = region.buffer(-0.004, quad_segs=2)
         lens = cut(ring, inner)

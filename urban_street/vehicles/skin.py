@@ -1,7 +1,7 @@
 """Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
 
-A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define where
-a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
+A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define the borders
+of doors and lamps. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
 gap between two panels is a real groove.
 """
 
@@ -49,7 +49,7 @@ class Master:
         return unit(np.cross(slopes[0], slopes[1]))
 
     def coarse(self, every: int = 3) -> Master:
-        """Return the same surface with fewer lines, for parts that are hardly visible."""
+        """Return the same surface with fewer lines, for barely visible parts."""
         along, across = (np.unique(np.append(lines[::every], lines[-1])) for lines in self.lines)
         return Master(self.points, self.low, self.high, (along, across))
 

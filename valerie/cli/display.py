@@ -16,6 +16,7 @@ from rich.text import Text
 
 from valerie.cli.shell import console
 from valerie.client import Progress, StageProgress
+from valerie.runs.states import RunState
 
 #: Stage to the name of its products.
 STAGES: Final = {"render": "frames", "infer": "predictions", "eval": "evaluations"}
@@ -194,8 +195,8 @@ def _variants(progress: Progress) -> str:
 
 
 def _style(state: str) -> str:
-    if state == "completed":
+    if state == RunState.COMPLETED:
         return "bold green"
-    if state in ("failed", "cancelled", "completed-with-failures"):
+    if state in (RunState.FAILED, RunState.CANCELLED, RunState.COMPLETED_WITH_FAILURES):
         return "bold red"
-    return "yellow" if state == "paused" else "cyan"
+    return "yellow" if state == RunState.PAUSED else "cyan"

@@ -48,6 +48,7 @@ def export(
     from valerie.cli.connecting import client_of
     from valerie.client import ServerProblemError
     from valerie.pipeline.base.deadlines import AWAITING
+    from valerie.runs.states import ProductState
 
     with client_of(settings_of(data_dir), url) as client:
         run = client.run(run_id)
@@ -57,8 +58,8 @@ def export(
         written, existing, missing = 0, 0, Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
         for frame in client.frames(run_id):
-            if frame.state != "done":
-                missing["failed" if frame.state == "failed" else "not rendered yet"] += 1
+            if frame.state != ProductState.DONE:
+                missing["failed" if frame.state == ProductState.FAILED else "not rendered yet"] += 1
                 continue
             try:
                 new = _fetch(client, frame.id, folder, sensor, kinds)

@@ -111,7 +111,7 @@ def run(
     """
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
-    from valerie.runs.study import parse_study
+    from valerie.runs.study import StudyState, parse_study
 
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
@@ -122,7 +122,7 @@ def run(
         client = system.client
         if known:
             study = client.study(known)
-            if study.state == "paused":
+            if study.state == StudyState.PAUSED:
                 study = client.resume_study(known)
         else:
             with own_assets(settings, client):
@@ -336,6 +336,8 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
 
 def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
     """Tell what a study does until it ends or waits for good."""
+    from valerie.runs.study import StudyState
+
     told: set[str] = set()
 
     def tell(line: str) -> None:
@@ -354,9 +356,9 @@ def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
             if batch.outcomes is not None and study.result is not None:
                 for sentence in study.result.sentences[:1]:
                     tell(f"  {sentence}")
-        if study.reason and study.state == "running":
+        if study.reason and study.state == StudyState.RUNNING:
             tell(f"{study.reason}: {command_name()} study accept {study_id}")
-        if study.state != "running":
+        if study.state != StudyState.RUNNING:
             return study
         time.sleep(_POLL_SECONDS)
 

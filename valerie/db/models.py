@@ -167,7 +167,7 @@ class Product(Base):
     input_c: Mapped[str | None] = mapped_column(Digest)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
-    #: Unix seconds; whoever holds the product loses it then.
+    #: Unix seconds; the holder loses the product then.
     lease_until: Mapped[float | None] = mapped_column(Float)
     #: Unix seconds of the last message, or the earliest time of the next after a transient failure.
     sent_at: Mapped[float | None] = mapped_column(Float)

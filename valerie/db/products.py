@@ -77,11 +77,11 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
         if state is not None and state not in _TRIED_AGAIN:
             continue
         if a in done and b in done and c in done:
-            rows.append((digest, str(kind), route, group, a, b, c, "ready", 0, now))
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), 0, now))
             if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group))
         else:
-            rows.append((digest, str(kind), route, group, a, b, c, "waiting", 0, None))
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), 0, None))
     rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,
@@ -342,7 +342,7 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         The digests that were published.
     """
     digests = [product.digest for product in finished]
-    # Locked until the commit (SQLite: nobody else writes): whoever holds a product now holds it until its rows are written.
+    # Locked until the commit (SQLite: nobody else writes): the current holder of a product keeps it until its rows are written.
     held = set(
         connection.scalars(
             select(Product.digest)
@@ -429,7 +429,7 @@ def fail(connection: Connection, digest: str, *, owner: str | None, error: Produ
     Args:
         connection: to write with.
         digest: of the product.
-        owner: who must hold it; None: whoever does.
+        owner: required holder; None: any.
         error: why.
         now: Unix seconds.
     """

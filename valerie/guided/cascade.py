@@ -1,4 +1,4 @@
-"""One number from two render engines: the cheap one everywhere, the costly one where it pays.
+"""One estimate from two render engines: the cheap one at all points, the costly one at some.
 
 Some points are evaluated by both. For a *mean score* the cheap scores of all points serve as control variate: with the
 regression coefficient β from the pairs, the estimate is ȳ + β (x̄ of all − x̄ of pairs), and its variance
@@ -6,9 +6,9 @@ s²(y − βx) / m + β² s²(x) / N (Cochran 1977, *Sampling Techniques*, secti
 √(ρ² / (1 − ρ²) · cost ratio) for each pair, the best split of a budget (Peherstorfer and others 2016,
 doi:10.1137/15M1046472); correlation ρ and split are measured again in every batch.
 
-For a *rare failure* normal intervals covered 51 to 70 % in trials. There, the verdict of the cheap engine makes two strata,
-each with half of the costly points; the bounds combine those of Clopper and Pearson for the size of the strata and for
-the rates in both, each at a third of the error. They hold for any number of points fixed in advance, and are wide.
+For a *rare failure*, normal intervals covered 51 to 70 % in trials. Instead, the verdict of the cheap engine defines two
+strata, each with half of the costly points. The bounds combine those of Clopper and Pearson for the size of the strata and
+for the rates in both, each at a third of the error. They hold for any number of points fixed in advance, and are wide.
 """
 
 from __future__ import annotations
@@ -29,24 +29,23 @@ from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
 
-#: Pairs before which no interval is given.
+#: Fewest pairs for an interval.
 FEWEST: Final = 50
-#: Cheap points for each pair, at most.
+#: Most cheap points for each pair.
 MOST_CHEAP: Final = 50.0
 _EXAMPLES: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
 class TwoEngines:
-    """What is known from both engines.
+    """The estimate from both engines.
 
     Attributes:
         estimate, low, high: mean score, or failure rate, of the costly engine, with its 95 % interval.
         method: how the interval was computed.
         correlation: of the two engines' scores, or failures, on the same points; NaN where one of them is constant.
         cheap, costly: number of points of each engine.
-        saved: share of the costly points that the same interval without the cheap engine would need in addition, 1 − variance
-            ratio; NaN for failure rates.
+        saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.
         disagree: (k, dimensions) points on which the engines differ most.
         undefined: number of points on which the costly engine has no score; they are left out.
         sentences: the same in words.
@@ -66,7 +65,7 @@ class TwoEngines:
 
 
 class Cascade:
-    """The strategy that divides a budget between two engines. Proposals of level 1 ask the costly one.
+    """Strategy that divides a budget between two engines. Proposals of level 1 are for the costly one.
 
     Args:
         domain: the operational domain.
@@ -90,7 +89,7 @@ class Cascade:
         self._points = np.empty((0, domain.dimensions))
         self._cheap: Floats = np.empty(0)
         self._costly: Floats = np.empty(0)
-        #: Rows that the costly engine was asked for.
+        #: Rows that were proposed for the costly engine.
         self._paired = np.empty(0, np.bool_)
         self._drawn = 0
 
@@ -114,15 +113,13 @@ class Cascade:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         rows = self._levels.popleft()
         if rows is not None:
             self._costly[rows] = values
             return
-        nothing = np.full(len(values), np.nan)
+        missing = np.full(len(values), np.nan)
         self._points = np.concatenate([self._points, points])
-        self._cheap, self._costly = np.concatenate([self._cheap, values]), np.concatenate([self._costly, nothing])
+        self._cheap, self._costly = np.concatenate([self._cheap, values]), np.concatenate([self._costly, missing])
         self._paired = np.concatenate([self._paired, np.zeros(len(values), np.bool_)])
 
     def _why(self) -> str:
@@ -138,7 +135,7 @@ class Cascade:
         return float(np.clip(math.sqrt(correlation**2 / remaining * self.costs[1] / self.costs[0]), 1.0, MOST_CHEAP))
 
     def _next_pairs(self, count: int) -> NDArray[np.int64]:
-        """Return the rows to ask the costly engine for; none where cheap points are wanted."""
+        """Return the rows for the costly engine; none if cheap points come next."""
         left = np.flatnonzero(~self._paired & ~np.isnan(self._cheap))
         pairs, ratio = int(np.count_nonzero(self._paired)), self._ratio()
         wanted = FEWEST - pairs if math.isnan(ratio) and pairs < FEWEST else 0

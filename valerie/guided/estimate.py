@@ -1,8 +1,7 @@
 """A failure rate over the operational domain, with two intervals.
 
 The *assumption-free* number uses points that were drawn from the operational density alone, in a number fixed in advance:
-the interval of `valerie.statistics.intervals` for shares holds for it whatever the
-scores are.
+the interval of `valerie.statistics.intervals` for shares holds for all scores.
 
 The *model-assisted* number uses all points. Later batches are drawn from a fresh pool of M points of the operational
 density by the mixture π = α/M + (1 − α) v/Σv, with v = √(g(1 − g)) and g the failure probability by a surrogate fitted to
@@ -50,19 +49,19 @@ from valerie.statistics.units import Estimand, sampling_units
 SHARES: Final = (0.5, 0.9)
 #: Number of points in a pool.
 POOL: Final = 20_000
-#: Failures below which the proposal aims at more than the failures: at the points with the lowest scores.
+#: With fewer failures than this, the proposal aims at the points with the lowest scores.
 FEW: Final = 11
 #: Largest share of the estimate that one point may carry before the gamma interval is taken.
 HEAVIEST: Final = 0.1
-#: The surrogate knows a failure whose probability it gave as at least this.
+#: A failure is known to the surrogate if its predicted probability is at least this.
 KNOWN: Final = 0.05
-#: Weighted share of failures unknown to the surrogate, above which its number is not to be relied on.
+#: Largest weighted share of failures unknown to the surrogate at which the assisted number may be used.
 MOST_UNKNOWN: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class FailureRate:
-    """What is known of the failure rate.
+    """A failure rate with its intervals.
 
     Attributes:
         assumption_free: from operational points alone. Intervals hold for a number of points fixed in advance; k planned
@@ -104,7 +103,7 @@ class FailureRate:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """A batch as it was drawn.
+    """A drawn batch.
 
     Attributes:
         number: t, 0 for the operational points at the beginning.
@@ -130,10 +129,10 @@ class Draws:
 
 
 class Estimate:
-    """The strategy that estimates a failure rate.
+    """Strategy that estimates a failure rate.
 
     Args:
-        domain: whose legal points have the failure rate.
+        domain: the operational domain; the rate is that of its legal points.
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
         first: number of operational points at the beginning.
@@ -184,10 +183,7 @@ class Estimate:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        self.scores.append(self._open.close(points, values))
+        self.scores.append(self._open.close(points, scores))
 
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         zeros = np.zeros(count)

@@ -1,10 +1,9 @@
 """Minimal pairs: the smallest part of the difference between a failing and a passing variant that still flips the verdict.
 
-First the changed parameters are reduced to a set of which all are needed (QuickXplain, Junker 2004, AAAI, 167-172). Then the
-numbers among them return together towards the passing variant until they come within `TOLERANCE` of the boundary. Last,
-each remaining change is taken back alone; where the variant still fails without it, it is dropped and the numbers return
-further. A score depends on many things at once, so the result is minimal with respect to single removals, and not
-necessarily the smallest of all sets.
+First, QuickXplain (Junker 2004, AAAI, 167-172) reduces the changed parameters to a set of which all are needed. Then the
+numbers among them move together towards the passing variant until they come within `TOLERANCE` of the boundary. Last,
+each remaining change is undone alone; if the variant still fails, the change is dropped and the numbers move on. The result
+is minimal with respect to single removals, but not necessarily the smallest of all sets.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MinimalPair:
-    """A failing variant that differs from the passing one in as little as needed.
+    """A failing variant that differs minimally from a passing one.
 
     Attributes:
         passing: (dimensions,) the passing variant.
@@ -64,14 +63,14 @@ _Evaluating = Generator[list[UnitPoints], None, None]
 
 
 class Explain:
-    """The strategy that finds a minimal pair.
+    """Strategy that finds a minimal pair.
 
     Args:
         domain: of both variants.
         failing, passing: (dimensions,) points with known verdicts.
         at_least: scores below it fail.
-        batch: number of variants that can be evaluated at the same time. 1 needs the fewest evaluations. More need fewer
-            rounds: both halves of a set are tried together, and the way to the boundary is cut into more parts.
+        batch: number of variants that can be evaluated at the same time. 1 needs the fewest evaluations; more need fewer
+            rounds, since both halves of a set are tried together and the path to the boundary is cut into more parts.
 
     Attributes:
         result: the pair; None while the search goes on.
@@ -95,7 +94,7 @@ class Explain:
             raise InvalidInput("the failing and the passing variant do not differ", field="failing")
         self._numbers = np.array([axis is not Axis.UNORDERED for axis in domain.axes])
         self._verdicts = {self._failing.tobytes(): Verdict.FAIL, self._passing.tobytes(): Verdict.PASS}
-        self._open = OpenBatches()
+        self._open = OpenBatches(bounded=False)
         self._evaluations = 0
         self._step = ""
         self._search = self._minimize()
@@ -149,7 +148,7 @@ class Explain:
         return ", ".join(self.domain.names[dimension] for dimension in self._changed(failing))
 
     def _sentences(self, failing: UnitPoints, inner: UnitPoints) -> tuple[str, ...]:
-        """Return what flips the verdict, in words."""
+        """Return sentences about the changes that flip the verdict."""
         before, after = list(self.domain.values(self._passing).values()), list(self.domain.values(failing).values())
         changes = [
             f"{self.domain.names[dimension]} from {shown(before[dimension])} to {shown(after[dimension])}"
@@ -173,7 +172,7 @@ class Explain:
         return f" {unit}" if unit else ""
 
     def _needed(self, kept: list[int], changes: list[int]) -> Generator[list[UnitPoints], None, list[int]]:
-        """Return the part of ``changes`` that fails together with ``kept``; all of ``changes`` does."""
+        """Return a minimal part of ``changes`` that fails together with ``kept``; all of ``changes`` do."""
         if len(changes) == 1:
             return changes
         first, second = changes[: len(changes) // 2], changes[len(changes) // 2 :]
@@ -190,7 +189,7 @@ class Explain:
         return of_second + (yield from self._needed(kept + of_second, first))
 
     def _to_boundary(self, failing: UnitPoints) -> Generator[list[UnitPoints], None, tuple[UnitPoints, UnitPoints]]:
-        """Return the failing variant and the one that does not fail, between which the boundary lies."""
+        """Return the failing and the non-failing variant on both sides of the boundary."""
         steps = np.where(self._numbers, self.domain.steps(self._passing, failing), 0.0)
         low, high = 0.0, 1.0
         inner = np.where(self._numbers, self._passing, failing)
@@ -223,7 +222,7 @@ class Explain:
         return [int(dimension) for dimension in np.flatnonzero(point != self._passing)]
 
     def _evaluate(self, points: list[UnitPoints]) -> _Evaluating:
-        """Have the verdicts of points that have none."""
+        """Request the missing verdicts of points."""
         new = {point.tobytes(): point for point in points if point.tobytes() not in self._verdicts}
         if new:
             yield list(new.values())

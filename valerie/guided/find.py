@@ -1,7 +1,7 @@
 """Failures and their distinct modes.
 
-A *mode* is a set of failures that hang together: on the way between two of them, variants fail as well. What is counted is
-modes, not failures, since many failures of one cause teach little.
+A *mode* is a connected set of failures: variants between two of them fail as well. The strategy counts modes instead of
+failures, since many failures with one cause teach little.
 
 Most points explore: scrambled Sobol' points of the operational domain, so that likely modes are met first. The others
 descend. A descent starts at a point with a low score that has no better point nearby (nearest-better distance: Preuss 2010,
@@ -11,8 +11,8 @@ basis function, fitted to the evaluated points nearby, gives the lowest scores (
 doi:10.1080/0305215X.2012.687731). Covariates are further coordinates of that function. A descent that does not improve
 looks closer, and ends after `PATIENCE` such rounds.
 
-A failure counts once it failed under further seeds of what is random. To say whether it belongs to a mode, the variant
-halfway to a member is evaluated. A bent mode may thus count as several, and modes that touch as one.
+A failure counts once it has failed under further random seeds. The variant halfway to a member of a mode tells whether it
+belongs to that mode. A bent mode may thus count as several, and modes that touch as one.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
 
-#: Share of a batch for descents, at most.
+#: Largest share of a batch for descents.
 DESCENDING: Final = 0.4
-#: Share of a batch for the checks of failures, at most.
+#: Largest share of a batch for the checks of failures.
 CHECKING: Final = 0.2
-#: Points that explore before the first descent.
+#: Exploring points before the first descent.
 FIRST: Final = 128
 #: Points of a descent in each round.
 ROUND: Final = 4
 #: Rounds without improvement after which a descent ends.
 PATIENCE: Final = 2
-#: Distance within which a better point makes a start needless, in distances between explored points.
+#: A start with a better point within this distance is skipped, in distances between explored points.
 NEARBY: Final = 0.3
 #: Share of the passing points, those with the lowest scores, among which starts are sought.
 LOWEST: Final = 0.1
@@ -53,7 +53,7 @@ LOWEST: Final = 0.1
 COMPARED: Final = 3
 #: Standard deviation of a mode's members below which a parameter matters to it.
 NARROW: Final = 0.2
-#: A mode has a shape from this number of members on.
+#: Fewest members for the shape of a mode.
 MEMBERS: Final = 3
 #: Radii of a mode within which a point with a low score belongs to it.
 _SLOPE: Final = 1.5
@@ -87,15 +87,15 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class Modes:
-    """What is known of the modes.
+    """The modes so far.
 
     Attributes:
         modes: likely ones first.
         failures: number of variants that failed under every seed.
-        unplaced: those of them that are not compared with all modes.
+        unplaced: of these, the ones not yet compared with all modes.
         unrepeated: failures that did not repeat under another seed.
         explored: number of points that explored.
-        smallest: probability that a mode must have to be met by these with 95 %.
+        smallest: probability of a mode that these hit with 95 %.
         evaluations: number of all points.
         sentences: the same in words.
     """
@@ -112,7 +112,7 @@ class Modes:
 
 @dataclass(slots=True, eq=False)
 class _Descent:
-    """A descent: its best row, how far candidates reach, and the state of its round."""
+    """A descent: its best row, the reach of its candidates, and the state of its round."""
 
     best: int
     reach: float = _REACH
@@ -126,7 +126,7 @@ class _Descent:
 
 @dataclass(slots=True, eq=False)
 class _Failure:
-    """A failure under examination: repeats asked and told, and modes that it was compared with in vain."""
+    """A failure under examination: repeats asked and told, and modes that it does not belong to."""
 
     row: int
     asked: int = 0
@@ -138,7 +138,7 @@ class _Failure:
 
 @dataclass(frozen=True, slots=True)
 class _Tag:
-    """Why a point was asked: for a descent or a failure; halfway to a mode, or not."""
+    """The purpose of a point: for a descent or a failure; halfway to a mode, or not."""
 
     descent: _Descent | None = None
     failure: _Failure | None = None
@@ -149,7 +149,7 @@ _EXPLORES: Final = _Tag()
 
 
 class Find:
-    """The strategy that finds failures and their modes.
+    """Strategy that finds failures and their modes.
 
     Args:
         domain: the operational domain.
@@ -157,7 +157,7 @@ class Find:
         seed: of all draws.
         repeats: further seeds under which a failure must fail; 0 where nothing is random. A point that is asked again is
             to be evaluated under another seed.
-        covariates: (n, dimensions) points to (n, k) numbers in about 0…1 that cost nothing, e.g. distances.
+        covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
         descending: share of a batch for descents, at most.
 
     Raises:
@@ -215,7 +215,7 @@ class Find:
         if descending:
             reason += f", {descending} descend from {len(self._descents)} low scores"
         if checks:
-            reason += f", {checks} tell whether failures repeat and hang together"
+            reason += f", {checks} check whether failures repeat and are connected"
         return self._open.add(points, reason + ".")
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -224,10 +224,7 @@ class Find:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        values = self._open.close(points, values)
+        values = self._open.close(points, scores)
         tags = self._tags.popleft()
         self._evaluations += len(points)
         fails = values < self.at_least
@@ -278,7 +275,7 @@ class Find:
         return wanted
 
     def _likely(self, row: int) -> list[int]:
-        """Return the modes, those first that a point most likely belongs to."""
+        """Return the modes, the most likely one of a point first."""
         return sorted(range(len(self._modes)), key=lambda mode: self._strangeness(self._points[row], mode))
 
     def _shape(self, mode: int) -> tuple[Floats, Floats]:

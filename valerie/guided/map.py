@@ -5,9 +5,9 @@ scrambled Sobol' points. The others lie where the process is least sure of the v
 (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18); each choice lowers σ
 around it before the next.
 
-The process is not believed, but tested: every point was predicted before its score was told. A verdict counts where such
-calls, at the same |μ| / σ, were wrong in at most `WRONG` (isotonic regression); elsewhere the map says "not known". Where
-scores are undefined is learnt by boosted trees.
+The process is tested: every point was predicted before its score was known. A verdict counts where such calls, at the same
+|μ| / σ, were wrong in at most `WRONG` (isotonic regression); elsewhere the map says "not known". Boosted trees predict where
+scores are undefined.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ Floats = NDArray[np.float64]
 
 #: Share of a batch that explores.
 EXPLORING: Final = 0.25
-#: Points that explore before the first fit.
+#: Exploring points before the first fit.
 FIRST: Final = 64
 #: Largest share of wrong calls where the map gives a verdict.
 WRONG: Final = 0.05
-#: Calls on which that share must rest at least.
+#: Fewest calls for that share.
 TESTED: Final = 30
-#: Points to which the lengths of the process are fitted, at most.
+#: Most points for a fit of the process's lengths.
 FITTED: Final = 300
 _POOL: Final = 2_000
 _DOUBTFUL: Final = 400
@@ -45,7 +45,7 @@ _REFERENCE: Final = 4_096
 
 
 class Call(StrEnum):
-    """What the map says of a point."""
+    """The map's verdict on a point."""
 
     PASS = "pass"  # noqa: S105  not a password
     FAIL = "fail"
@@ -55,7 +55,7 @@ class Call(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Boundary:
-    """What is known of the boundary.
+    """The map of the boundary so far.
 
     Attributes:
         passing, failing, undefined, not_known: shares of the operational domain.
@@ -79,7 +79,7 @@ class Boundary:
 
 
 class Map:
-    """The strategy that maps the boundary.
+    """Strategy that maps the boundary.
 
     Args:
         domain: the operational domain.
@@ -126,10 +126,7 @@ class Map:
         Raises:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
-        values = np.asarray(scores, np.float64)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
-        values = self._open.close(points, values)
+        values = self._open.close(points, scores)
         self._confidence = np.concatenate([self._confidence, self._predicted.pop(0)])
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])
@@ -137,7 +134,7 @@ class Map:
             self._model = self._fitted()
 
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
-        """Return what the map says of points, (n,) of `Call`."""
+        """Return the verdicts on points, (n,) of `Call`."""
         calls = np.full(len(points), Call.NOT_KNOWN.value, dtype="<U9")
         if self._model is None:
             return calls

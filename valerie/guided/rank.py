@@ -1,14 +1,14 @@
-"""Which parameters matter.
+"""Rank parameters by their effect on the score.
 
-Elementary effects screen first (Morris 1991, doi:10.1080/00401706.1991.10484804): `TRAJECTORIES` walks in which one
-parameter after another jumps; the mean size of a parameter's effects, μ* (Campolongo and others 2007,
+Elementary effects screen first (Morris 1991, doi:10.1080/00401706.1991.10484804). In `TRAJECTORIES` walks, one parameter
+after another jumps; the mean size of a parameter's effects, μ* (Campolongo and others 2007,
 doi:10.1016/j.envsoft.2006.10.004), is compared with the largest one.
 
-What stays gets Sobol' indices. A *block* is a row of two independent Sobol' points A and B, and of A with one parameter after
-another from B; the parameters that were screened out move together, as one more, so that nothing is lost unseen. The
-shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter alone, and of
-Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions. Their intervals are percentiles over
-blocks drawn again.
+The remaining parameters get Sobol' indices. A *block* is a row of two independent Sobol' points A and B, and of A with one
+parameter after another from B. The parameters that were screened out form one more group, which shows whether the screening
+was right. The shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter
+alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions. Their intervals are
+percentiles over blocks drawn again.
 
 Each point is known by its block and place, so a missing score cannot shift the others. A block without all its scores is
 left out; where more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 TRAJECTORIES: Final = 10
 #: Parameters with less than this share of the largest μ* are screened out.
 NEGLIGIBLE: Final = 0.1
-#: Whole blocks before which no index is given.
+#: Fewest whole blocks for indices.
 FEWEST: Final = 32
 #: Largest share of broken blocks.
 BROKEN: Final = 0.2
@@ -72,11 +72,11 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """What is known of the parameters.
+    """The ranking of the parameters so far.
 
     Attributes:
         effects: largest first.
-        screened_out: dimensions that were found negligible.
+        screened_out: negligible dimensions.
         blocks: number of whole blocks.
         broken: number of blocks that lack a score.
         refused: whether so many are broken that there are no indices.
@@ -94,7 +94,7 @@ class Ranking:
 
 
 class Rank:
-    """The strategy that ranks parameters.
+    """Strategy that ranks parameters.
 
     Args:
         domain: the operational domain.
@@ -108,7 +108,7 @@ class Rank:
         if domain.dimensions < 2:
             raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
         self.domain, self.seed = domain, seed
-        self._open = OpenBatches()
+        self._open = OpenBatches(bounded=False)
         #: Rows (block or walk, place in it) of open points, and of those not asked yet.
         self._rows: deque[list[tuple[int, int]]] = deque()
         self._left: deque[tuple[int, int, UnitPoints]] = deque()
@@ -126,9 +126,9 @@ class Rank:
 
     def ask(self, count: int) -> Proposal:
         """Return the next batch; an empty one while scores of the screening are missing."""
-        none = np.empty((0, self.domain.dimensions))
+        no_points = np.empty((0, self.domain.dimensions))
         if self._groups is None and not self._left:
-            return self._open.add(none, "The blocks follow from screening scores that are missing.")
+            return self._open.add(no_points, "The blocks follow from screening scores that are missing.")
         while self._groups is not None and len(self._left) < count:
             self._add_block(self._groups)
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]

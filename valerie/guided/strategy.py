@@ -1,4 +1,4 @@
-"""The interface of a strategy: it proposes points of the unit cube, and learns their outcomes.
+"""The interface of a strategy, which proposes points of the unit cube and learns their outcomes.
 
 A *score* is a number; a *failure* is a score below the strategy's bound. NaN stands for an undefined score: an outcome of
 its own that neither passes nor fails. A variant without any outcome, because a worker died, is evaluated again and never
@@ -27,10 +27,9 @@ class Proposal:
     """A batch that a strategy asks for.
 
     Attributes:
-        points: (n, dimensions). None says that nothing is wanted before the next `tell`, or nothing more at all if no
-            batch is open. A point that was asked before is evaluated under another seed of what is random, unless its
-            ``level`` differs.
-        reason: why these points, or why none, in one or two sentences for people.
+        points: (n, dimensions). No points mean that the strategy waits for the next `tell`, or has ended if no batch is
+            open. A repeated point is evaluated under another random seed, unless its ``level`` differs.
+        reason: why these points, or why none, in one or two sentences.
         level: 0 for the usual render engine, 1 for the costly one.
     """
 
@@ -43,7 +42,7 @@ class Proposal:
 
 
 class Result(Protocol):
-    """What a strategy knows. Its other fields are plain numbers, texts and points."""
+    """The result of a strategy. Its other fields are plain numbers, texts and points."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -56,7 +55,7 @@ class Strategy(Protocol):
 
     @property
     def result(self) -> Result | None:
-        """What is known from the scores that were told; None while that is nothing."""
+        """The result from all scores so far; None before there is one."""
         ...
 
     def ask(self, count: int) -> Proposal:
@@ -64,7 +63,7 @@ class Strategy(Protocol):
         ...
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
-        """Take the scores of the oldest batch that has none: (n,), or (n, k) for a strategy with ``columns`` = k.
+        """Add the scores of the oldest open batch: (n,), or (n, k) for a strategy with ``columns`` = k.
 
         Raises:
             InvalidInput: these are other points, or not one score for each.
@@ -73,30 +72,31 @@ class Strategy(Protocol):
 
 
 class OpenBatches:
-    """The batches of a strategy that have no outcomes yet, oldest first.
+    """The batches of a strategy without outcomes, oldest first.
 
     Args:
         columns: number of scores of each point.
+        bounded: whether scores lie in 0…1.
     """
 
-    def __init__(self, columns: int = 1) -> None:
-        self._columns = columns
+    def __init__(self, columns: int = 1, *, bounded: bool = True) -> None:
+        self._columns, self._bounded = columns, bounded
         self._batches: deque[UnitPoints] = deque()
 
     def __len__(self) -> int:
         return len(self._batches)
 
     def add(self, points: UnitPoints, reason: str, level: int = 0) -> Proposal:
-        """Return a proposal of the points; a batch of them is open from now on, unless it is empty."""
+        """Return a proposal of the points, and open a batch of them unless it is empty."""
         if len(points):
             self._batches.append(points.copy())
         return Proposal(points, reason, level)
 
     def close(self, points: UnitPoints, scores: ArrayLike) -> Scores:
-        """Return the checked scores of the oldest batch, which is no longer open.
+        """Close the oldest batch and return its checked scores.
 
         Raises:
-            InvalidInput: these are other points, not one score for each, or an infinite score.
+            InvalidInput: these are other points, not one score for each, or a score outside 0…1 or infinite.
         """
         if not self._batches or not np.array_equal(self._batches[0], points):
             raise InvalidInput("not the points of the oldest batch without scores", field="points", value=len(points))
@@ -106,15 +106,17 @@ class OpenBatches:
             raise InvalidInput("one score for each point", field="scores", value=values.shape, limit=shape)
         if np.isinf(values).any():
             raise InvalidInput("a score is finite, or NaN where it is undefined", field="scores", value="infinite")
+        if self._bounded and ((values < 0) | (values > 1)).any():
+            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._batches.popleft()
         return values
 
 
 def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, budget: int, batch: int) -> int:
-    """Ask, measure and tell until the strategy wants nothing more or the budget is spent.
+    """Ask, measure and tell until the strategy ends or the budget is spent.
 
     Args:
-        strategy: any.
+        strategy: the strategy to pursue.
         measure: (n, dimensions) points to scores as the strategy takes them, NaN where undefined.
         budget: largest number of evaluations.
         batch: largest number of points at a time.

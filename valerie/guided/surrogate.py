@@ -15,13 +15,13 @@ from valerie.parameters.samplers import UnitPoints
 CLIPPED: Final = (0.003, 0.997)
 #: Smallest standard deviation of a prediction, in logits.
 SMALLEST_ERROR: Final = 0.15
-#: Least number of points for a fit.
+#: Fewest points for a fit.
 LEAST_POINTS: Final = 20
 _FOLDS: Final = 5
 
 
 def margins(scores: Scores, at_least: float) -> NDArray[np.float64]:
-    """Return how far scores in [0, 1] lie above ``at_least``, in logits; negative for failures."""
+    """Return the margins of scores in [0, 1] over ``at_least``, in logits; negative for failures."""
     return np.asarray(logit(np.clip(scores, *CLIPPED)) - logit(np.clip(at_least, *CLIPPED)))
 
 
@@ -56,7 +56,7 @@ def held_out(points: UnitPoints, margins: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def prediction_error(margins: NDArray[np.float64], predicted: NDArray[np.float64]) -> float:
-    """Return the root mean square of the residuals in the third with the lowest predictions, where failures are."""
+    """Return the root mean square residual of the third with the lowest predictions, which has the failures."""
     lowest = np.argsort(predicted, kind="stable")[: max(len(predicted) // 3, 1)]
     return max(SMALLEST_ERROR, float(np.sqrt(np.mean((margins - predicted)[lowest] ** 2))))
 

@@ -1,7 +1,7 @@
-"""Is a requirement met? Operational points until the sequential test of `valerie.statistics.verdicts` decides.
+"""Verify a requirement with operational points until the sequential test of `valerie.statistics.verdicts` decides.
 
 The requirement bounds the share of scores that pass, or the mean score. The test may be looked at after every batch. Each
-point is a unit, so scores of one variant (of several cameras, say) have to be put into one number beforehand.
+point is a unit, so combine all scores of a variant (of several cameras, say) into one number first.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What is known of the requirement.
+    """The verdict on a requirement so far.
 
     Attributes:
         outcome: met, not met, or undecided.
         estimate: share of defined scores that pass, or mean score; NaN without any.
-        bound: the least that is required.
+        bound: the required minimum.
         confidence: 1 − the chance of a false verdict.
         decided_after: number of defined scores that decided; None while undecided.
-        further: number of further ones that would decide if the estimate is right; None if decided, or if no affordable
-            number decides.
+        further: number of further scores that would decide if the estimate is right; None if decided, or if no affordable
+            number would.
         undefined: number of undefined scores, which are left out.
         evaluations: number of all points.
         sentences: the same in words.
@@ -47,7 +47,7 @@ class Verification:
 
 
 class Verify:
-    """The strategy that decides whether a requirement is met.
+    """Strategy that decides whether a requirement is met.
 
     Args:
         domain: the operational domain.
@@ -80,9 +80,9 @@ class Verify:
 
     def ask(self, count: int) -> Proposal:
         """Return the next operational points; none once the requirement is decided."""
-        none = np.empty((0, self.domain.dimensions))
+        no_points = np.empty((0, self.domain.dimensions))
         if self._known is not None and self._known.outcome is not Outcome.UNDECIDED:
-            return self._open.add(none, "The requirement is decided.")
+            return self._open.add(no_points, "The requirement is decided.")
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
         further = None if self._known is None else self._known.further
@@ -100,8 +100,6 @@ class Verify:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        if ((values < 0) | (values > 1)).any():
-            raise InvalidInput("a score lies in 0…1", field="scores", value=float(np.nanmax(np.abs(values))))
         self._scores = np.concatenate([self._scores, values])
         judged = self._scores
         if self.at_least is not None:

@@ -1,4 +1,4 @@
-"""The functions that ship with VALERIE, by name; only loading one imports torch."""
+"""The functions that ship with VALERIE, by name. Nothing here imports torch until a function is loaded."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def load_function(
 
 
 def _identity(document: FunctionDocument) -> str:
-    """Return the digest that stands for a shipped function: that of its file, which holds all that its document says."""
+    """Return the digest of a shipped function: that of its file, which also holds its document."""
     assert document.payload is not None, "a document of a file has a payload"
     return document.payload.sha256
 

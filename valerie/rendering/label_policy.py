@@ -1,4 +1,4 @@
-"""Labels as rays find them, or as people draw them.
+"""Policies for labels: exact ones, and labels as annotators draw them.
 
 The truth is exact: sky between two leaves is sky. Cityscapes is drawn by hand with polygons, and its policy closes such gaps:
 "labeled foreground objects must never have holes, i.e. if there is some background visible 'through' some foreground object, it
@@ -37,18 +37,18 @@ class LabelPolicy(StrEnum):
 #: the height of an object (an instance, or a connected piece of a class without instances) elsewhere.
 FOLIAGE: Final = 1.0 / 90.0
 OF_OBJECTS: Final = {"fence": 1.0 / 4.0, "motorcycle": 1.0 / 8.0, "bicycle": 1.0 / 8.0}
-#: Gaps keep the pixels of people: who is seen through a tree is still looked for.
+#: Gaps keep the pixels of people, since a person seen through a tree must still be detected.
 _KEPT: Final = (PERSON.id, BY_NAME["rider"].id)
 #: A gap lies behind an object if its depth is at least this share of the object's nearest.
 _BEHIND: Final = 0.98
 
 
 def labelled(truth: GroundTruth, policy: LabelPolicy) -> GroundTruth:
-    """Return the truth with the labels of a policy: the truth itself if they are exact.
+    """Return the truth with the labels of a policy, or the truth itself under the exact policy.
 
-    Under ``cityscapes``, gaps in vegetation, fences, motorcycles and bicycles take the class and instance of what surrounds them.
-    A gap shows what lies behind; nothing in front changes. Pixels of persons and riders stay theirs, so occlusion, areas and
-    masks of people are the same under both policies. Depths stay those of the surfaces that are seen.
+    Under ``cityscapes``, gaps in vegetation, fences and two-wheelers take the class and instance of the object around them.
+    A gap shows surfaces behind the object; surfaces in front keep their labels. Pixels of persons and riders keep theirs too, so
+    occlusion, areas and masks of people are the same under both policies. Depths are those of the visible surfaces.
 
     Raises:
         MissingDependency: OpenCV is not installed.

@@ -1,9 +1,8 @@
-"""A frame as a rolling shutter reads it: line by line, each line at its own moment.
+"""Rolling shutter: reads a frame line by line, each line at its own moment.
 
-The scene is rendered in slices: the lines of a slice are read within so short a time that nothing in them moves noticeably, and
-show the scene and the camera at the middle of that time. At the fastest, a slice is one line. So everything in the picture was
-rendered, hidden surfaces too, and labels are those of rays cast at each line's moment. Shading, shadows and reflections follow
-slice by slice.
+The scene is rendered in slices. A slice holds the lines that are read before anything in them moves noticeably, and shows scene
+and camera at the middle of that time. In the fastest scenes, a slice is one line. Nothing is warped: surfaces that come into
+view are rendered, and labels are those of rays cast at each line's moment. Shading, shadows and reflections change per slice.
 
 Source: C.-K. Liang et al., "Analysis and compensation of rolling shutter effect", IEEE TIP 17(8), 2008,
 doi:10.1109/TIP.2008.925384 (the camera model).
@@ -34,18 +33,18 @@ _MOMENTS, _ANOTHER_AFTER_S, _MOST_MOMENTS = 3, 0.1, 9
 _SPAN_S: Final = 0.005
 
 Lines = NDArray[np.intp]
-#: Returns the scene so many seconds after the frame's moment.
+#: Maps seconds after the frame's moment to the scene.
 Moments = Callable[[float], Scene]
 
 
 class Reading(NamedTuple):
-    """How a rolling shutter reads a frame.
+    """The times at which a rolling shutter reads the pixels of a frame.
 
     Attributes:
         lines: (H, W) or (H, 1), the row of the picture that shows each rendered pixel; 0 is the middle of the picture, which is
             read at the frame's moment.
         line_time_s: seconds from one row to the next.
-        blurs: whether velocities are asked for.
+        blurs: True if velocities are requested.
     """
 
     lines: NDArray[np.float64]
@@ -80,7 +79,7 @@ class _Whole:
 
 
 def _scan_of(image: LinearImage, truth: GroundTruth, whole: _Whole) -> Scan:
-    """Return what differs from a frame's own image and truth."""
+    """Return the difference from a frame's own image and truth."""
     differs = (whole.pixels.view(np.uint16) != image.pixels.view(np.uint16)).any(axis=2)
     differs |= (whole.class_map != truth.class_map) | (whole.instance_map != truth.instance_map)
     differs |= whole.depth.view(np.uint32) != truth.depth.view(np.uint32)
@@ -123,7 +122,7 @@ def scan(
         moments: the scene around the frame's moment.
         view: of the frame.
         frame: its image and truth, at its moment.
-        reading: how the lines are read.
+        reading: the times at which the lines are read.
     """
     image, truth = frame
     lines, line_time_s, blurs = reading
@@ -158,7 +157,7 @@ def sliced(moves: NDArray[np.float64], within: float) -> Iterator[tuple[int, int
     """Yield the first line of each slice and the line after its last.
 
     Args:
-        moves: of each line, how far its fastest surface moves from one line to the next, pixels.
+        moves: per line, the distance that its fastest surface moves until the next line, pixels.
         within: the farthest that a surface may move while a slice is read; a slice has at least one line.
     """
     start, fastest = 0, 0.0

@@ -48,12 +48,12 @@ class StudyState(StrEnum):
 
 
 class GoalDocument(Document):
-    """What every goal says of itself.
+    """The fields that every goal states.
 
     Attributes:
         question: for people.
         functions: number of functions under test that it is about.
-        bounded: whether it needs scores on both sides of the measure's bound.
+        bounded: True if it needs scores on both sides of the measure's bound.
     """
 
     question: ClassVar[str]
@@ -164,7 +164,7 @@ GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank
 
 
 class Budget(Document):
-    """What a study may spend. It ends where the first of these is reached.
+    """Limits of a study, which ends when it reaches the first of them.
 
     Attributes:
         variants: legal variants; rejected ones cost nothing and do not count.
@@ -183,7 +183,7 @@ class Budget(Document):
 
 
 class StopRule(Document):
-    """When the answer is good enough.
+    """The precision at which a study ends.
 
     Attributes:
         width: full width of the assumption-free interval of ``estimate``. The study looks after every batch, so each look
@@ -363,7 +363,7 @@ class Outcomes(Document):
 
 
 class StudyResult(Document):
-    """What a study knows.
+    """The result of a study.
 
     Attributes:
         sentences: in words.

@@ -1,1 +1,1 @@
-"""From the document of a study to its strategy, its runs and its scores: pure functions, no database, no queue."""
+"""Turn the document of a study into its strategy, its runs and its scores; without database or queue."""

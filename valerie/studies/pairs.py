@@ -1,4 +1,4 @@
-"""A minimal pair without a failing variant at hand: first find one, or check the two that are given."""
+"""Find a minimal pair without known verdicts: draw variants until one fails and one passes, or check two given ones."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _GIVEN: Final = "The two given variants: does one fail, and does the other pass?
 
 
 class ExplainFromScratch:
-    """The strategy that looks for a failing and a passing variant, then for the minimal pair between them.
+    """Strategy that finds a failing and a passing variant, then the minimal pair between them.
 
     The failing variant is the one with the lowest score; the passing one differs least from it, in quantiles.
 
     Args:
         domain: of the variants.
-        pair: a failing and a passing point, (dimensions,) each; None: they are sought.
+        pair: a failing and a passing point, (dimensions,) each; None: the strategy searches for them.
         at_least: scores below it fail.
-        seed: of the points that are drawn.
+        seed: seeds the drawn points.
         batch: number of variants that can be evaluated at the same time.
     """
 
@@ -49,7 +49,7 @@ class ExplainFromScratch:
         """Return the next variants to evaluate."""
         if self._explain is not None:
             return self._explain.ask(count)
-        nothing = np.empty((0, self.domain.dimensions))
+        no_points = np.empty((0, self.domain.dimensions))
         if not self._given:
             rng = np.random.default_rng([self.seed, len(self._points)])
             self._points.append(self.domain.snapped(self.domain.draw(rng, count)))
@@ -57,14 +57,14 @@ class ExplainFromScratch:
         if self._wanted is None:
             waits = "The search begins when the verdicts of the given variants are known."
             refused = f"The given variants do not fail and pass: their scores are {self._told()}, and {self.at_least:g} passes."
-            return Proposal(nothing, waits if len(self._open) else refused)
+            return Proposal(no_points, waits if len(self._open) else refused)
         now, left = self._wanted[:count], self._wanted[count:]
         self._wanted = left if len(left) else None
         self._points.append(now)
         return self._open.add(now, _GIVEN)
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
-        """Take the scores of the oldest batch that has none."""
+        """Add the scores of the oldest open batch."""
         if self._explain is not None and not len(self._open):
             self._explain.tell(points, scores)
             return

@@ -50,7 +50,7 @@ _SHOWN: Final = 6
 
 
 class StoredBatch(Protocol):
-    """What a pursuit needs of a stored batch."""
+    """The part of a stored batch that a pursuit reads."""
 
     @property
     def count(self) -> int:
@@ -69,7 +69,7 @@ class StoredBatch(Protocol):
 
 
 class Pursuit:
-    """A strategy and how far it is.
+    """A strategy and its progress through the batches of a study.
 
     Args:
         study: the study.
@@ -85,7 +85,7 @@ class Pursuit:
         self._batches: list[UnitPoints] = []
 
     def follow(self, batches: Sequence[StoredBatch], *, everything: bool = False) -> None:
-        """Take the strategy through the stored batches; those that it knows are not repeated.
+        """Replay the stored batches that the strategy does not know yet.
 
         Args:
             batches: all of the study, in order.
@@ -105,7 +105,7 @@ class Pursuit:
             self._tell(batches, len(batches))
 
     def ask(self, batches: Sequence[StoredBatch], count: int) -> Proposal:
-        """Return the next batch after telling what it may rest on.
+        """Tell the strategy the outcomes that the next batch may depend on, and return that batch.
 
         Args:
             batches: all of the study; those up to two before the next have outcomes, or are empty.
@@ -118,7 +118,7 @@ class Pursuit:
         return proposal
 
     def tell_due(self, batches: Sequence[StoredBatch]) -> None:
-        """Tell all that the next batch rests on; they have outcomes, or are empty."""
+        """Tell the strategy every batch that the next one depends on; each has outcomes or is empty."""
         self._tell(batches, self.asked - LAG + 1)
 
     def agrees(self, batches: Sequence[StoredBatch]) -> bool:
@@ -132,24 +132,24 @@ class Pursuit:
         return self._batches[number]
 
     def repeats(self, number: int) -> bool:
-        """Return whether a batch has a point that an earlier one had."""
+        """Return whether a batch repeats a point of an earlier one."""
         earlier = {point.tobytes() for points in self._batches[:number] for point in points}
         return any(point.tobytes() in earlier for point in self._batches[number])
 
     @property
     def waits(self) -> bool:
-        """True while a batch that was asked for is not told."""
+        """True while a proposed batch has no outcomes."""
         return any(len(points) for points in self._batches[self.told :])
 
     def result(self) -> StudyResult | None:
-        """Return what is known from all that was told; None while that is nothing."""
+        """Return the result from all outcomes so far; None before there is one."""
         known = self._known()
         if known is None:
             return None
         return StudyResult(sentences=known.sentences, numbers=_numbers(known), batches=self.told)
 
     def enough(self) -> str | None:
-        """Return why the stop rule ends the study; None while it does not."""
+        """Return the reason why the stop rule ends the study; None if it does not."""
         width, known = self.study.document.stop.width, self._known()
         if width is None or not isinstance(known, FailureRate):
             return None
@@ -265,7 +265,7 @@ def first_of(study: ResolvedStudy) -> int:
 
 
 def looks_of(study: ResolvedStudy) -> int:
-    """Return how often the stop rule may look at an estimate; 1 without one, since only the end is looked at."""
+    """Return the largest number of looks at an estimate; without a stop rule 1, at the end."""
     document = study.document
     if document.stop.width is None:
         return 1

@@ -47,7 +47,7 @@ class ShownPicture:
 
 @dataclass(frozen=True, slots=True)
 class ShownBatch:
-    """A line of the table of batches; numbers are empty while they are unknown."""
+    """A row of the table of batches; unknown numbers are empty."""
 
     number: int
     run: str
@@ -61,7 +61,7 @@ class ShownBatch:
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """Everything that the page shows, as text for people.
+    """The content of the page, as text.
 
     Attributes:
         boundary: a slice of a map; None for the other goals.
@@ -87,8 +87,9 @@ class StudyReport:
 def build_report(source: StudyReport) -> str:
     """Write the page; equal input gives equal text."""
     style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
-    template = _environment().get_template("study.html.j2")
-    return template.render(source=source, style=style, cells=CELLS, colours=_COLOURS)
+    return (
+        _environment().get_template("study.html.j2").render(source=source, style=style, cells=CELLS, colours=_COLOURS)
+    )
 
 
 @cache

@@ -1,4 +1,4 @@
-"""A study on its asset: the operational domain, the specs of its runs, the scores of its variants."""
+"""A study resolved against its asset: operational domain, specs of its runs, scores of its variants."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from valerie.runs.where import Where, choices_of, compile_where
 
 @dataclass(frozen=True, slots=True)
 class ResolvedStudy:
-    """A study whose names are looked up.
+    """A study whose names are resolved.
 
     Attributes:
         document: the study.
         run: its spec, resolved.
-        domain: its parameters and the distributions in which they occur.
-        measure: what becomes the score of a variant.
-        where: the rows that count; None: all.
+        domain: its parameters and their distributions.
+        measure: the score of a variant.
+        where: selects the rows that count; None: all.
     """
 
     document: StudyDocument
@@ -48,9 +48,9 @@ class ResolvedStudy:
 
         Args:
             points: (n, dimensions) of the batch.
-            number: of the batch, from 0.
-            parent: the run of the batch before it.
-            seed: of what is random in this run.
+            number: number of the batch, from 0.
+            parent: id of the run of the batch before it.
+            seed: seeds this run.
         """
         values: list[dict[str, Value]] = [self.domain.values(point) for point in points]
         return self.document.spec.model_copy(
@@ -76,7 +76,7 @@ class ResolvedStudy:
         for row in rows:
             if self.where is not None and not self.where.holds(row):
                 continue
-            if not self.measure.statistic.of_persons:  # a frame counts once however many persons it shows
+            if not self.measure.statistic.of_persons:  # count each frame once, however many persons it shows
                 frame = (row["frame_id"], row["sensor"], row["function"])
                 if frame in seen:
                     continue
@@ -91,7 +91,7 @@ class ResolvedStudy:
 
 
 def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
-    """Look up the names of a study.
+    """Resolve the names of a study.
 
     Args:
         document: the study.

@@ -1,4 +1,4 @@
-"""Studies: plan, begin, list, read, look at the next batch, accept it, change the mode, stop, resume."""
+"""Studies: plan, begin, list, read, preview and accept the next batch, change the mode, stop, resume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers about what a spec may name, the columns of results, and the processes at work."""
+"""Answers about the names that a spec may use, the columns of results, and the running processes."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_the_flux_of_a_lamp_is_its_light_over_all_directions(inner: float, outer
     if outer == math.pi:
         share[:] = 1.0
     lumen = 200.0 * float((share * np.sin(angle)).sum()) * 2.0 * math.pi * math.pi / 100_000
-    assert np.array(lamp.flux) @ LUMINANCE == pytest.approx(lumen * LUX, rel=1e-3)
+    assert np.array(lamp.flux) @ LUMINANCE == pytest.approx(lumen * LUX, rel=1e-6)
 
 
 @pytest.mark.parametrize(("switch", "field"), [("street", "street_lamps"), ("car", "car_lamps")])

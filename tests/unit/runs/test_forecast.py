@@ -4,13 +4,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.world.boxes import traffic
 from valerie.runs.costs import Basis, Cost, CostKey, CostTable
 from valerie.runs.forecast import Plan, plan
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.runs.states import ProductKind
-from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.legality.rejection import rejection_reason
 
@@ -48,14 +48,13 @@ def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
 
 
 def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: Pins) -> None:
-    street, _ = asset_manifest("urban-street")
-    places = {"car-101.pos.x": {"choice": [-3, 2.5]}, "car-101.pos.y": {"choice": [20, 40, 57]}}
-    run = resolved(street, vary=places, constants={"car-101.kind": "suv", "person-1.pos.x": 2.5})
+    places = {"car-1.pos.x": {"choice": [0, 4.6]}, "car-1.pos.y": {"choice": [9, 20, 30]}}
+    run = resolved(traffic(), vary=places, constants={"bicycle-1.visible": True})
     found = plan(run, pins=pins)
     assert found.rejected == {
-        "person-1 stands inside car-101": 1,
-        "car-101 leaves its level ground": 3,
-        "car-101 stands inside bicycle-100": 1,
+        "person-1 stands inside car-1": 1,
+        "car-1 leaves its level ground": 3,
+        "car-1 and bicycle-1 overlap": 1,
     }
     assert found.accepted == 1
 

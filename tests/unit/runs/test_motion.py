@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
+from tests.world.boxes import traffic
 from valerie.errors import InvalidInputs
 from valerie.runs.forecast import plan
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
-from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.motion.trajectory import TIME_PATH, Trajectory
 
@@ -92,13 +92,12 @@ def test_a_variant_is_legal_only_if_every_moment_is(street: Manifest) -> None:
 
 
 def test_a_car_that_meets_a_cyclist_on_its_way_is_rejected_with_the_moment() -> None:
-    street, _ = asset_manifest("urban-street")
-    way = {"car-101": [["0 s", 2.5, 40], ["4 s", 2.5, 20]]}
-    shown = {"car-101.kind": "sedan", "bicycle-101.visible": True, "bicycle-101.pos.y": 30, "person-1.pos.x": 7}
-    resolved = run(street, sequence=[5, "1 s"], trajectories=way, constants=shown)
+    boxes = traffic(movable=["scene.person-1", "scene.person-2", "scene.car-1"])
+    way = {"car-1": [["0 s", 0, 40], ["4 s", 0, 20]]}
+    resolved = run(boxes, sequence=[5, "1 s"], trajectories=way, constants={"bicycle-1.visible": True})
     (variant,) = resolved.space
-    assert resolved.rejection(variant.values) == "car-101 and bicycle-101 overlap at 2 s"
-    alone = run(street, sequence=[5, "1 s"], trajectories=way, constants={**shown, "bicycle-101.visible": False})
+    assert resolved.rejection(variant.values) == "car-1 and bicycle-1 overlap at 2 s"
+    alone = run(boxes, sequence=[5, "1 s"], trajectories=way, constants={"bicycle-1.visible": False})
     assert alone.rejection(next(iter(alone.space)).values) is None
 
 

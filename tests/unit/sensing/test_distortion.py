@@ -37,8 +37,8 @@ def test_the_map_is_that_of_opencv(d: Distortion) -> None:
     expected = cv2.undistortPoints(
         places, camera(FOCAL * source.zoom), opencv(d), R=None, P=camera(FOCAL), criteria=criteria
     ).reshape(HEIGHT, WIDTH, 2)
-    np.testing.assert_allclose(source.x, expected[..., 0], atol=0.01)
-    np.testing.assert_allclose(source.y, expected[..., 1], atol=0.01)
+    np.testing.assert_allclose(source.x, expected[..., 0], atol=1e-3)
+    np.testing.assert_allclose(source.y, expected[..., 1], atol=1e-3)
 
 
 @pytest.mark.parametrize("d", CASES)
@@ -53,8 +53,10 @@ def test_opencv_undistorts_the_distorted_image_back_to_the_pinhole_image(d: Dist
     inside = (back_x > 1) & (back_x < WIDTH - 2) & (back_y > 1) & (back_y < HEIGHT - 2)
     assert inside.mean() > 0.3
     rows, columns = np.nonzero(inside)
-    np.testing.assert_allclose(again_x[inside], columns, atol=0.06)
-    np.testing.assert_allclose(again_y[inside], rows, atol=0.06)
+    # Between samples of a smooth map, linear interpolation is off by up to an eighth of the second difference along each axis.
+    bend = max(float(np.abs(np.diff(at, 2, axis)).max()) for at in (source.x, source.y) for axis in (0, 1))
+    np.testing.assert_allclose(again_x[inside], columns, atol=bend / 4 + 1e-3)
+    np.testing.assert_allclose(again_y[inside], rows, atol=bend / 4 + 1e-3)
 
 
 @given(coefficients, st.floats(40.0, 2000.0))

@@ -29,8 +29,9 @@ def test_a_moving_square_blurs_beyond_its_edges_and_shows_the_wall_at_both_ends(
     blurred = collect_light(light, movement, 0.1)[30, :, 0]
     # Ten pixels: the box of the square, 50 … 70, is blurred by a box ten wide.
     edges = np.clip(np.minimum(np.arange(WIDTH) + 0.5 - 45.0, 75.0 - (np.arange(WIDTH) + 0.5)) / 10.0, 0.0, 1.0)
-    assert blurred == pytest.approx(edges, abs=0.08)
-    assert blurred.sum() == pytest.approx(20.0, rel=0.02)
+    # Eleven moments give steps of 1/11, off by half of one.
+    assert blurred == pytest.approx(edges, abs=0.5 / 11)
+    assert blurred.sum() == pytest.approx(20.0, rel=1e-5)
     assert np.array_equal(blurred[:44], np.zeros(44))
 
 

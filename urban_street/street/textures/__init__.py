@@ -1,1 +1,1 @@
-"""Procedural textures of the street: every pixel is made from seeded noise."""
+"""Procedural textures of the street, made from seeded noise."""

@@ -19,7 +19,7 @@ ROAD_TILE = (6.6, 13.2)
 #: Metres that the paving texture covers, across (house to kerb) and along.
 PAVING_TILE = (2.6, 3.2)
 _SIZE = 1024
-#: Roughness of asphalt that is old, polished by tyres, fresh; of what lies on it or in it; of iron and its dirty parts.
+#: Roughness of old, polished and fresh asphalt, of things on and in it, of iron and its dirty parts.
 _OLD, _POLISHED, _FRESH = 0.92, 0.76, 0.82
 _OILY, _BITUMEN, _PAINT, _JOINT = 0.68, 0.62, 0.74, 0.96
 _IRON, _DIRT = 0.50, 0.92
@@ -66,7 +66,7 @@ def asphalt(
     Args:
         rng: source of everything.
         zebra: paint a crossing in the middle and no lane marks beside it.
-        lane: where the edges of the driving lanes are, metres from the left kerb, one more than there are lanes;
+        lane: edges of the driving lanes, metres from the left kerb, one more than there are lanes;
             empty for a road without lanes or markings.
         width: metres from kerb to kerb.
     """
@@ -123,7 +123,7 @@ def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field)
 
 
 def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *, zebra: bool) -> Field:
-    """Return (H, W) 0…1 where markings are."""
+    """Return the cover of markings, (H, W) in 0…1."""
     if zebra:
         return _zebra_paint(across, along, width)
     return _lane_paint(across, along, lane) if lane else np.zeros((_SIZE, _SIZE), np.float32)
@@ -271,8 +271,8 @@ def _zebra_paint(across: Field, along: Field, width: float) -> Field:
 def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:
     """Return (1024, 1024, 3) normals that belong to one road picture.
 
-    They hold the aggregate, and grooves where the picture has cracks, seams, joints and the edges of lids: what is much
-    darker than its surroundings within a hand's breadth lies lower, by up to 5 mm; markings lie a little higher.
+    They show the aggregate, and grooves at cracks, seams, joints and the edges of lids. Pixels much darker than their
+    surroundings within a hand's breadth lie up to 5 mm lower; markings lie a little higher.
 
     Args:
         color: as `asphalt` makes it.

@@ -8,26 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.rows.binning import bin_edges
-from valerie.analysis.rows.frame_counts import characters, frame_counts, present
+from valerie.analysis.rows.frame_counts import frame_counts, present
+from valerie.analysis.rows.pairing import parts_of, row_keys
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.metrics.collection import CollectionScores
 from valerie.plain import JsonObject
 from valerie.statistics.gates import SliceComparison, compare_versions
 
-_DISTANCE_BIN_M: Final = 10.0
-_OCCLUSION: Final = (
-    ("not occluded (≤ 5 %)", -1.0, 0.05),
-    ("occluded 5–50 %", 0.05, 0.5),
-    ("occluded > 50 %", 0.5, 1.0),
-)
 #: Largest expected share of false ones among the groups named better, and among those named worse.
 _FALSE_DISCOVERIES: Final = 0.025
 #: Smallest change of a pooled score that counts as better or worse: one percentage point.
@@ -233,45 +226,6 @@ def compare(
     }
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)
     return Comparison(tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall)
-
-
-def row_keys(table: EvaluationTable) -> list[tuple[str, int | None]]:
-    """Return (frame, instance) of every row; versions are comparable if these are equal, row by row."""
-    frames, instances = table.arrow["frame_id"].to_pylist(), table.arrow["instance_id"].to_pylist()
-    return list(zip(frames, instances, strict=True))
-
-
-def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
-    """Return the tables reduced to the rows that all have, in the order of the first.
-
-    Args:
-        tables: one function and one sensor setting each.
-    """
-    keys = [row_keys(table) for table in tables]
-    common = set(keys[0]).intersection(*keys[1:])
-    order = [key for key in keys[0] if key in common]
-    reduced = []
-    for table, own in zip(tables, keys, strict=True):
-        row = {key: i for i, key in enumerate(own)}
-        reduced.append(EvaluationTable(table.arrow.take([row[key] for key in order]), table.parameters, table.designs))
-    return reduced
-
-
-def parts_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
-    """Return the groups by distance, occlusion, character and camera: name to (N,) bool."""
-    parts: dict[str, NDArray[np.bool_]] = {}
-    distance, occlusion = table.numbers("distance_m"), table.numbers("occlusion_rate")
-    defined = np.isfinite(distance) & np.isfinite(table.numbers("pacc"))
-    if defined.any():
-        edges = bin_edges(float(distance[defined].min()), float(distance[defined].max()), _DISTANCE_BIN_M)
-        for low, high in pairwise(edges):
-            parts[f"distance {low:g}–{high:g} m"] = (distance >= low) & (distance < high)
-    for name, low, high in _OCCLUSION:
-        parts[name] = (occlusion > low) & (occlusion <= high)
-    for kind, names in (("character", characters(table)), ("camera", table.codes("camera").names)):
-        if len(names) > 1:
-            parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
-    return parts
 
 
 def differences_of(

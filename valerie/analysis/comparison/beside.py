@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from valerie.analysis.claims.claims import Claim, Claims, Entry, Outcome, write_ledger
 from valerie.analysis.claims.claims import Difference as ClaimedDifference
-from valerie.analysis.comparison.before_after import Difference, differences_of, parts_of
+from valerie.analysis.comparison.before_after import Difference, differences_of
 from valerie.analysis.findings.findings import Finding
+from valerie.analysis.rows.pairing import RowKey, paired_rows, parts_of, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import OF_FUNCTION, names_from
@@ -200,7 +201,7 @@ def put_beside(
     Raises:
         InvalidInput: they share no scene, function and person with a score.
     """
-    rows_here, rows_there = _paired(here, there)
+    rows_here, rows_there = paired_rows(_keys(here, there), _keys(there, here))
     if not len(rows_here):
         raise InvalidInput(
             "the runs share no scene that both scored with the same function",
@@ -208,8 +209,8 @@ def put_beside(
             value=there.run_id,
             limit="a run of the same variants",
         )
-    one = _taken(here.table, rows_here)
-    other = _taken(there.table, rows_there)
+    one = rows_taken(here.table, rows_here)
+    other = rows_taken(there.table, rows_there)
     # The same rows with the other run's scores: every factor and place is the same, whatever the other run varied.
     scored = one.arrow
     for name in _OWN_COLUMNS:
@@ -230,29 +231,16 @@ def put_beside(
     )
 
 
-def _paired(here: Side, there: Side) -> tuple[list[int], list[int]]:
-    """Return the rows of both runs that are about the same person, scene, sensor setting and function."""
-    keys = _keys(here, there)
-    place = {key: row for row, key in enumerate(_keys(there, here))}
-    rows = [(row, place[key]) for row, key in enumerate(keys) if key in place]
-    return [row for row, _ in rows], [row for _, row in rows]
-
-
-def _keys(side: Side, other: Side) -> list[tuple[str, str, str, int | None]]:
+def _keys(side: Side, other: Side) -> list[RowKey]:
     """Return what names each row; a single sensor setting, and a single function, may have another name in the other run."""
     table = side.table
-    names = []
+    names: list[list[str]] = []
     for column in ("function", "sensor"):
         alone = all(len(each.table.codes(column).names) == 1 for each in (side, other))
         texts = table.arrow[column].to_pylist()
         # Versions of one function are the same function.
         names.append([""] * len(texts) if alone else [text.partition("@")[0] for text in texts])
-    instances = table.arrow["instance_id"].to_pylist()
-    return list(zip(side.scenes.tolist(), names[0], names[1], instances, strict=True))
-
-
-def _taken(table: EvaluationTable, rows: list[int]) -> EvaluationTable:
-    return EvaluationTable(table.arrow.take(rows), table.parameters, table.designs)
+    return row_keys(table, *names, frames=side.scenes.tolist())
 
 
 def _functions(

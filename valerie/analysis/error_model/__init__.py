@@ -1,1 +1,1 @@
-"""The probability of a miss, and quantiles of pACC, for a planner's simulation."""
+"""Model the probability of a miss and quantiles of pACC for a planner's simulation."""

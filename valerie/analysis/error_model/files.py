@@ -49,7 +49,7 @@ class ModelCard(_Document):
 
     Attributes:
         function: its name.
-        file: its ONNX file; None where the model is not calibrated well enough to be used.
+        file: its ONNX file; None if the model is not calibrated well enough.
         columns: of the queries, in order.
         miss_rate: share of the training rows that are misses.
         rows, places: held-out rows inside the support, and their places.
@@ -58,7 +58,7 @@ class ModelCard(_Document):
         quantile_shares: share of held-out rows up to each quantile.
         quantile_error: mean distance of these from their levels.
         inside: share of held-out rows inside the support of the other places.
-        sentence: about the calibration, for people.
+        sentence: about the calibration.
         onnx_difference: largest difference between the answers of the file and the model; None without a file.
         reliability: bins of the reliability diagram.
     """
@@ -82,18 +82,18 @@ class ModelCard(_Document):
 
 
 class ErrorModelCard(_Document):
-    """What the files of a run's error models are, and where they hold.
+    """Card of a run's error models: their files, calibration and limits.
 
     Attributes:
         run, table: id of the run, and the digest of its long table without ids, as in the evidence of the run.
         threshold: a person with pACC below it is a miss.
         levels: of the quantiles of pACC.
         limit: largest calibration error of a model with a file.
-        conditions: what the run held constant; nothing is known about other values.
-        statement: where the models hold, for people.
+        conditions: values that the run held constant; the models say nothing about others.
+        statement: where the models hold.
         models: of the functions that have one.
         refusals: function to the reason why it has none.
-        left_out: column to the reason why no model is asked by it.
+        left_out: column to the reason why no model uses it.
     """
 
     run: str
@@ -123,10 +123,10 @@ def error_model_files(
         run: its id.
         table: digest of its long table.
         threshold: of misses.
-        conditions: path to value in words, of what the run held constant.
+        conditions: path to value, as text, of constant parameters.
 
     Raises:
-        CorruptArtifact: an ONNX file does not answer as its model.
+        CorruptArtifact: an ONNX file and its model differ.
         MissingDependency: matplotlib or onnxruntime is not installed.
     """
     files: dict[str, bytes] = {}
@@ -209,7 +209,7 @@ def _cell_table(model: ErrorModel) -> pa.Table:
 
 
 def _queries(model: ErrorModel) -> np.typing.NDArray[np.float64]:
-    """Return queries for the check: cells, points between them and the range, and points beyond it."""
+    """Return queries for the check: centres of cells, points in the range, and points beyond it."""
     rng = np.random.default_rng(0)
     low, high = np.transpose(model.ranges)
     beyond = rng.uniform(2 * low - high, 2 * high - low, (200, len(low)))
@@ -230,8 +230,8 @@ def reliability_diagram(models: tuple[ErrorModel, ...]) -> bytes:
     for axes, model in zip(figure.subplots(1, len(models), squeeze=False)[0], models, strict=True):
         bins = model.misses.bins
         axes.plot([0, 100], [0, 100], color=RULE, linewidth=1.5, zorder=0)
-        sizes = [20 + 400 * one.rows / model.misses.rows for one in bins]
-        predicted, observed = [100 * one.predicted for one in bins], [100 * one.observed for one in bins]
+        sizes = [20 + 400 * point.rows / model.misses.rows for point in bins]
+        predicted, observed = [100 * point.predicted for point in bins], [100 * point.observed for point in bins]
         axes.plot(predicted, observed, color="#0072B2", linewidth=1, zorder=1)
         axes.scatter(predicted, observed, s=sizes, color="#0072B2", alpha=0.7, linewidths=0, zorder=2)
         axes.set_title(

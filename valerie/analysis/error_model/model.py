@@ -1,5 +1,5 @@
-"""A perception-error model of each function of a run: how likely a miss is, and how pACC is distributed, for a person seen
-at some distance, occlusion, size and light.
+"""Fit a perception-error model of each function of a run: the probability of a miss and the distribution of pACC, given a
+person's distance, occlusion, size and light.
 
 The model is a distribution regression (Chernozhukov, Fernández-Val and Melly 2013, doi:10.3982/ECTA10582): for each of
 several bounds of pACC, a logistic regression gives the probability that pACC is lower. Its terms are piecewise linear in
@@ -7,7 +7,7 @@ each column, and products of these for pairs of columns where held-out places fa
 that they form a distribution (Chernozhukov, Fernández-Val and Galichon 2010, doi:10.3982/ECTA7880); its quantiles and the
 probability of a miss follow from it and never contradict each other.
 
-All figures of a model come from whole places that its fit, its terms and its penalty never saw.
+All figures of a model come from whole places that took no part in its fit or in the choice of its terms and penalty.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from valerie.errors import InvalidInput, MissingDependency
 from valerie.measures import measure_of
 from valerie.statistics.calibration import Calibration, calibration, quantile_shares
 
-#: Columns that a model is asked by, where the run has them for every person and they vary.
+#: Columns of the queries by default; a column that does not vary or lacks values is left out.
 GIVEN: Final = ("distance_m", "occlusion_rate", "pixel_area_percent", "irradiance", "contrast")
 #: Levels of the quantiles of pACC.
 LEVELS: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Largest calibration error of a model that may be used.
 LIMIT: Final = 0.02
-#: Fewer places cannot be split into folds that say anything.
+#: Fewest places for a meaningful split into folds.
 MIN_PLACES: Final = 40
-#: Places with a miss, and places without, below which nothing can be learnt of misses.
+#: Fewest places with a miss, and fewest without, for a fit.
 MIN_OF_EACH: Final = 10
-#: Rows that models are fitted to; of more, whole places are drawn.
+#: Most rows of a fit; from more, whole places are drawn.
 MAX_ROWS: Final = 40_000
 #: pACC within this of 0 or 1 is the lowest, or the highest, step of the distribution.
 _END: Final = 0.005
@@ -46,7 +46,7 @@ _END: Final = 0.005
 ROUNDING: Final = 1e-9
 #: Bounds of pACC whose probabilities make the distribution; the threshold of misses joins them.
 _BOUNDS: Final = (_END, *(round(0.05 * k, 2) for k in range(1, 20)), 1 - _END)
-#: Share of held-out rows that the support of other places is to hold.
+#: Share of held-out rows that the support of the other places must hold.
 _HELD: Final = 0.95
 #: Cells of the support, over the middle 98 % of a column's values, and in all.
 _CELLS: Final = 20
@@ -60,7 +60,7 @@ _PENALTIES: Final = (1e-3, 1e-2, 1e-1, 1.0)
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
-#: Takes a sentence for people while models are fitted.
+#: Receives messages while models are fitted.
 Progress = Callable[[str], None]
 
 
@@ -91,8 +91,8 @@ class Terms:
     """Terms of the regression: each column, its rises above knots, and products of two of these.
 
     Attributes:
-        low, high: (F,) range of the training rows; beyond it the columns count as its ends.
-        middle, scale: (F,) that a column is centred by, and divided by.
+        low, high: (F,) range of the training rows, to which queries are clipped.
+        middle, scale: (F,) offset and divisor of each column.
         of: (K,) column of each knot.
         knots: (K,) in the units of the columns.
         first, second: (P,) factors of each product, as positions among the F + K terms before the products.
@@ -123,7 +123,7 @@ class Prediction:
         miss: (N,) probability that pACC is below the threshold.
         below: (N, B) probabilities that pACC is below each bound of the fit, ascending.
         quantiles: (N, L) quantiles of pACC at `LEVELS`, ascending.
-        inside: (N,) False where the model would extrapolate; its other answers then mean nothing.
+        inside: (N,) False where the model would extrapolate; do not use its other answers there.
     """
 
     miss: Floats
@@ -173,9 +173,9 @@ class ErrorModel:
     Attributes:
         function: its name.
         threshold: a person with pACC below it is a miss.
-        columns: (F,) that queries give, in this order.
+        columns: (F,) names of the columns of a query, in order.
         ranges: least and largest value of each column in the training rows.
-        fit: what answers.
+        fit: the fitted distribution.
         misses: calibration of the miss probability, on held-out rows inside the support of the other places.
         quantile_shares: (L,) share of these rows up to each quantile (`valerie.statistics.calibration.quantile_shares`).
         inside: share of held-out rows inside the support of the other places.
@@ -204,12 +204,12 @@ class ErrorModel:
 
     @property
     def places_needed(self) -> int:
-        """Number of further places that would bring the error on new places down to `LIMIT`; 0 where it is."""
+        """Number of further places that would bring the error on new places down to `LIMIT`; 0 if it is there."""
         return max(self.misses.places_for(LIMIT) - self.misses.places, 0)
 
     @property
     def sentence(self) -> str:
-        """What the calibration shows, for people."""
+        """The calibration in words."""
         misses = self.misses
         text = (
             f"calibration error of misses {misses.error:.1%} on held-out places, at most about {misses.on_new_places:.1%}"
@@ -218,7 +218,7 @@ class ErrorModel:
         if self.places_needed:
             text += f"; {self.places_needed:,} more places would bring the error on new places to {LIMIT:.0%}"
         if misses.error > LIMIT and misses.error > 2 * misses.chance:
-            text += ", unless it is due to what the columns leave out: it is more than chance makes"
+            text += ", unless it comes from influences outside the columns: chance alone makes less"
         return text
 
     def predict(self, queries: ArrayLike) -> Prediction:
@@ -240,7 +240,7 @@ class ErrorModels:
     Attributes:
         models: of functions that have one, usable or not.
         refusals: function to the reason why it has none.
-        left_out: columns that were asked for, to the reason why no model uses them.
+        left_out: requested column to the reason why no model uses it.
     """
 
     models: tuple[ErrorModel, ...]
@@ -263,9 +263,9 @@ def fit_error_models(
     Args:
         table: the run's evaluations.
         threshold: a person with pACC below it is a miss, 0 < threshold ≤ 1.
-        given: columns that queries will give.
+        given: columns of the queries.
         seed: of the folds.
-        progress: is told what is being fitted.
+        progress: receives a message before each fit.
 
     Raises:
         UnknownName: there is no such column.
@@ -281,7 +281,7 @@ def fit_error_models(
     known = np.isfinite(pacc)
     columns, left_out = _usable_columns(table, known, given)
     if not columns:
-        raise InvalidInput("no column is left that a model could be asked by", field="given", value=left_out)
+        raise InvalidInput("no usable column is left", field="given", value=left_out)
     x = np.column_stack([table.numbers(name) for name in columns])
     models, refusals = [], {}
     for name in functions.names:
@@ -333,7 +333,11 @@ class _Data:
             places = len(np.unique(self.places[rows]))
             if places < MIN_OF_EACH:
                 needed = MIN_OF_EACH - places
-                more = f"about {ceil(count * needed / places):,} more places would do" if places else "none is in sight"
+                more = (
+                    f"about {ceil(count * needed / places):,} more places would do"
+                    if places
+                    else "no such place was seen"
+                )
                 return f"{places} of {count} places {what} are too few, {MIN_OF_EACH} are needed: {more}"
         return ""
 
@@ -371,7 +375,7 @@ def _fit(data: _Data, seed: int) -> Fit:
         raise MissingDependency("error models need scikit-learn: install valerie[guided]") from error
 
     def regression(x: Floats, lower: Rows, penalty: float) -> tuple[Floats, float]:
-        if lower.all() or not lower.any():  # as if half a row had been of the other kind
+        if lower.all() or not lower.any():  # as if half a row were of the other kind
             return np.zeros(x.shape[1]), float(np.log((lower.sum() + 0.5) / ((~lower).sum() + 0.5)))
         fitted = LogisticRegression(C=1 / (penalty * len(x)), solver="newton-cholesky").fit(x, lower)
         return fitted.coef_[0], float(fitted.intercept_[0])

@@ -21,7 +21,7 @@ _IR: Final = 9
 
 
 def to_onnx(model: ErrorModel) -> bytes:
-    """Return the file; equal models give equal bytes."""
+    """Return the ONNX file of a model; equal models give equal bytes."""
     graph, fit, terms = _Graph(), model.fit, model.fit.terms
     within = graph.add("Min", graph.add("Max", "queries", terms.low), terms.high)
     centred = graph.add("Div", graph.add("Sub", within, terms.middle), terms.scale)

@@ -1,6 +1,6 @@
 """Scores of a run over all classes, not persons alone: IoU class by class and its mean, as networks are usually compared.
 
-A function that knows fewer than the 19 classes is judged by those that it knows. Whoever shows its means names these.
+A function that knows fewer than the 19 classes is judged by those that it knows. Every page that shows its means names these.
 """
 
 from __future__ import annotations

@@ -4,27 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from valerie.analysis.rows.pairing import frames_of_any_run, levels_of, paired_rows, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.errors import Conflict, InvalidInput, UnknownName
-from valerie.measures import measure_of
-from valerie.parameters.paths import short_name
 from valerie.plain import JsonObject
 from valerie.runs.pins import Pins
 from valerie.runs.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions
 from valerie.statistics.verdicts import Outcome
 
-#: Width of the distance bands that are slices, metres.
-_BAND_M: Final = 10.0
-#: A parameter with more levels than this is cut into so many parts of about equally many rows.
-_MOST_LEVELS, _PARTS = 8, 4
 #: Fields of a spec in which two runs on the same frames may differ.
 _FREE: Final = frozenset(
     {"name", "description", "functions", "requirements", "detection_threshold", "parent_run", "iteration"}
@@ -219,59 +212,22 @@ def _compare(
     before, after = (
         one.table.select(one.table.codes("function").where(name)) for one, name in ((other, reference), (run, version))
     )
-    keys_before, keys_after = _row_keys(before), _row_keys(after)
-    place_of = {key: row for row, key in enumerate(keys_before)}
-    rows = [(place_of[key], row) for row, key in enumerate(keys_after) if key in place_of]
-    old, new = np.array(rows, np.int64).reshape(-1, 2).T
-    matched = EvaluationTable(after.arrow.take(new), after.parameters, after.designs)
+    keys = [
+        row_keys(table, table.arrow["sensor"].to_pylist(), frames=frames_of_any_run(table)) for table in (after, before)
+    ]
+    new, old = paired_rows(*keys)
+    matched = rows_taken(after, new)
     compared = compare_versions(
         before.numbers("pacc")[old],
         matched.numbers("pacc"),
         matched.places,
-        _slices(matched),
+        {"all": np.ones(len(matched), np.bool_), **levels_of(matched)},
         threshold=run.spec.detection_threshold,
         effect=effect,
         false_discoveries=false_discoveries,
     )
     named = reference if other is run else f"{reference} of run {other.id}"
-    return VersionGate(version, named, compared, len(keys_before) + len(keys_after) - 2 * len(rows))
-
-
-def _row_keys(table: EvaluationTable) -> list[tuple[str, str, int | None]]:
-    """Return (frame without its run, sensor, instance) of every row."""
-    columns = (table.arrow[name].to_pylist() for name in ("frame_id", "sensor", "instance_id"))
-    return [(frame.partition(".")[2], sensor, instance) for frame, sensor, instance in zip(*columns, strict=True)]
-
-
-def _slices(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
-    """Return the slices that are compared: all rows, distance bands, and the levels of every varied parameter."""
-    slices = {"all": np.ones(len(table), np.bool_)}
-    distance = table.numbers("distance_m")
-    bands = np.floor(distance / _BAND_M)
-    for band in np.unique(bands[np.isfinite(bands)]).tolist():
-        text = measure_of("distance_m").range_text(band * _BAND_M, (band + 1) * _BAND_M)
-        slices[f"distance {text}"] = bands == band
-    for path, kind in table.parameters.items():
-        slices |= {f"{short_name(path)} {name}": rows for name, rows in _levels(table, path, kind).items()}
-    return slices
-
-
-def _levels(table: EvaluationTable, path: str, kind: str) -> dict[str, NDArray[np.bool_]]:
-    if kind == "CATEGORICAL":
-        codes = table.codes(path)
-        return {name: codes.where(name) for name in codes.names}
-    values = table.numbers(path)
-    levels = np.unique(values[np.isfinite(values)])
-    if kind == "BOOL":
-        return {("false", "true")[int(level)]: values == level for level in levels.tolist()}
-    if len(levels) <= _MOST_LEVELS:
-        return {f"{level:g}": values == level for level in levels.tolist()}
-    edges = np.unique(np.quantile(values[np.isfinite(values)], np.linspace(0, 1, _PARTS + 1)))
-    parts = {}
-    for low, high in pairwise(edges.tolist()):
-        below = values <= high if high == edges[-1] else values < high
-        parts[f"{low:.4g}…{high:.4g}"] = (values >= low) & below
-    return parts
+    return VersionGate(version, named, compared, len(before) + len(after) - 2 * len(new))
 
 
 def slice_text(item: SliceComparison, effect: float) -> str:

@@ -1,4 +1,4 @@
-"""The operator's list of addresses that workers may connect to; it is asked before every connection.
+"""The operator's list of addresses that workers may connect to. Every connection is checked against it.
 
 Whoever registers a function behind HTTP names its address, but the worker that calls it stands inside the operator's network.
 So the operator lists the addresses that may be called; the list is empty by default. An entry is one of
@@ -27,8 +27,8 @@ class Target(NamedTuple):
 
     Attributes:
         host, port, path: of the URL; ``path`` with its query.
-        address: the IP address that was allowed. Connecting to it, and not to the name again, keeps a changed name from
-            leading elsewhere.
+        address: the IP address that was allowed. The connection uses it instead of the name, so that a changed DNS entry
+            cannot redirect it.
         secure: True for TLS, with a check of the host's certificate.
     """
 
@@ -41,7 +41,7 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """One entry of the list; without a ``network`` it is the host by name; ``port`` 0 means any."""
+    """One entry of the list: a host by name, or a ``network``. ``port`` 0 means any."""
 
     host: str
     network: Network | None
@@ -58,7 +58,7 @@ def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[
 
 
 def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Target:
-    """Return the place that a URL leads to, if the operator allows it.
+    """Return the target of a URL if the operator allows it.
 
     Raises:
         InvalidInput: not an http or https URL with a host, a URL with user or fragment, or an address that is not on the list.
@@ -81,7 +81,7 @@ def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "option
 
 
 def parse_url(url: str, *, field: str = "options.url") -> tuple[str, int, str, bool]:
-    """Split a URL into host, port, path with query, and whether it asks for TLS.
+    """Split a URL into host, port, path with query, and a flag that is True for https.
 
     Raises:
         InvalidInput: not an http or https URL with a host, or a URL with user or fragment.

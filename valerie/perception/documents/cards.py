@@ -16,9 +16,9 @@ _ANSWERS: Final = {"logits": "logits", "probabilities": "probabilities", "labels
 
 
 def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> list[Row]:
-    """Return title and text of all facts about a function, in the order in which people look for them.
+    """Return title and text of all facts about a function, the most important first.
 
-    Empty facts have no row. The machine that a function runs on and the version it is registered as are no facts about it.
+    Empty facts have no row. The function's machine and registered version are not listed.
 
     Args:
         card: of the function.
@@ -49,7 +49,7 @@ def _answers(part: OutputDocument) -> list[Row]:
 
 
 def _class_texts(part: OutputDocument) -> list[str]:
-    """Return the function's own classes; an arrow leads to the evaluated class if that has another name."""
+    """Return the names of the function's own classes, each with an arrow to the evaluated class where their names differ."""
     names = {label.train_id: label.name for label in TRAIN_LABELS} | {VOID: VOID_NAME}
     counted = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
     return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, counted, strict=True)]

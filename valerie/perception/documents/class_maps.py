@@ -1,8 +1,8 @@
-"""From a function's own classes to Cityscapes train ids: one lookup table per function, checked before anything runs.
+"""Lookup tables from a function's own classes to Cityscapes train ids, checked before anything runs.
 
-Each class of the function leads to the first of: its target in the class map (by name or by id), the Cityscapes class of the
-same name, nothing. A class that leads to nothing is *predicted void*: on a labelled pixel it counts as missed, and it is never
-a person by chance. So a function that tells only "person or not" maps one class and leaves the other.
+A class of the function takes its target from the class map (by name or by id), else it is the Cityscapes class of the same
+name. A class without either is *predicted void*: on a labelled pixel it counts as missed, and it is never a person by chance.
+So a function that distinguishes only "person or not" maps one class and leaves out the other.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ VOID_NAME: Final = "void"
 #: Ids of a function's classes are 0…254; 255 in its label map is void, as in Cityscapes.
 MAX_CLASSES: Final = 255
 
-#: Words in the class names of other data sets: of classes that are persons, and of riders, who are none.
+#: Words in the class names of other data sets that mean persons, and words that mean riders, which are not persons.
 _PERSON_WORDS: Final = ("person", "pedestrian", "people", "human", "walker")
 _RIDER_WORDS: Final = ("rider", "cyclist")
 

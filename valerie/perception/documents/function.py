@@ -1,4 +1,4 @@
-"""The document of a function under test: kind, payload, how it takes a frame, what its classes mean.
+"""The document of a function under test: kind, payload, input, and the meaning of its classes.
 
 The same document is the sidecar that a user writes, the body of a registration, a database column and a card. A function is
 this document and at most one payload file; both are addressed by content and never change. Nothing here imports torch.
@@ -102,7 +102,7 @@ class Payload(_Part):
 
 
 class InputDocument(_Part):
-    """The way from a frame to the network's input; see `valerie.perception.running.adaptation`.
+    """The conversion of a frame to the network's input; see `valerie.perception.running.adaptation`.
 
     Attributes:
         size: width and height of the network's input; None: the frame's.
@@ -154,7 +154,7 @@ class InputDocument(_Part):
 
 
 class OutputDocument(_Part):
-    """The network's output and its meaning.
+    """The network's output and the meaning of its classes.
 
     Attributes:
         kind: ``logits`` or ``probabilities`` (the largest channel wins, of equal ones the first), or ``labels`` (ids).
@@ -212,15 +212,15 @@ class FunctionDocument(_Part):
     """A function under test.
 
     Attributes:
-        name: by which specs call it.
+        name: in specs.
         kind: of the payload, or of the other source of predictions.
         payload: the one file; None for ``http`` and ``predictions``, which have none.
         architecture: of a ``network``: see `valerie.perception.networks.architectures`; of ``huggingface``: the model type.
         options: of its kind; see `valerie.perception.documents.options`.
-        input, output: how frames go in and labels come out.
-        engine: that runs it; if left out, the first that fits the kind.
+        input, output: conversion of frames to the network's input, and of its output to labels.
+        engine: runs it; by default the first that fits the kind.
         precision: requested; the real one is read back from the engine and is part of the numeric class.
-        provenance: free entries: source, licence, training data, figures, how it was checked.
+        provenance: free entries: source, licence, training data, figures, checks.
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]

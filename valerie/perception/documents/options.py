@@ -12,7 +12,7 @@ from valerie.perception.documents.addresses import parse_url
 
 
 class Options(BaseModel):
-    """Options of a kind that has none of its own."""
+    """Options of a kind without options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -44,7 +44,7 @@ class HttpOptions(Options):
         url: address to POST pictures to.
         timeout_s: seconds for the whole exchange, from the connection to the last byte.
         version: required value of the endpoint's header ``Function-Version``; empty: any. It is part of the digest: a new
-            network behind the same address is a new function only if this changes.
+            network behind the same address counts as a new function only if this value changes.
     """
 
     url: Annotated[str, Field(min_length=1, max_length=2000)]

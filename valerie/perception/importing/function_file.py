@@ -1,6 +1,6 @@
 """The file of a trained function: fp16 safetensors with its provenance in the header.
 
-The format is data only (a JSON header and raw tensors), so reading a file never runs anything. Nothing here imports torch:
+The format is data only (a JSON header and raw tensors), so reading a file never runs code. Nothing here imports torch, so
 every process can read names, cards and shapes.
 """
 

@@ -1,4 +1,4 @@
-"""Networks that are filled with stored tensors and ready to predict."""
+"""Networks with stored weights, ready to predict."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def load_network(path: Path) -> tuple[Network, FunctionHeader]:
             named).
     """
     header = read_header(path)
-    # Shapes come first: what does not fit is refused before its data are read.
+    # Shapes are checked first, so that a wrong file is refused before its data are read.
     expected = tensor_shapes(header.architecture)
     require_same_shapes(expected, header.shapes, field=path.name)
     return filled_network(header.architecture, read_tensors(path), field=path.name), header

@@ -1,4 +1,4 @@
-"""ONNX files from outside: one file, standard operators, nothing that loops, no tensor larger than its data.
+"""Checks of ONNX files from outside: one file, standard operators, no loops, no tensor larger than its data.
 
 An ONNX file is data, but it can name other files, operators of other libraries and endless loops. An inference engine would
 follow all of these. `valerie.pipeline.functions.import_child` bounds memory and time while a file is parsed; the bounds of
@@ -17,7 +17,7 @@ from google.protobuf.message import DecodeError, Message
 
 from valerie.errors import InvalidInput, NotFound
 
-#: Protobuf itself ends at 2 GB, and a network is held more than once while it is compiled.
+#: Protobuf's own limit is 2 GB, and compiling a network takes several copies of it.
 MAX_BYTES: Final = 1 << 30
 MAX_NODES: Final = 20_000
 #: Depth of graphs within graphs (the branches of If).
@@ -33,7 +33,7 @@ _ELEMENTS_PER_BYTE: Final = 4
 
 
 def read_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> onnx.ModelProto:
-    """Read an ONNX file and refuse what no function under test needs.
+    """Read an ONNX file and refuse features that no function under test needs.
 
     Args:
         path: the file.

@@ -1,7 +1,7 @@
-"""Programs of torch: loaded once, where an operator allows it, and converted to ONNX.
+"""Conversion of torch programs to ONNX. A program is loaded once, and only where the operator allows it.
 
-Both formats may run their maker's code while they are loaded, and there is no other way to read them. The exported graph, which
-is kept, is data.
+Loading either format may run its author's code, and there is no other way to read it. The exported graph, which is kept, is
+data.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
 
 
 class _Exported(torch.nn.Module):
-    """An exported program without submodules: the exporter asks every submodule for its mode, and a program's have none."""
+    """A wrapper that hides a program's submodules: the exporter asks every submodule for its mode, and these have none."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
 """DeepLabV3+ on a dilated ResNet (Chen et al. 2018, doi:10.1007/978-3-030-01234-2_49).
 
-The public implementations differ in details that their weights depend on; `DeepLabSettings` holds all of them.
+Public implementations differ in details on which their weights depend. `DeepLabSettings` holds these details.
 """
 
 from __future__ import annotations

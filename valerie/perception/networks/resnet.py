@@ -182,7 +182,7 @@ class ResNet(nn.Module):
         #: Channels of the four feature maps.
         self.channels = tuple(settings.width * factor * self._expansion for factor in (1, 2, 4, 8))
         for module in self.modules():
-            # The meta device has nothing to draw, and torch would load its compiler to find that out.
+            # On the meta device there are no weights to draw, and the attempt would make torch load its compiler.
             if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 

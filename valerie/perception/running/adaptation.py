@@ -1,4 +1,4 @@
-"""Adapt frames of any size to the input of a network, and its labels to the frame's pixels.
+"""Conversion of frames of any size to the input of a network, and of its labels to the frame's pixels.
 
 A frame becomes one or more *pieces* of one size. The engine answers each piece with a label map. The maps are joined so that
 every pixel of the frame has exactly one label and no padding is left.
@@ -135,7 +135,7 @@ def _padded(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
 
 
 def _resized(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
-    """Resample by means of areas if both sides shrink, else bilinearly, with pixel centres at halves."""
+    """Resample by averaging areas if both sides shrink, else bilinearly, with pixel centres at halves."""
     shrinks = size.height <= picture.shape[0] and size.width <= picture.shape[1]
     resized = cv2.resize(
         np.ascontiguousarray(picture),

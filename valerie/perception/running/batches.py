@@ -1,4 +1,4 @@
-"""Predict many pictures with one function: in batches where that is cheaper, and with answers of the right size."""
+"""Prediction of many pictures with one function, in batches where that is cheaper, with a check of every answer's size."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Owner = TypeVar("Owner")
 def predicted(
     function: PerceptionFunction, pictures: Iterable[tuple[Owner, NDArray[np.uint8]]]
 ) -> Iterator[tuple[Owner, NDArray[np.uint8]]]:
-    """Yield the labels of every picture, in order; as many pictures are read ahead as the function takes together.
+    """Yield the labels of every picture, in order. One batch of pictures is read ahead.
 
     Args:
         function: under test.

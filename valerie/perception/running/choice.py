@@ -1,4 +1,4 @@
-"""The engine that runs a network fastest: of shipped functions by the machine, of registered ones after a comparison."""
+"""Choice of the fastest engine: by the machine for shipped functions, by a comparison for registered ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SIZE: Final = (128, 256)
 
 
 class Choice(NamedTuple):
-    """An engine and why it was chosen."""
+    """An engine and the reason for it."""
 
     engine: Engine
     precision: Precision
@@ -42,7 +42,7 @@ class Choice(NamedTuple):
 
 
 def local_choice(device: str, precision: str) -> Choice:
-    """Choose the engine of a shipped function by what this machine has; no engine is loaded.
+    """Choose the engine of a shipped function by the hardware and packages of this machine, without loading an engine.
 
     Args:
         device: see `valerie.perception.running.opening.open_function`.

@@ -1,4 +1,4 @@
-"""Functions that run here: frames pass through the document's adaptation, an engine, and the class map."""
+"""Functions that run in this process: the document's adaptation, an engine, and the class map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A function behind an HTTP address that the operator allows: one POST per picture, answered by a label map.
+"""A function behind an HTTP address that the operator allows. Each picture is one POST, and the answer is its label map.
 
 The contract is in docs/functions.md. An answer that is late, too large or malformed is a failure of that picture, recorded with
 its reason. The picture is not sent again, since a second answer would hide that the first one failed.

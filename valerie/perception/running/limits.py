@@ -1,8 +1,8 @@
 """Bounds for a process that runs a network from outside: memory, and time per picture.
 
-A network is data, but data can ask for a terabyte or for a year. The operating system enforces the first bound: an allocation
-beyond it fails, which is an error of that picture. Nothing can stop compiled code from within, so the second bound ends the
-process after the reason was recorded. `valerie.pipeline.functions.bounded` puts both around every function.
+A network is data, but it can request a terabyte of memory or a year of computing. The operating system enforces the bound of
+memory: an allocation beyond it fails, which is an error of that picture. Compiled code cannot be stopped from within, so the
+bound of time ends the process after recording the reason. `valerie.pipeline.functions.bounded` puts both around every function.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def limit_memory(megabytes: int) -> Callable[[], None]:
             limit of the process stays.
 
     Returns:
-        A function that restores the limit of before.
+        A function that restores the previous limit.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     bounds = [bound for bound in (megabytes << 20, soft, hard) if bound not in (0, resource.RLIM_INFINITY)]

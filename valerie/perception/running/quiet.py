@@ -18,7 +18,7 @@ _VARIABLES: Final = {
 
 
 def silence_libraries() -> None:
-    """Set what onnxruntime, openvino and transformers read; call this before they are imported, as often as you like."""
+    """Set the variables that onnxruntime, openvino and transformers read. Call this before importing them."""
     os.environ.update(_VARIABLES)
     # OpenVINO imports this package if it is installed, and has a stand-in if it is not.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]  # None: importing it fails

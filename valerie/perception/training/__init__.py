@@ -1,1 +1,1 @@
-"""Training the built-in networks on rendered frames; nothing here is needed to run a trained one."""
+"""Training of the built-in networks on rendered frames. Running a trained network needs nothing from here."""

@@ -1,4 +1,4 @@
-"""Checkpoints of a training run: safetensors, so that resuming from a file never runs anything in it."""
+"""Checkpoints of a training run, as safetensors: resuming from a file never runs code in it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class CheckpointFile:
     Attributes:
         path: of the file.
         settings: of the run.
-        mean, std: normalisation of the pictures; they stand for the frames.
+        mean, std: normalisation of the pictures, by which a checkpoint of other frames is recognised.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class CheckpointFile:
     std: Triple
 
     def write(self, network: nn.Module, optimiser: torch.optim.Optimizer, position: Position) -> None:
-        """Write everything that the next step depends on; the file is complete or not there."""
+        """Write everything that the next step depends on, atomically."""
         tensors = {f"{_NETWORK}{name}": value for name, value in network.state_dict().items()}
         for number, slots in optimiser.state_dict()["state"].items():
             tensors |= {f"{_OPTIMISER}{number}.{slot}": value for slot, value in slots.items()}

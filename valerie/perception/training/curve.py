@@ -1,4 +1,4 @@
-"""The curve of a training: loss and held-out figures over its steps, in a file that outlives interruptions, and drawn."""
+"""The training curve: loss and held-out figures over the steps, in a file that survives interruptions, and as a picture."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Validated:
 
 
 class TrainingCurve:
-    """A collection of a training's progress; it continues the curve of an interrupted training.
+    """The progress of a training. It continues the curve of an interrupted training.
 
     Args:
         file: ``….json``, written during the training. The picture lies beside it.

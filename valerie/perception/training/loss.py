@@ -12,7 +12,7 @@ from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
 def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_weight: float = 0.0) -> Tensor:
     """Return the weighted mean over pixels: cross-entropy of labelled ones, −log(1 − p(person)) of void ones.
 
-    Void pixels of our frames (a waste bin, a bench) have no class to learn, but they are no persons: the second term is the
+    Void pixels of our frames (a waste bin, a bench) have no class to learn, but they are not persons. The second term is the
     negative log-likelihood of that complementary label (negative learning: Kim et al., NLNL, ICCV 2019).
 
     Args:
@@ -30,7 +30,7 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
     if void_weight > 0.0:
         void = logits.permute(0, 2, 3, 1)[labels == VOID]
         others = torch.cat((void[:, : PERSON.train_id], void[:, PERSON.train_id + 1 :]), dim=1)
-        # −log(1 − p) from the margin of the person's logit: 1 − p itself is 0 in fp32 if the network is sure.
+        # −log(1 − p) from the margin of the person's logit: 1 − p itself becomes 0 in fp32 for a confident network.
         margin = void[:, PERSON.train_id] - others.logsumexp(dim=1)
         sums = sums + void_weight * functional.softplus(margin).sum()
         weight = weight + void_weight * counts[VOID]

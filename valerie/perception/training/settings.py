@@ -14,7 +14,7 @@ _Side = Annotated[int, Field(ge=ALIGNMENT, multiple_of=ALIGNMENT)]
 
 
 class CropSettings(BaseModel):
-    """The way from frames to samples: crops and disturbances.
+    """Crops and disturbances that turn frames into samples.
 
     Attributes:
         height, width: of the samples, pixels; multiples of 32.
@@ -61,7 +61,7 @@ class TrainingSettings(BaseModel):
             pixels alike, 1 gives every class the same total weight.
         person_weight: factor on the weight of person pixels.
         void_weight: of void pixels, whose class is unknown but which are no persons: each costs −log(1 − p(person)) times this. 0
-            leaves them out, as the metrics do; the network may then call waste bins persons at no cost.
+            leaves them out, as the metrics do; the network can then label waste bins as persons at no cost.
         learning_rate: highest of the schedule; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
         keep_norm_statistics: batch normalisation keeps its means and variances, in training as in use. For training that starts

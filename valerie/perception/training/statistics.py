@@ -12,7 +12,7 @@ from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.training.frame_folder import TrainingFrame
 
 _FRAMES: Final = 64
-#: Largest weight of a class, in units of the average pixel: a class of few pixels must not make the loss leap.
+#: Largest weight of a class, in units of the average pixel: a class of few pixels must not dominate the loss.
 _LARGEST_WEIGHT: Final = 12.0
 #: Smallest deviation: a channel that hardly varies must not be amplified.
 _LEAST_DEVIATION: Final = 0.05

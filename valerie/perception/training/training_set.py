@@ -17,11 +17,11 @@ _UNSTATED: Final = "unstated"
 
 
 class TrainingSet(Frames):
-    """The frames of folders, one after the other; those of a folder that counts n times are repeated n times.
+    """The frames of several folders in a row. A folder that counts n times is repeated n times.
 
     Args:
-        folders: to learn from, each as often as it counts. Folders with the same frames are one; the order is that of their
-            first appearance.
+        folders: to learn from, each listed as often as it counts. Folders with the same frames are one. They keep the order of
+            their first appearance.
 
     Attributes:
         digest: stands for every pixel and its count; a single folder that counts once has its own digest.

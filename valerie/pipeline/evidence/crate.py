@@ -34,7 +34,7 @@ def write_crate(folder: Path, run: RunFacts, files: Mapping[str, str]) -> None:
     crate.name = f"Evidence of the VALERIE run {run.name} ({run.id})"
     crate.description = f"Spec, results, environment and frames of one run; {MANIFEST} lists the files with digests."
     crate.datePublished = (run.finished_at or run.created_at).isoformat()
-    crate.license = "No licence is stated. Whoever hands out this folder decides how it may be used."
+    crate.license = "No licence is stated. The distributor of this folder decides how it may be used."
     for path, description in files.items():
         properties = {"name": path, "description": description, "encodingFormat": _FORMATS[Path(path).suffix]}
         if path != MANIFEST:  # written last, over this description

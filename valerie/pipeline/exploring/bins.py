@@ -1,4 +1,4 @@
-"""Bins of a column: what histograms, densities and parallel coordinates count by."""
+"""Bins of a column, for histograms, densities and parallel coordinates."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import Cell
 
-#: A column of numbers with at most so many different values has a bin for each of them.
+#: A column with at most this many different numbers has a bin for each of them.
 MAX_LEVELS: Final = 24
-#: A column of more names than this has no bins.
+#: Most names of a column with bins.
 _MAX_NAMES: Final = 200
-#: Bins fit one byte, with the undefined rows as one bin more.
+#: Bins fit into a byte, with one more for undefined rows.
 MAX_BINS: Final = 254
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-#: Rows that tell whether a column may be one of few values.
+#: Rows sampled to detect a column with few different values.
 _LOOKED_AT: Final = 20_000
 
 
@@ -30,8 +30,8 @@ class Bins:
 
     Attributes:
         codes: (N,) uint8 bin 0…count−1 of each row; ``count`` where the row has no value.
-        levels: the value of each bin, where a bin is one value; else empty.
-        edges: the count + 1 ends of the bins, where a bin is a range; else empty.
+        levels: the value of each bin if bins are single values; else empty.
+        edges: the count + 1 ends of the bins if bins are ranges; else empty.
     """
 
     codes: NDArray[np.uint8]
@@ -44,18 +44,18 @@ class Bins:
         return len(self.levels) or len(self.edges) - 1
 
     def counts(self, rows: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-        """Return (count + 1,) rows in each bin, those without a value last; of all rows without ``rows`` ((N,) bool)."""
+        """Return (count + 1,) numbers of rows in each bin, undefined ones last; ``rows``, (N,) bool, selects rows."""
         codes = self.codes if rows is None else self.codes[rows]
         return np.bincount(codes, minlength=self.count + 1)
 
 
 def bins_of(table: EvaluationTable, column: str, count: int) -> Bins:
-    """Divide a column.
+    """Divide a column into bins.
 
     Args:
         table: the rows.
         column: of the table.
-        count: about so many bins for a column of many different numbers, at most `MAX_BINS`.
+        count: approximate number of bins for a column with many different numbers, at most `MAX_BINS`.
 
     Raises:
         UnknownName: no such column.
@@ -83,7 +83,7 @@ def _of_numbers(values: NDArray[np.float64], count: int) -> Bins:
     step = _round_step((high - low) / min(count, MAX_BINS - 2))
     first = floor(low / step + 1e-9)
     number = max(ceil(high / step - 1e-9) - first, 1)
-    # The comparison of an expression rounds as these edges do; a value on an edge belongs above it.
+    # Expressions round their numbers as these edges do; a value on an edge belongs to the bin above it.
     edges = np.array([float(f"{(first + k) * step:.12g}") for k in range(number + 1)])
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
     return Bins(np.where(np.isnan(values), number, place).astype(np.uint8), edges=tuple(edges.tolist()))
@@ -91,4 +91,4 @@ def _of_numbers(values: NDArray[np.float64], count: int) -> Bins:
 
 def _round_step(least: float) -> float:
     power = 10.0 ** floor(log10(least))
-    return next(float(f"{one * power:.12g}") for one in _STEPS if one * power >= least * (1 - 1e-9))
+    return next(float(f"{step * power:.12g}") for step in _STEPS if step * power >= least * (1 - 1e-9))

@@ -1,8 +1,8 @@
-"""The rows of one or several runs in memory, to be filtered, counted, sorted and matched while somebody looks.
+"""Filter, count, sort and match the rows of one or several runs in memory, for interactive use.
 
-DuckDB computes filters, orders and matches, in a connection that sees these rows and nothing else: no file, no network, no
-other database. Conditions come from the grammar of `valerie.runs.where` with their values bound. Counts per bin are sums over
-the rows that a filter selects.
+DuckDB computes filters, orders and matches, in a connection that sees only these rows: no file, network or other database.
+Conditions come from the grammar of `valerie.runs.where` with their values bound. Counts per bin are sums over the rows that a
+filter selects.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from valerie.parameters.definitions import ParameterType
 from valerie.pipeline.exploring.bins import Bins, bins_of
 from valerie.runs.where import Column
 
-#: Rows that one exploration holds at most.
+#: Most rows of an exploration.
 MAX_ROWS: Final = 5_000_000
-#: A query that takes longer than this many seconds is stopped.
+#: Time limit of a query, seconds.
 MAX_SECONDS: Final = 20.0
 _MEMORY: Final = "1GB"
 _THREADS: Final = 2
-#: Selections of which the rows are kept: one byte a row.
+#: Selections whose rows are kept, one byte a row.
 _KEPT: Final = 12
-#: The number of a row in these tables; no expression can name it, since it is not a column of results.
+#: Column of row numbers; expressions cannot name it, since it is no column of results.
 ROW: Final = "row number"
 _SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
 
 
 @dataclass(frozen=True, slots=True)
 class ExploredColumn:
-    """A column that can be looked at.
+    """A column to explore.
 
     Attributes:
         name: of the column; a varied parameter's is its path.
@@ -78,9 +78,9 @@ class Selection:
     Attributes:
         where: the expression; empty: all rows.
         rows: (N,) bool.
-        count: of them.
+        count: number of selected rows.
         sql: the expression for DuckDB.
-        scored: whether it depends on what a function found.
+        scored: whether it depends on a function's scores.
     """
 
     where: str
@@ -91,12 +91,12 @@ class Selection:
 
 
 class Exploration:
-    """Rows to look at; immutable, and usable by several threads.
+    """Rows to explore; immutable and thread-safe.
 
     Args:
         table: the rows.
-        definitions: title and unit of each varied parameter, by path.
-        read_at: when they were read.
+        units: unit of each varied parameter, by path.
+        read_at: time of reading.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Exploration:
 
     @cached_property
     def columns(self) -> tuple[ExploredColumn, ...]:
-        """Every column but the ids of frames; a column without any value is left out."""
+        """All columns except the ids of frames and columns without a value."""
         groups = {
             Source.FRAME: "row", Source.PLACE: "person", Source.PIXELS: "person", Source.LIGHT: "person",
             Source.CONDITIONS: "conditions", Source.PICTURE: "conditions", Source.FUNCTION: "row",
@@ -147,8 +147,8 @@ class Exploration:
         """Return the rows that an expression selects; all of them if it is empty.
 
         Raises:
-            InvalidInput: it breaks the grammar, compares different types or takes too long; the error names the place.
-            UnknownName: it names no column, or a name that a column cannot have.
+            InvalidInput: it breaks the grammar, compares different types or takes too long.
+            UnknownName: it names an unknown column, or an unknown name of one.
         """
         with self._caching:
             if where in self._selections:
@@ -156,8 +156,8 @@ class Exploration:
         if where.strip():
             constraint = compile_constraint(where, self._operands, field="where", word="column")
             sql, scored = constraint.sql, not constraint.paths.isdisjoint(_SCORES)
-            found = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
-            rows = found["selected"].to_numpy()
+            answer = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
+            rows = answer["selected"].to_numpy()
         else:
             sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
         selection = Selection(where, rows, int(np.count_nonzero(rows)), sql, scored)
@@ -173,12 +173,12 @@ class Exploration:
             return self._bins[column, count]
 
     def page(self, selection: Selection, *, sort: str = "", limit: int, offset: int = 0) -> pa.Table:
-        """Return selected rows in the order of a column, those without a value last; ties in the order of the runs.
+        """Return selected rows sorted by a column, undefined values last, ties in the order of the runs.
 
         Args:
             selection: the rows.
             sort: a column; a leading minus sorts in descending order; empty: the order of the runs.
-            limit, offset: how many rows, and how many to pass over.
+            limit, offset: numbers of rows to return and to skip.
 
         Raises:
             UnknownName: no such column.
@@ -192,11 +192,11 @@ class Exploration:
         return self.query(Sql(text, selection.sql.values))
 
     def rows(self, selection: Selection) -> pa.Table:
-        """Return every selected row, with the columns of the long table."""
+        """Return all selected rows with the columns of the long table."""
         return self.table.arrow.filter(pa.array(selection.rows))
 
     def at(self, numbers: Sequence[int]) -> list[dict[str, Cell]]:
-        """Return the rows of some numbers, in this order, as mappings."""
+        """Return rows by number, in the given order, as mappings."""
         rows: list[dict[str, Cell]] = self.table.arrow.take(pa.array(numbers, pa.int64())).to_pylist()
         return rows
 

@@ -1,4 +1,4 @@
-"""Explorations of runs: read from the finished tables, or from the database while a run works; the last few are kept."""
+"""Open explorations of runs from their final tables, or from the database while a run is active, and cache the last few."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from valerie.pipeline.reading.tables import read_table
 from valerie.runs.states import Stage
 from valerie.storage.keys import run_key
 
-#: Rows that all kept explorations hold together.
+#: Most rows of all cached explorations together.
 _KEPT_ROWS: Final = MAX_ROWS
-#: Runs of one exploration at most.
+#: Most runs of an exploration.
 MAX_RUNS: Final = 20
-#: The rows of a run that works are read again after this many seconds at the earliest.
+#: Shortest time between two reads of an active run, seconds.
 _FRESH_SECONDS: Final = 30.0
 
 
@@ -50,7 +50,7 @@ class Explorations:
         self._kept: LRUCache[tuple[str, ...], _Kept] = LRUCache(_KEPT_ROWS, lambda kept: len(kept.exploration) + 1)
 
     def open(self, run_ids: Sequence[str]) -> Exploration:
-        """Return the rows of runs; of runs that vary different parameters, with empty values where a run lacks one.
+        """Return the rows of runs together; a parameter that a run does not vary is empty there.
 
         Raises:
             NotFound: no such run.
@@ -68,7 +68,7 @@ class Explorations:
             if kept is not None and (kept.version == version or monotonic() - kept.read_at < _FRESH_SECONDS):
                 return kept.exploration
             exploration = self._read(rows)
-            # What is larger than all that may be kept is an error already.
+            # An exploration larger than the cache has raised already.
             self._kept[key] = _Kept(version, monotonic(), exploration)
             return exploration
 
@@ -100,7 +100,7 @@ def _together(tables: Sequence[EvaluationTable]) -> EvaluationTable:
 
 
 def _present(table: EvaluationTable) -> EvaluationTable:
-    """Return the rows without those of persons that no spec put into the scene; frames of nobody keep theirs."""
+    """Return the rows without persons that are absent from the scene; frames without persons keep their row."""
     reasons = table.codes("undefined_reason")
     return table.select(~(reasons.where(ABSENT) & np.isfinite(table.numbers("instance_id"))))
 

@@ -1,30 +1,24 @@
-"""Rows side by side: two functions or two runs matched by variant, and rows that differ in one parameter alone."""
+"""Match rows of two functions or two runs by variant, and rows that differ in a single parameter."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from valerie.analysis.rows.pairing import SAME_FRAME, SAME_MOMENT
 from valerie.errors import UnknownName
 from valerie.parameters.constraints import Sql, quoted
 from valerie.pipeline.exploring.exploration import ROW, Exploration, Selection
-from valerie.statistics.contrasts import Contrast, contrasts
-from valerie.statistics.observations import observe
-
-#: What names the same person in the same frame of two functions.
-_SAME_FRAME: Final = ("frame_id", "sensor", "instance_id")
-#: What does so in two runs, besides the varied parameters.
-_SAME_MOMENT: Final = ("camera", "time_s", "sensor", "instance_id")
+from valerie.statistics.gates import compare_versions
 
 
 class Outcome(StrEnum):
-    """What became of a person from the first side to the second; found means pACC ≥ the threshold."""
+    """Change of a person from the first side to the second; found means pACC ≥ the threshold."""
 
     FIXED = "fixed"
     BROKEN = "broken"
@@ -52,15 +46,15 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two sides matched.
+    """The matched rows of two sides.
 
     Attributes:
-        rows: selected rows of each side with a pACC.
-        matched: pairs of them.
+        rows: numbers of selected rows with a pACC, by side.
+        matched: number of pairs.
         outcomes: pairs by outcome.
-        difference: mean pACC of the second side less that of the first, over places; None where places cannot tell.
+        difference: mean pACC of the second side minus that of the first, over places; None without pairs.
         low, high: its interval with 95 % confidence.
-        places: that it rests on.
+        places: number of places behind it.
         pairs: the pairs of the wanted outcome that differ most.
     """
 
@@ -76,7 +70,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Two rows that differ in one parameter alone."""
+    """Two rows that differ in a single parameter."""
 
     parameter: str
     pair: Pair
@@ -110,11 +104,11 @@ def compare_sides(
             known = exploration.table.codes("run_id" if kind == "run" else "function").names
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
-    keys = _SAME_FRAME if before.run == after.run else (*_SAME_MOMENT, *exploration.table.parameters)
+    keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *exploration.table.parameters)
     wanted = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
     of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
     same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
-    found = exploration.query(
+    joined = exploration.query(
         Sql(
             f"WITH a AS (SELECT {wanted} FROM rows WHERE {of} AND {selection.sql.text}), "
             f"b AS (SELECT {wanted} FROM rows WHERE {of}) "
@@ -122,34 +116,34 @@ def compare_sides(
             (before.run, before.function, *selection.sql.values, after.run, after.function),
         )
     )
-    a, b = (found[name].to_numpy().astype(np.int64) for name in "ab")
-    pa_, pb = found["pa"].to_numpy(), found["pb"].to_numpy()
+    a, b = (joined[name].to_numpy().astype(np.int64) for name in "ab")
+    pa_, pb = joined["pa"].to_numpy(), joined["pb"].to_numpy()
     hit, hit_after = pa_ >= threshold, pb >= threshold
     masks = {
         Outcome.FIXED: ~hit & hit_after, Outcome.BROKEN: hit & ~hit_after,
         Outcome.BOTH_MISSED: ~hit & ~hit_after, Outcome.BOTH_FOUND: hit & hit_after,
     }  # fmt: skip
-    # The furthest change first; among pairs that both missed, the worst.
+    # Largest change first; among persons that both sides missed, the lowest scores.
     weight = pa_ + pb if outcome is Outcome.BOTH_MISSED else -np.abs(pb - pa_)
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
-    contrast = _contrast(exploration, a, pa_, pb)
-    low, high = contrast.interval() if contrast is not None and contrast.degrees > 0 else (None, None)
+    places = exploration.table.places[a]
+    (judged,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
     defined = np.isfinite(exploration.table.numbers("pacc"))
     return Comparison(
         rows=(_rows_of(exploration, before, defined & selection.rows), _rows_of(exploration, after, defined)),
         matched=len(a),
         outcomes={name: int(np.count_nonzero(mask)) for name, mask in masks.items()},
-        difference=None if contrast is None else contrast.estimate,
-        low=low,
-        high=high,
-        places=0 if contrast is None else contrast.places,
+        difference=judged.difference if judged.pairs else None,
+        low=judged.low if judged.places > 1 else None,
+        high=judged.high if judged.places > 1 else None,
+        places=judged.places,
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )
 
 
 def largest_swings(exploration: Exploration, selection: Selection, *, limit: int) -> list[Swing]:
-    """Return the pairs of selected rows that differ in one varied parameter alone and most in pACC, the furthest first.
+    """Return the pairs of selected rows that differ in one varied parameter only, largest change of pACC first.
 
     Args:
         exploration: the rows.
@@ -159,9 +153,9 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
     parameters = list(exploration.table.parameters)
     swings = []
     for parameter in parameters:
-        others = ("run_id", "function", *_SAME_MOMENT, *(path for path in parameters if path != parameter))
+        others = ("run_id", "function", *SAME_MOMENT, *(path for path in parameters if path != parameter))
         column, row = quoted(parameter), quoted(ROW)
-        found = exploration.query(
+        extremes = exploration.query(
             Sql(
                 f"SELECT arg_max({row}, pacc) AS a, arg_min({row}, pacc) AS b, max(pacc) AS pa, min(pacc) AS pb FROM rows "
                 f"WHERE pacc IS NOT NULL AND {selection.sql.text} GROUP BY {', '.join(map(quoted, others))} "
@@ -169,17 +163,8 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
                 selection.sql.values,
             )
         )
-        swings += [Swing(parameter, pair) for pair in _pairs(_columns(found))]
+        swings += [Swing(parameter, pair) for pair in _pairs(_columns(extremes))]
     return sorted(swings, key=lambda swing: swing.pair.pacc_after - swing.pair.pacc_before)
-
-
-def _contrast(
-    exploration: Exploration, rows: NDArray[np.int64], before: NDArray[np.float64], after: NDArray[np.float64]
-) -> Contrast | None:
-    """Return the mean difference of pairs over places; None without pairs."""
-    places = np.tile(exploration.table.places[rows], 2)
-    sides = observe(np.concatenate([before, after]), places, {"side": np.repeat([0, 1], len(rows))})
-    return next(iter(contrasts(sides, interactions=False)), None)
 
 
 def _rows_of(exploration: Exploration, side: Side, rows: NDArray[np.bool_]) -> int:
@@ -188,8 +173,8 @@ def _rows_of(exploration: Exploration, side: Side, rows: NDArray[np.bool_]) -> i
     return int(np.count_nonzero(of & rows))
 
 
-def _columns(found: pa.Table) -> Iterable[tuple[int, int, float, float]]:
-    return zip(*(found[name].to_pylist() for name in ("a", "b", "pa", "pb")), strict=True)
+def _columns(table: pa.Table) -> Iterable[tuple[int, int, float, float]]:
+    return zip(*(table[name].to_pylist() for name in ("a", "b", "pa", "pb")), strict=True)
 
 
 def _pairs(columns: Iterable[tuple[int, int, float, float]]) -> list[Pair]:

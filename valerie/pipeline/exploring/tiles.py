@@ -1,4 +1,4 @@
-"""Thumbnails of frames, many in one picture (a sprite sheet), whole or cropped to a person."""
+"""Paint thumbnails of frames, whole or cropped to a person, into one picture (a sprite sheet)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from valerie.runs.frames import FrameKey
 
 #: Kinds of picture that a thumbnail can show.
 TILE_KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
-#: Most thumbnails of a sheet, and how many stand beside each other.
+#: Most thumbnails of a sheet, and of a row.
 MAX_TILES: Final = 64
 COLUMNS: Final = 8
-#: Bytes of the pixels that are kept.
+#: Size of the cache, bytes.
 _KEPT_BYTES: Final = 96 << 20
 #: A crop shows this many times the height of the person, and no less than this many pixels of the picture.
 _MARGIN: Final = 1.6
@@ -37,7 +37,7 @@ _BLANK: Final = 128
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """What a thumbnail shows: a person of a frame as a function saw it through a sensor setting."""
+    """A thumbnail: a person in a frame, with a function and a sensor setting."""
 
     frame: FrameKey
     instance_id: int
@@ -58,17 +58,17 @@ class Tile:
 
 
 class Tiles:
-    """The thumbnails of one process; the last ones are kept."""
+    """Cache of thumbnails of one process."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._lock = Lock()
         self._kept: LRUCache[tuple[Tile, str, bool, int], NDArray[np.uint8]] = LRUCache(
-            _KEPT_BYTES, lambda one: one.nbytes
+            _KEPT_BYTES, lambda pixels: pixels.nbytes
         )
 
     def sheet(self, tiles: Sequence[Tile], *, kind: str, crop: bool, width: int) -> bytes:
-        """Return a JPEG of thumbnails, `COLUMNS` in a row; what cannot be painted is grey.
+        """Return a JPEG of thumbnails, `COLUMNS` in a row; a missing picture is grey.
 
         Args:
             tiles: at most `MAX_TILES`.
@@ -111,7 +111,7 @@ class Tiles:
         with reading(self._context.engine) as connection:
             frame = frames.get(connection, tile.frame)
             persons = measured.person_views(connection, frame.products.truth)
-        return next((one.amodal_box for one in persons if one.instance_id == tile.instance_id), None)
+        return next((person.amodal_box for person in persons if person.instance_id == tile.instance_id), None)
 
 
 def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""What linked views show of a selection: histograms, densities, points, links between axes, and rates with intervals."""
+"""Content of the linked views: histograms, densities, points, links between axes, and rates with intervals."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from valerie.measures import Cell
 from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.statistics.intervals import Interval, Refusal, mean_interval
 
-#: About so many bins of a histogram and of an axis of parallel coordinates.
+#: Approximate number of bins of a histogram and of an axis of parallel coordinates.
 BINS: Final = 40
 #: Cells of a density.
 ACROSS: Final = 140
 UP: Final = 80
-#: More points than this are shown as a density.
+#: Most points of a scatter plot; more become a density.
 MAX_POINTS: Final = 20_000
-#: Groups whose rates are compared with the rest.
+#: Columns of the groups whose rates are compared with the rest.
 _MAX_GROUPS: Final = 12
 
 
@@ -34,8 +34,8 @@ class Histogram:
         column: its name.
         levels: value of each bin, where a bin is one value.
         edges: ends of the bins, where a bin is a range; one more than bins.
-        every: rows in each bin; the last number is of rows without a value.
-        selected: of them, those that are selected.
+        every: number of rows in each bin, undefined ones last.
+        selected: number of selected rows in each bin.
     """
 
     column: str
@@ -61,11 +61,11 @@ def histogram(exploration: Exploration, column: str, selection: Selection) -> Hi
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """Rows that go from a bin of one axis to a bin of the next, in parallel coordinates.
+    """Numbers of rows between the bins of two neighbouring axes of parallel coordinates.
 
     Attributes:
         before, after: the columns.
-        pairs: [bin of ``before``, bin of ``after``, rows]; the bin after the last one is of rows without a value.
+        pairs: [bin of ``before``, bin of ``after``, rows]; the bin after the last one holds undefined rows.
     """
 
     before: str
@@ -74,11 +74,11 @@ class Links:
 
 
 def links(exploration: Exploration, columns: Sequence[str], selection: Selection) -> list[Links]:
-    """Count what goes from axis to axis; errors as `histogram`."""
+    """Count the rows between neighbouring axes; errors as `histogram`."""
     for column in columns:
         exploration.require(column, field="column")
     bins = [exploration.bins(column, BINS) for column in columns]
-    chosen = [one.codes[selection.rows] for one in bins]
+    chosen = [axis.codes[selection.rows] for axis in bins]
     answer = []
     for k in range(len(columns) - 1):
         width = bins[k + 1].count + 1
@@ -92,14 +92,14 @@ def links(exploration: Exploration, columns: Sequence[str], selection: Selection
 def scatter(
     exploration: Exploration, x: str, y: str, color: str, selection: Selection, *, form: Literal["auto", "cells"]
 ) -> pa.Table:
-    """Return the selected rows over two columns: as points where they are few, else as cells of a density.
+    """Return the selected rows over two columns, as points or, if there are many, as cells of a density.
 
     Args:
         exploration: the rows.
         x, y: numeric columns.
         color: any column; of a cell, the mean of its numbers or its most frequent name; empty: none.
         selection: the rows.
-        form: ``cells`` gives cells however few the rows are.
+        form: ``cells`` always gives cells.
 
     Returns:
         float32 columns ``x``, ``y`` and ``color`` (a name is its place in the sorted names; NaN: no value), and int32
@@ -181,7 +181,7 @@ def _shades(exploration: Exploration, color: str) -> NDArray[np.float64] | None:
 
 
 def _named(exploration: Exploration, color: str) -> int:
-    """Return how many names a column has; 0 for numbers."""
+    """Return the number of names of a column; 0 for numbers."""
     if not color or exploration.table.is_number(color):
         return 0
     return exploration.bins(color, BINS).count
@@ -197,12 +197,12 @@ def _table(
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Rates of some rows.
+    """Rates of a set of rows.
 
     Attributes:
         persons: rows with a pACC.
         undefined: rows without, by reason.
-        pacc: interval of their mean pACC, or why there is none.
+        pacc: interval of their mean pACC, or the reason why there is none.
         detected: the same of the share of persons with pACC ≥ the threshold.
     """
 
@@ -214,7 +214,7 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class GroupRates:
-    """A group of rows: what is selected of it, and the rest.
+    """Rates of the selected rows of a group, and of its other rows.
 
     Attributes:
         run, function, sensor: of the group.

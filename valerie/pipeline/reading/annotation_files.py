@@ -22,6 +22,7 @@ from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joint
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import ProductState
 
 #: Array name to array, as `numpy.load` gives them back.
 Arrays = Mapping[str, NDArray[Any]]
@@ -59,9 +60,9 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
     for kind in kinds:
         if kind not in links:
             raise UnknownName("annotation of the run", kind, tuple(links), field="annotations")
-        if links[kind].state == "failed":
+        if links[kind].state == ProductState.FAILED:
             raise Conflict(f"{kind} failed for good; `valerie retry {key.run_id}` tries again")
-        if links[kind].state != "done":
+        if links[kind].state != ProductState.DONE:
             raise Conflict(f"{kind} is not made yet ({links[kind].state})")
     return {AnnotationKind(kind): links[kind].product for kind in kinds}
 

@@ -20,6 +20,7 @@ from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUN
 from valerie.pipeline.reading.tables import character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import ProductState
 
 _DARK: Final = dict.fromkeys(names_from(Source.LIGHT))
 _UNSCORED: Final = dict.fromkeys(("tp", "fn", "tn", "pacc", *names_from(Source.FRAME_SCORE)))
@@ -206,7 +207,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     )
 
 
-def _summary(frame: StoredFrame, states: Iterable[str], resolved: ResolvedRun) -> FrameSummary:
+def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: ResolvedRun) -> FrameSummary:
     return FrameSummary(
         id=str(frame.key),
         variant_index=frame.key.variant,
@@ -240,8 +241,10 @@ def _evaluation(
     )
 
 
-def _state(states: Iterable[str]) -> str:
+def _state(states: Iterable[ProductState]) -> ProductState:
     """Return the state of several products: failed if one failed, done if all are, else that of the slowest."""
     present = set(states)
-    order = ("failed", "parked", "waiting", "ready", "running")
-    return next((state for state in order if state in present), "done")
+    order = (
+        ProductState.FAILED, ProductState.PARKED, ProductState.WAITING, ProductState.READY, ProductState.RUNNING
+    )  # fmt: skip
+    return next((state for state in order if state in present), ProductState.DONE)

@@ -26,6 +26,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey
+from valerie.runs.states import ProductState
 
 #: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
 _OF_TRUTH: Final = ("truth", "instances", "depth")
@@ -91,7 +92,7 @@ def find_picture(
             raise UnknownName("kind of picture", kind, known, field="kind")
         annotation = annotations[kind].product
         needed.append(annotations[kind].state)
-    missing = [state for state in needed if state != "done"]
+    missing = [state for state in needed if state != ProductState.DONE]
     if missing:
         raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
     return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)

@@ -73,7 +73,7 @@ class ProductReader:
         try:
             statics = self._kept(self._statics, "statics", stored.statics, codecs.decode_truth)
         except MissingInput as error:
-            # Whoever makes the truth again stores its statics again.
+            # Making the truth again stores its statics again.
             raise MissingInput("truth", digest) from error
         if statics.class_map.shape != stored.layer.size:
             raise MissingInput("truth", digest)

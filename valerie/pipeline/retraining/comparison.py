@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.comparison.before_after import Comparison, aligned, compare, row_keys
+from valerie.analysis.comparison.before_after import Comparison, compare
 from valerie.analysis.findings.region import Region
+from valerie.analysis.rows.pairing import RowKey, aligned, row_keys
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
@@ -182,12 +183,13 @@ def _groups(
     where, region = grouping.where, grouping.region
     if not where and region is None:
         return groups
-    stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
     with reading(context.engine) as connection:
         persons = evaluated_persons(connection, run)
-        assigned = {(str(person.frame), person.instance_id or None): person.row for person in persons}
+        assigned: dict[RowKey, TableRow] = {
+            (str(person.frame), person.instance_id or None): person.row for person in persons
+        }
     # The first version's scores win over the stored ones.
-    rows = [{**assigned.get(key, {}), **stored[key]} for key in row_keys(table)]
+    rows = [{**assigned.get(key, {}), **row} for key, row in zip(row_keys(table), table.arrow.to_pylist(), strict=True)]
     present = np.array([row["instance_id"] is not None for row in rows], np.bool_)
     if region is not None:
         inside = np.array(

@@ -1,4 +1,4 @@
-"""The life of a product in a worker: claim → compute → store → publish → tell whoever waited for it.
+"""The life of a product in a worker: claim → compute → store → publish → notify those that wait for it.
 
 No transaction is open while computing; a heartbeat thread renews the leases. A worker may be killed at any moment: what was
 stored but not published is stored again with equal bytes, what was claimed comes back when its lease ends.
@@ -246,7 +246,7 @@ def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
     """Renew the leases of a batch while the body computes."""
 
     def beat() -> None:
-        # Before the transaction: whoever holds the batch may be waiting for the database.
+        # Before the transaction: the holder of the batch may be waiting for the database.
         held = batch.held
         try:
             with writing(context.engine) as connection:

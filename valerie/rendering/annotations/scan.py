@@ -1,4 +1,4 @@
-"""What changes in a frame when a rolling shutter reads it line by line."""
+"""The change of a frame, image and truth, when a rolling shutter reads it line by line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Scan:
         rectangle: (4,) int64: x, y, width, height.
         pixels: (height, width, 3) float16, linear; ``class_map`` uint8, ``instance_map`` uint16, ``depth`` float32, metres,
             (height, width).
-        vectors: (height, width, 2) float32, velocities in pixels per second; (0, 0, 2) where they were not asked for.
+        vectors: (height, width, 2) float32, velocities in pixels per second; (0, 0, 2) if they were not requested.
         instances: (N,) int64, instance ids.
         boxes: (N, 4) int64: x, y, width, height of each whole person in the image.
         padded_pixels: (N,) int64, as of `PersonTruth`.

@@ -24,7 +24,7 @@ from valerie.scene.assets.objects import require_declared
 from valerie.scene.graph.model import Scene
 from valerie.validation import problems_of
 
-#: Arguments of an asset pack by name; the pack's ``Settings`` says which there are.
+#: Arguments of an asset pack by name, as its ``Settings`` declares them.
 AssetArguments = dict[str, Value]
 #: An asset in a spec: its name, or a mapping of name and arguments of its pack, e.g. {name: urban-street, seed: 7}.
 AssetReference = str | Mapping[str, Value]
@@ -32,7 +32,7 @@ AssetReference = str | Mapping[str, Value]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneAsset:
-    """A scene that variants are made from.
+    """A base scene with its manifest; variants are made from it.
 
     Attributes:
         manifest: declares what may vary, what moves, and where people can stand.
@@ -50,7 +50,7 @@ class SceneAsset:
 
 
 class PackSettings(BaseModel):
-    """Base of what an asset pack can be told; the fields are keys of an asset reference."""
+    """Base class of the settings of an asset pack. The fields are keys of an asset reference."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -59,7 +59,7 @@ class AssetPack(Protocol):
     """A module that makes an asset from a few arguments; equal settings give equal bytes.
 
     A distribution offers one as an entry point of the group ``valerie.assets``: the asset's name, and the module.
-    `valerie.testing.asset_packs.AssetContract` tests what one must do.
+    `valerie.testing.asset_packs.AssetContract` tests the contract.
     """
 
     #: Raised by hand whenever the generated scene changes; part of the asset's digest.
@@ -76,7 +76,7 @@ class AssetPack(Protocol):
         ...
 
     def draw_arguments(self, rng: np.random.Generator) -> AssetArguments:
-        """Draw the arguments of a training scene besides its seed; empty if the pack derives everything from the seed.
+        """Draw the arguments of a training scene besides its seed. Empty if the pack derives everything from the seed.
 
         Args:
             rng: all choices come from it.
@@ -99,7 +99,7 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
 
 
 def is_generated(name: str) -> bool:
-    """Return whether an asset of this name comes from a pack, which makes a new one from every seed."""
+    """Return True if an asset of this name comes from a pack, which makes a new scene from every seed."""
     return name in PACKS.names()
 
 

@@ -114,7 +114,7 @@ def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
 
 
 def _file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file; every request asks for it, so it is read again only when identity, size or time changed."""
+    """Return the SHA-256 of a file. The file is read again only when its identity, size or time changed."""
     state = path.stat()
     return _sha256(path, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
 

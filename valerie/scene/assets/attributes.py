@@ -1,7 +1,7 @@
-"""The attributes that can vary, of each kind of thing, and their effects: the one table that `valerie.scene.variation` reads.
+"""The table of attributes that can vary, by kind of thing. `valerie.scene.variation` reads it.
 
-A new attribute is a new row: its name, the kind of thing that has it, type, unit and range, the stage that it is an
-input of, how to read its current value from a scene and how to write it into a draft.
+A new attribute is a new row: name, kind of thing, type, unit, range, the stage whose input it is, and functions that read its
+value from a scene and write it into a draft.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from valerie.scene.light.solar import CLOCK
 
 #: The choice that hides a person or a vehicle, instead of a character or kind.
 ABSENT: Final = "absent"
-#: Classes whose objects face somewhere: their rotation about z is called heading.
+#: Classes whose objects have a front: their rotation about z is called heading.
 FACING_CLASSES: Final = frozenset(
     {"person", "rider", "car", "truck", "bus", "caravan", "trailer", "train", "motorcycle", "bicycle"}
 )
@@ -58,10 +58,10 @@ class Attribute:
     Attributes:
         name: at the end of a path, e.g. ``pos.x``.
         minimum, maximum: widest range that makes sense; an asset declares its own.
-        affects: the stage that it is an input of.
+        affects: the stage whose input it is.
         read: returns the value at a path (degrees for angles); None where the thing does not have the attribute.
         write: puts a value into a draft; grounded nodes get their z afterwards.
-        choices: returns the values of a CATEGORICAL attribute at a path, as far as the scene tells them.
+        choices: returns the values of a CATEGORICAL attribute at a path, as far as the scene holds them.
     """
 
     name: str
@@ -93,7 +93,7 @@ def target_of(path: str, cameras: Iterable[str]) -> Target:
 
 
 def resolve(path: str, cameras: Iterable[str], *, field: str = "") -> tuple[str, Attribute]:
-    """Split a parameter path into the path of the thing and its attribute, the longest end that is the name of one.
+    """Split a parameter path into the path of the thing and its attribute: the longest ending that names an attribute.
 
     Raises:
         UnknownName: the thing has no such attribute; the message lists near matches.

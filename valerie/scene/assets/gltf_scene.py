@@ -1,4 +1,4 @@
-"""From glTF files to one labelled scene."""
+"""Assembly of one labelled scene from glTF files."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _placed(part: FilePart, entry: PlacedFile) -> FilePart:
 
 
 def _prefixes(files: Sequence[str]) -> dict[str, str]:
-    """Return prefixes that tell the materials of files apart: none for a single file, else the stem, else the whole name."""
+    """Return a prefix for the materials of each file: none for a single file, its stem if that is unique, else its whole name."""
     if len(files) == 1:
         return {files[0]: ""}
     stems = [Path(file).stem for file in files]

@@ -41,7 +41,7 @@ class Footprint(_Document):
     Attributes:
         path: node that stands there, e.g. ``scene.car-2``; where a node has a ``kind``, the path of the kind with this outline.
         polygon: corners (x, y) in metres, world; simple, of either orientation.
-        reason: where a person would stand, e.g. ``inside building-3``; made from the path if empty.
+        reason: place of a person who would stand there, e.g. ``inside building-3``; made from the path if empty.
         height_m: its top above z = 0; None: higher than any camera.
     """
 
@@ -52,7 +52,7 @@ class Footprint(_Document):
 
     @property
     def text(self) -> str:
-        """Return the reason in words: ``inside building-3``."""
+        """Return the reason, e.g. ``inside building-3``."""
         parts = self.path.split(".")
         return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
 
@@ -70,13 +70,13 @@ class GroundRegion(_Document):
 
 
 class TrainingRules(_Document):
-    """Rules by which scenes to train on vary an asset (`valerie.pipeline.retraining.training_scenes`).
+    """Rules for varying an asset in training scenes (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
         left_out: movable nodes, and characters of persons (``scene.person-1.red-coat``), that these scenes never show.
         poses: pose of a person to its weight among all; empty: all poses have the same weight.
-        worn: beginnings of ``/``-separated parts of the names of materials that are dyed, besides ``cloth-``.
-        skin: beginnings of parts of the names of materials that are made lighter or darker, for a whole person alike.
+        worn: prefixes, besides ``cloth-``, that mark materials to dye in ``/``-separated parts of their names.
+        skin: prefixes that likewise mark materials to make lighter or darker, with one factor per person.
     """
 
     left_out: tuple[str, ...] = ()
@@ -98,7 +98,7 @@ class Manifest(_Document):
         parameters: what may vary, with type, range, unit and default.
         movable: nodes that belong, with everything below them, to the movable layer instead of the background.
         obstacles: ground on which no person can stand; the outline of a thing that a parameter moves goes with it.
-        ways: ground of carriageways and pavements, which houses and other things that nobody drives keep off.
+        ways: ground of carriageways and pavements. Houses and other things that nobody drives stay off it.
         ground: heights of the ground; a later region covers an earlier one, elsewhere z = 0.
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.
@@ -106,13 +106,13 @@ class Manifest(_Document):
         cameras: names, e.g. ``camera-1``; by default those of ``placed_cameras``.
         placed_cameras: cameras that are in no file.
         node_classes: class by path, for nodes whose names state none.
-        gaits: poses of persons that ``gait_phase`` acts on; in every other pose it is an input of nothing.
+        gaits: poses of persons that ``gait_phase`` acts on; in every other pose it has no effect.
         paints: the colours that a vehicle can have, by name.
-        training: how scenes to train on vary what the asset shows.
-        trajectories: how things move in runs that ask for a sequence or a time.
+        training: rules for training scenes.
+        trajectories: movement in runs with a sequence or a time.
 
     Raises:
-        InvalidInput, UnknownName: parts contradict each other; `parse_manifest` reports pydantic's findings so too.
+        InvalidInput, UnknownName: parts contradict each other.
     """
 
     manifest_version: Literal[1] = 1
@@ -151,7 +151,7 @@ class Manifest(_Document):
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, document: Any) -> Any:
-        """Fill in what need not be declared: grounded persons; type, unit and stage of parameters, which their paths give."""
+        """Fill in optional entries: grounded persons, and type, unit and stage of parameters, which follow from their paths."""
         if not isinstance(document, dict):
             return document
         fields = dict(document)
@@ -266,7 +266,7 @@ class Manifest(_Document):
         return name
 
     def require_trajectory(self, trajectory: Trajectory, *, field: str = "") -> None:
-        """Refuse a trajectory that the manifest gives no room for.
+        """Refuse a trajectory that does not fit the manifest.
 
         Raises:
             UnknownName: it moves what cannot move; or as `check_keyframes`.
@@ -342,7 +342,7 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
 
 
 def _check_poses(manifest: Manifest) -> None:
-    """Check that poses with a gait, and poses to train on, are poses that persons can take."""
+    """Check that poses with a gait and poses for training are poses that persons can take."""
     poses = {
         choice: None
         for definition in manifest.parameters
@@ -356,7 +356,7 @@ def _check_poses(manifest: Manifest) -> None:
 
 
 def _known_choices(definition: ParameterDefinition, attribute: Attribute, manifest: Manifest) -> Collection[str] | None:
-    """Return what the choices of a parameter are among; None where only the scene's nodes and figures tell."""
+    """Return the values that a parameter's choices may have; None where only the scene's nodes and figures define them."""
     if attribute.target is Target.SENSOR:
         return SENSOR_PARAMETERS[definition.path.removeprefix(f"{SENSOR_ROOT}.")].choices
     if attribute.target is Target.ENVIRONMENT:

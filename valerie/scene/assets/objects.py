@@ -1,4 +1,4 @@
-"""From bare nodes to a labelled scene, and checks that a scene has everything that its manifest names."""
+"""Labelling of nodes, and checks that a scene has everything that its manifest names."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
 
 
 def alike(path: str, scene: Scene) -> list[str]:
-    """Return the nodes that a missing one may be: those of its class or with a name near it; else those without class."""
+    """Return the nodes that a missing one may stand for: those of its class or with a similar name, else those without class."""
     kind = class_of_name(_last(path))
     if kind is None:
         return [other for other in scene.nodes if class_of_name(_last(other)) is None]

@@ -20,7 +20,7 @@ Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
 class PlacedFile(BaseModel):
-    """A model whose file does not follow the naming convention: all of it hangs below one node with a name that states its class.
+    """A model whose file does not follow the naming convention. Its nodes hang below one node whose name states the class.
 
     Attributes:
         file: relative to the manifest; one file may be placed many times.

@@ -1,4 +1,4 @@
-"""The check of a whole asset: a list of all findings at once; nothing is raised."""
+"""The check of a whole asset. It returns all findings and raises none."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
 
 
 def _without_outline(manifest: Manifest) -> Iterator[str]:
-    """Yield the things, apart from persons, that parameters move and that have no outline."""
+    """Yield things without an outline, other than persons, that parameters move."""
     cameras = {f"{ROOT}.{camera}" for camera in manifest.cameras}
     outlined = [obstacle.path for obstacle in manifest.obstacles]
     for path in dict.fromkeys(p.path.rpartition(".pos.")[0] for p in manifest.parameters if ".pos." in p.path):

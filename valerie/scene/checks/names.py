@@ -1,4 +1,4 @@
-"""Checks of names: persons under test, classes of nodes, and names that were probably meant."""
+"""Checks of names: persons under test, classes of nodes, and likely corrections."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _to_rename(path: str) -> str:
-    """Return the path to rename for a node without class: the nearest upwards with a name like an object's, else its own."""
+    """Return the path to rename for a node without class: the nearest ancestor named like an object, else the node's own."""
     above = path
     while above.count("."):
         if likely_name(above.rpartition(".")[2]):
@@ -73,7 +73,7 @@ def _to_rename(path: str) -> str:
 
 
 def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
-    """Yield a finding for each node that the manifest names and the scene lacks, with the nodes that may be meant."""
+    """Yield a finding for each node that the manifest names and the scene lacks, with likely candidates."""
     missing = missing_nodes(scene, manifest)
     names = {*manifest.persons, *manifest.movable, *manifest.grounded}
     upright = _of_a_persons_size(scene) if missing.keys() & {*manifest.persons} else {}
@@ -108,7 +108,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _of_a_persons_size(scene: Scene) -> dict[str, float]:
-    """Return the heights in metres of upright nodes as high as a person, without class and without the name of another one."""
+    """Return the heights in metres of upright nodes of a person's height that have no class and no similar name."""
     low, high = HEIGHTS_M["person"]
     heights: dict[str, float] = {}
     for path, box in object_boxes(scene, labelled=False).items():

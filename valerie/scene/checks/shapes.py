@@ -13,7 +13,7 @@ from valerie.scene.assets.manifest import Manifest
 from valerie.scene.checks.findings import Finding, Severity
 from valerie.scene.graph.model import Mesh, Node, Scene
 
-#: Triangles that are shown, of one object or of the whole scene: more slow every engine down without being seen.
+#: Largest number of triangles of one object and of the whole scene. More would slow every engine down with no visible gain.
 MAX_TRIANGLES: Final = 1_000_000
 #: Objects that the finding of a heavy scene names.
 _HEAVIEST: Final = 3
@@ -68,7 +68,7 @@ def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np
 
     Args:
         scene: to measure.
-        labelled: whether objects with a class are measured, or those without.
+        labelled: True for objects with a class, False for those without.
     """
     boxes: dict[str, NDArray[np.float64]] = {}
     for path, node in scene.nodes.items():

@@ -16,7 +16,7 @@ from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height
 
-#: A place counts as inside a surface from this share of directions on that lead out through it.
+#: Share of directions that lead out through a surface, from which a place counts as inside it.
 _INSIDE: Final = 0.6
 #: Width by height of the picture in which persons have to be: that of the default resolution.
 _ASPECT: Final = 16 / 9
@@ -76,7 +76,7 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
 
 
 def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
-    """Return whether a box (2, 3) in the world may reach into a camera's picture of 16 : 9; never False for one that does."""
+    """Return True if a box (2, 3) in the world may reach into a camera's picture of 16 : 9. It errs only towards True."""
     corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     local = (corners - camera.position) @ camera.transform[:3, :3]
     half_width = 0.5 * camera.sensor_width_mm / camera.focal_length_mm
@@ -94,7 +94,7 @@ def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
 
 
 def enclosure(point: NDArray[np.float64], triangles: NDArray[np.float64]) -> float:
-    """Return how far a surface encloses a point: 1 inside a closed one, 0 outside, between for one with holes.
+    """Return the degree to which a surface encloses a point: 1 inside a closed surface, 0 outside, between for one with holes.
 
     It is the sum of the triangles' solid angles (Van Oosterom and Strackee 1983, doi:10.1109/TBME.1983.325207), as a share of
     all directions (the generalised winding number of Jacobson et al. 2013, doi:10.1145/2461912.2461916).

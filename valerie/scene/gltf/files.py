@@ -136,7 +136,7 @@ def _plain(text: bytes, name: str) -> JsonObject:
 def external_uris(path: Path, name: str) -> tuple[tuple[str, str], ...]:
     """Yield field and URI of everything that a glTF file keeps in other files.
 
-    A file that is no glTF refers to nothing: what is wrong with it is said when it is read.
+    A file that is not glTF yields nothing; reading it reports the problem.
 
     Args:
         path: of the file.

@@ -26,7 +26,7 @@ class TextureReader:
 
         Args:
             texture: its index.
-            who: the place that refers to it, e.g. ``material brick: baseColorTexture``; for errors.
+            who: the reference to it, e.g. ``material brick: baseColorTexture``; for errors.
 
         Raises:
             InvalidInput: there is no such texture, or it has no PNG or JPEG image.

@@ -17,14 +17,14 @@ from valerie.scene.graph.model import Mesh, Texture, freeze
 
 
 class DeferredMesh(Mesh):
-    """A mesh that knows the name of its material and makes everything else when it is first read.
+    """A mesh that knows the name of its material and makes its arrays when they are first read.
 
     Args:
         make: returns the finished mesh; this object calls it at most once.
         material: the name of this mesh's material; that of the finished mesh is ignored.
     """
 
-    if not TYPE_CHECKING:  # to a type checker the fields stay what they are in `Mesh`
+    if not TYPE_CHECKING:  # for type checkers, the fields are those of `Mesh`
         positions = property(lambda self: self._made.positions)
         normals = property(lambda self: self._made.normals)
         uvs = property(lambda self: self._made.uvs)

@@ -4,8 +4,8 @@ Frames (docs/conventions.md): right-handed world in metres, z up, x across the s
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
 A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
-materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
-identity what it uploaded.
+materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache
+its uploads by identity.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class Stance:
 
     Attributes:
         pose: a name that the figure knows.
-        gait_phase: of a pose that walks, 0…1: how far in the cycle of two steps, from the figure's own first instant on.
+        gait_phase: for a walking pose, 0…1: the phase in the cycle of two steps, relative to the figure's own start.
         carries: a name that the figure knows.
     """
 
@@ -150,7 +150,7 @@ class Figure(Protocol):
 
     @property
     def joints(self) -> NDArray[np.float64]:
-        """Return where the joints are in this stance: (len(JOINTS), 3) metres in the frame of ``meshes``."""
+        """Return the joints' positions in this stance: (len(JOINTS), 3) metres in the frame of ``meshes``."""
         ...
 
     def taking(self, stance: Stance) -> Figure:
@@ -181,8 +181,8 @@ class Light:
         beam: one of `BEAMS`.
         radius: metres, of the shining surface.
         switch: which switch of `Environment` turns it on, a key of `SWITCHES`; empty: always on.
-        glowing: names of the materials that are seen to shine while it is on.
-        luminance: cd/m² of those.
+        glowing: names of the materials that glow while it is on.
+        luminance: of these materials, cd/m².
     """
 
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -207,8 +207,8 @@ class Node:
         label_id: Cityscapes label id of every pixel, inherited from the object; a bag has the label of the person who carries it.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
         movable: whether it belongs to the movable layer instead of the background; declared by the manifest, and inherited.
-        visible: False for what is in the graph and not drawn, such as an absent person; nothing below it is drawn either.
-        figure: the source of ``meshes``, where a stance can be chosen.
+        visible: False if neither the node nor anything below it is drawn, such as an absent person.
+        figure: the source of ``meshes`` if the node can take several stances.
         joints: (len(JOINTS), 3) metres in the node's frame, of a body with a fixed pose such as a rider; None where there is a
             figure, or no skeleton is known.
         light: a lamp at the node's origin.
@@ -331,7 +331,7 @@ class Scene:
         nodes: path to node, parents before children; the root is ``scene``.
         materials, textures: by name.
         cameras: by camera name, e.g. ``camera-1``.
-        paints: by name; what vehicles can be painted in.
+        paints: of vehicles, by name.
     """
 
     nodes: Mapping[str, Node]
@@ -347,7 +347,7 @@ class Scene:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:
-        """Return one line: writing out every array of a scene takes minutes."""
+        """Return one line, since writing out every array of a scene takes minutes."""
         return f"<Scene: {len(self.nodes)} nodes, {len(self.materials)} materials, cameras {', '.join(self.cameras)}>"
 
     def world_transform(self, path: str) -> Matrix:

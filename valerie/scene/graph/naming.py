@@ -29,7 +29,7 @@ _LIKE_AN_OBJECT = re.compile(r"(?P<name>.*?[^0-9_. -])[_. -]*(?P<number>[0-9]{1,
 
 
 def is_cloth(material_name: str) -> bool:
-    """Return whether a material is of something worn: a ``/``-separated part of its name starts with ``cloth-``."""
+    """Return True if a material is of clothes: a ``/``-separated part of its name starts with ``cloth-``."""
     return any(part.startswith("cloth-") for part in material_name.split("/"))
 
 
@@ -74,7 +74,7 @@ def class_of_name(name: str) -> str | None:
 
 
 def likely_name(name: str) -> str | None:
-    """Return the name that a node was probably meant to have, e.g. ``person-1`` for ``Person_01``; None if none is near."""
+    """Return the probable intended name of a node, e.g. ``person-1`` for ``Person_01``; None if no name is similar."""
     match = _LIKE_AN_OBJECT.fullmatch(name)
     if match is None:
         return None

@@ -1,4 +1,4 @@
-"""Paints of vehicles: an asset names them, and the colour of a vehicle is one of these names."""
+"""Paints of vehicles. An asset names them, and the value of a vehicle's colour is such a name."""
 
 from __future__ import annotations
 

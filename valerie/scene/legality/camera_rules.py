@@ -36,7 +36,7 @@ class CameraRules:
         self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return why a camera cannot be at its place, in words (``camera-1 is inside car-101``); None if all can."""
+        """Return the reason why a camera cannot be at its place (``camera-1 is inside car-101``); None if all are legal."""
         if self._relevant.isdisjoint(assignment):
             return None
         moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
@@ -66,7 +66,7 @@ class _Camera:
     Attributes:
         paths: of its coordinates.
         place: path of x, y and z to default, metres.
-        within: indices of the movers that hold it where the author put both: it belongs to them, and is not judged against them.
+        within: indices of the movers that contain it at the default places: it belongs to them and is not judged against them.
     """
 
     name: str

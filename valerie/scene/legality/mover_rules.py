@@ -1,8 +1,8 @@
 """Rules for the places of movers: no vehicle stands in a house, a parked car or another vehicle, nor leaves its level ground; no
 house stands in its neighbour or on a pavement.
 
-Two rules keep an asset's own placement legal, however rough its outlines are. Only movers whose parameters a variant gives are
-judged. And where a mover overlaps something, or does not stand level, at its default place, it is not judged against that.
+Two rules keep an asset's own placement legal, however rough its outlines are. Only movers whose parameters a variant sets are
+judged. A mover that overlaps something at its default place, or does not stand level there, is not judged against it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class MoverRules:
         )
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return why a mover cannot be at its place, in words (``car-101 and bicycle-101 overlap``); None if all can."""
+        """Return the reason why a mover cannot be at its place (``car-101 and bicycle-101 overlap``), or None."""
         if self._relevant.isdisjoint(assignment):
             return None
         shown: list[tuple[int, bool, _Polygons]] = []
@@ -59,7 +59,7 @@ class MoverRules:
         return None
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
-        """Return why a mover cannot be at its place, whatever else moves; None if it can."""
+        """Return the reason why a mover cannot be at its place regardless of other movers; None if it can."""
         name = rule.mover.name
         if rule.keeps_within and not _within(polygons, self._extent):
             return f"{name} is outside the asset"
@@ -80,11 +80,11 @@ class _Rule:
 
     Attributes:
         own: its outlines at the default place; none if it is hidden there.
-        keeps_within: whether its middle has to be within the asset's extent: not if the default place is outside.
-        grounds: the pieces of ground of which it has to stand on one; empty where a parameter lifts it, or where it stands uneven
-            at its default place.
+        keeps_within: True if its middle must be within the asset's extent, that is, if the default place is.
+        grounds: the pieces of ground, on one of which it must stand; empty if a parameter lifts it, or if its default place is
+            uneven.
         among: indices of the obstacles at rest that it overlaps at its default place.
-        ways: indices of the ways that it overlaps at its default place, and need not keep off; None: it need not keep off any.
+        ways: indices of the ways that it may overlap, because it does at its default place; None: it may overlap all.
     """
 
     mover: Mover

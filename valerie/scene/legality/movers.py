@@ -21,7 +21,7 @@ from valerie.scene.legality.obstacles import widened
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
 _POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
-#: Metres by which outlines may overlap: they are rounded, and things that touch stand side by side.
+#: Metres by which outlines may overlap, since they are rounded and things that touch are legal.
 _TOUCHING_M: Final = 0.01
 #: The inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may hang
 #: over a kerb.
@@ -73,17 +73,17 @@ class Mover:
 
     @property
     def name(self) -> str:
-        """Return the path of the node without ``scene.``, as people write it."""
+        """Return the path of the node without ``scene.``."""
         return self.path.removeprefix(f"{ROOT}.")
 
     @property
     def has_place(self) -> bool:
-        """Return whether a parameter moves it; else parameters only hide or turn it."""
+        """Return True if a parameter moves it, False if parameters only hide or turn it."""
         return any(name in self.defaults for name in _PLACE)
 
     @property
     def is_built(self) -> bool:
-        """Return whether it is neither vehicle nor person, such as a house: it keeps off the ways."""
+        """Return True if it is neither vehicle nor person, such as a house. It must stay off the ways."""
         parsed = parse_object_name(self.path.rpartition(".")[2])
         return parsed is not None and parsed[0] not in FACING_CLASSES
 

@@ -1,4 +1,4 @@
-"""Obstacles at rest: widened by the room that a person needs, in a grid over the ground; and as they are."""
+"""Obstacles at rest: a grid of outlines widened by the room that a person needs, and the plain outlines."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Rejection of impossible variants: no person, vehicle, house or camera is inside something else or outside the asset.
 
-The manifest alone decides, without meshes or GL, for every variant of a run. Obstacles are widened once by the room that a person
-needs, and a grid over the ground finds the few of them near a point. Movers are judged by `valerie.scene.legality.mover_rules`,
+The manifest alone decides, without meshes or GL. Obstacles are widened once by the room that a person needs, and a grid over the
+ground finds the few of them near a point. Movers are judged by `valerie.scene.legality.mover_rules`,
 cameras by `valerie.scene.legality.camera_rules`.
 """
 
@@ -22,7 +22,7 @@ from valerie.scene.legality.obstacles import ObstacleMap
 
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
-    """Return why a variant is impossible, in words (``person-1 stands inside building-3``); None if it is possible.
+    """Return the reason why a variant is impossible (``person-1 stands inside building-3``); None if it is possible.
 
     A person is judged if its position is a parameter. A visible vehicle is judged if the variant gives its place, heading, kind
     or visibility. A camera is judged if its three coordinates are parameters: against everything where the variant gives one of

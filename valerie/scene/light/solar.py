@@ -1,7 +1,7 @@
 """The place of the sun at a time, on a day, at a place on earth.
 
 Declination and equation of time by Fourier series over the day of the year: Spencer 1971, "Fourier series representation
-of the position of the sun", Search 2(5), 172. They know neither the year nor refraction: azimuth and elevation are within
+of the position of the sun", Search 2(5), 172. They ignore the year and refraction: azimuth and elevation are within
 0.5° of the almanac's in any year from 1950 to 2050 for a sun that is not near the zenith (tests compare).
 """
 
@@ -22,7 +22,7 @@ ANGLES: Final = (AZIMUTH, ELEVATION)
 
 
 class ClockParameter(NamedTuple):
-    """One parameter of the notation by time and place, below the path of the sun; ``default`` holds where none is given."""
+    """One parameter of the notation by time and place, below the path of the sun; ``default`` applies if it is missing."""
 
     name: str
     type: ParameterType

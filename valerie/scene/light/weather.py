@@ -1,4 +1,4 @@
-"""Effects of rain on a road: the wet share of it, the depth of the water, the friction of tyres."""
+"""Effects of rain on a road: its wet share, the depth of the water, the friction of tyres."""
 
 from __future__ import annotations
 

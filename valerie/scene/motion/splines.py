@@ -113,7 +113,7 @@ def linear(times: Sequence[float], values: Sequence[float]) -> Spline:
 
 
 def unwrapped(degrees: Sequence[float]) -> tuple[float, ...]:
-    """Return angles that follow each other by the shortest way; half a turn goes counter-clockwise (upwards)."""
+    """Unwrap angles so that each follows its predecessor by the shorter turn; half a turn is counter-clockwise (upwards)."""
     angles = [float(degrees[0])]
     for angle in degrees[1:]:
         turn = (angle - angles[-1] + 180.0) % 360.0 - 180.0

@@ -27,7 +27,7 @@ from valerie.plain import Written
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
 
-#: Path of the moment of a variant's first frame: a parameter of every run with time.
+#: Path of the time of a variant's first frame, a parameter of every run with time.
 TIME_PATH: Final = f"{ROOT}.time"
 #: Name of the time in a keyframe and below its path.
 TIME: Final = "time"
@@ -74,7 +74,7 @@ class Trajectory(BaseModel):
 
     @property
     def name(self) -> str:
-        """Return the path without ``scene.``, as people write it."""
+        """Return the path without ``scene.``."""
         return self.path.removeprefix(f"{ROOT}.")
 
     @property
@@ -93,7 +93,7 @@ class Trajectory(BaseModel):
 
 
 def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition], *, field: str = "") -> None:
-    """Refuse a trajectory whose keyframes do not fit the parameters of what it moves.
+    """Refuse a trajectory whose keyframes do not fit the parameters of the thing that it moves.
 
     Args:
         trajectory: to check.
@@ -102,7 +102,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
 
     Raises:
         UnknownName: a keyframe gives a parameter that is not declared for the thing.
-        InvalidInput: keyframes differ in what they give, leave a range, or are not in the order of time.
+        InvalidInput: keyframes set different parameters, leave a range, or are not in the order of time.
     """
     declared = _declared_of(trajectory, parameters)
     numbers = [
@@ -173,7 +173,7 @@ class Motion:
         Args:
             assignment: of a variant.
             elapsed: seconds since the variant's first frame.
-            within: whether values are held at the ends of their declared ranges, for moments without a frame.
+            within: True to clip values to their declared ranges, for moments without a frame.
 
         Raises:
             InvalidInput: the variant puts keyframes out of order.
@@ -194,7 +194,7 @@ class Motion:
         return round(float(assignment.get(TIME_PATH, self._start)) + elapsed, _DECIMALS)
 
     def rejection(self, assignment: Mapping[str, Value], elapsed: Sequence[float]) -> str | None:
-        """Return why the movement of a variant is impossible, in words; None if it is possible.
+        """Return the reason why the movement of a variant is impossible; None if it is possible.
 
         Args:
             assignment: of a variant.
@@ -260,7 +260,7 @@ class _Thing:
         return number % TURN if self._declared[name].type is ParameterType.ANGLE else number
 
     def held(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values, each held within its declared range."""
+        """Return the values, each clipped to its declared range."""
         within: dict[str, Value] = {}
         for path, value in values.items():
             definition = self._declared[path.removeprefix(f"{self.trajectory.path}.")]
@@ -276,7 +276,7 @@ class _Thing:
         return within
 
     def outside(self, values: Mapping[str, Value]) -> str | None:
-        """Return in words which declared range a value leaves; None if none does."""
+        """Return a sentence about the first value outside its declared range; None if all are inside."""
         for path, value in values.items():
             definition = self._declared[path.removeprefix(f"{self.trajectory.path}.")]
             try:
@@ -359,7 +359,7 @@ def _heading(vx: float, vy: float) -> float | None:
 def _declared_of(
     trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]
 ) -> dict[str, ParameterDefinition]:
-    """Return the declarations of what a trajectory moves, by attribute."""
+    """Return the declarations of the moved thing's parameters, by attribute."""
     prefix = f"{trajectory.path}."
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 

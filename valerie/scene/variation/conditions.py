@@ -1,4 +1,4 @@
-"""Light and weather of a variant as numbers for tables; needs no meshes and no pictures."""
+"""Light and weather of a variant as numbers for tables, without meshes and pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Conditions(NamedTuple):
     """Metadata of a variant; None where the asset does not declare the parameters behind it.
 
     Attributes:
-        sun_azimuth_deg: clockwise from north, in whichever notation the sun is given.
+        sun_azimuth_deg: clockwise from north, also for a sun by time and place.
         sun_elevation_deg: above the horizon.
         road_friction: peak friction of new tyres on the road at 50 km/h (`valerie.scene.light.weather.road_friction`).
     """
@@ -56,7 +56,7 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
 
 
 class _Itself:
-    """A manifest that equals only itself: comparing two field by field costs more than what is cached."""
+    """A manifest that equals only itself, since comparing two field by field costs more than the cached result saves."""
 
     __slots__ = ("manifest",)
 

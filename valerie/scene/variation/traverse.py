@@ -28,7 +28,7 @@ class PathEntry:
         choices: of a CATEGORICAL path, as far as they are known.
         value: current value, with every parameter at its default; degrees for angles.
         declared: whether specs may vary it.
-        affects: the stage that it is an input of.
+        affects: the stage whose input it is.
     """
 
     path: str

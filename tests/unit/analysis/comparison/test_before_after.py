@@ -6,9 +6,10 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from valerie.analysis.comparison.before_after import Comparison, aligned, compare
+from valerie.analysis.comparison.before_after import Comparison, compare
 from valerie.analysis.comparison.drawing import comparison_renderable, draw_comparison
 from valerie.analysis.comparison.wording import change_sentence
+from valerie.analysis.rows.pairing import aligned
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON

@@ -52,6 +52,7 @@ def test_another_reader_finds_the_same_triangles_in_the_same_places(name: str) -
     other = trimesh.load_scene(path).to_mesh()
     expected = vectors_from_y_up(np.asarray(other.triangles))
     assert len(triangles) == len(expected)
+    # Both multiply chains of float32 matrices, whose rounding is 6e-8 each.
     size = np.ptp(expected.reshape(-1, 3), axis=0).max()
     for ours, theirs in ((triangles.min((0, 1)), expected.min((0, 1))), (triangles.max((0, 1)), expected.max((0, 1)))):
         np.testing.assert_allclose(ours, theirs, atol=1e-5 * size)

@@ -184,6 +184,7 @@ def test_another_program_reads_the_same_triangles_with_y_up(written: Path) -> No
     )
     turned = np.column_stack([ours[:, 0], ours[:, 2], -ours[:, 1]])
     assert len(theirs) == len(turned)
+    # Positions of up to 60 m in float32.
     np.testing.assert_allclose(theirs[np.lexsort(theirs.round(4).T)], turned[np.lexsort(turned.round(4).T)], atol=1e-5)
 
 

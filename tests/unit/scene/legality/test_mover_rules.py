@@ -5,41 +5,15 @@ import pytest
 import shapely
 from shapely import affinity
 
+from tests.world.boxes import CAR_PLACE, pose, traffic
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest
 from valerie.scene.legality.rejection import rejection_reason
-from valerie.testing.assets import simple_manifest
 
-#: The car of the manifest of boxes: its outline, and where it stands.
-CAR, CAR_PLACE = shapely.box(1.1, 5.9, 2.9, 10.1), (2.0, 8.0)
-
-
-def pose(path: str, x: float, y: float) -> list[dict[str, object]]:
-    return [
-        {"path": f"{path}.pos.x", "minimum": -40, "maximum": 40, "default": x},
-        {"path": f"{path}.pos.y", "minimum": -40, "maximum": 80, "default": y},
-        {"path": f"{path}.heading", "default": 0},
-    ]
-
-
-def street(*obstacles: Footprint, **fields: object) -> Manifest:
-    """Boxes whose car moves, and a bicycle that is hidden; ``obstacles`` stand beside those that are there."""
-    document = simple_manifest().model_dump(mode="json")
-    document["obstacles"] += [obstacle.model_dump() for obstacle in obstacles]
-    document["obstacles"].append(
-        Footprint(path="scene.bicycle-1", polygon=((-0.3, 29), (0.3, 29), (0.3, 31), (-0.3, 31))).model_dump()
-    )
-    document["parameters"] = [
-        *document["parameters"],
-        *pose("scene.car-1", *CAR_PLACE),
-        *pose("scene.bicycle-1", 0, 30),
-        {"path": "scene.bicycle-1.visible", "default": False},
-    ]
-    return Manifest.model_validate({**document, **fields})
-
-
-MANIFEST = street()
+#: Outline of the car at its default place.
+CAR = shapely.box(1.1, 5.9, 2.9, 10.1)
+MANIFEST = traffic()
 
 
 def car(x: float, y: float, heading: float = 0.0) -> dict[str, Value]:
@@ -82,6 +56,7 @@ def test_every_pose_is_judged_like_an_outline_that_shapely_moves() -> None:
         turned = affinity.rotate(CAR, heading, origin=CAR_PLACE)
         moved = affinity.translate(turned, x - CAR_PLACE[0], y - CAR_PLACE[1])
         near_person = moved.distance(shapely.Point(0, 10)) < 0.4
+        # A rim of 1 cm of both outlines may overlap, along at most 6 m: 0.12 m².
         if near_person or 0.0 < moved.intersection(building).area < 0.2:
             continue
         free = rejection_reason(car(x, y, heading), MANIFEST) is None
@@ -93,7 +68,7 @@ def test_every_pose_is_judged_like_an_outline_that_shapely_moves() -> None:
 def test_the_default_place_is_legal_whatever_its_outline_overlaps() -> None:
     carport = Footprint(path="scene.building-2", polygon=((0.5, 4), (4, 4), (4, 12), (0.5, 12)))
     kerb = GroundRegion(polygon=((2, -5), (20, -5), (20, 55), (2, 55)), height=0.25)
-    manifest = street(carport, ground=[kerb.model_dump()], extent=(-20, 9, 20, 55))
+    manifest = traffic(carport, ground=[kerb.model_dump()], extent=(-20, 9, 20, 55))
     assert rejection_reason(car(*CAR_PLACE), manifest) is None
     assert rejection_reason(car(2.0, 9.0), manifest) is None
     assert rejection_reason(car(-4.0, 14.0), manifest) == "car-1 stands inside building-1"
@@ -101,13 +76,13 @@ def test_the_default_place_is_legal_whatever_its_outline_overlaps() -> None:
 
 def test_a_mover_that_is_hidden_by_default_is_judged_at_its_default_place_too() -> None:
     wall = Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32)))
-    assert rejection_reason({"scene.bicycle-1.visible": True}, street(wall)) == "bicycle-1 stands inside wall-1"
-    assert rejection_reason({"scene.bicycle-1.pos.x": 0.2}, street(wall)) is None
+    assert rejection_reason({"scene.bicycle-1.visible": True}, traffic(wall)) == "bicycle-1 stands inside wall-1"
+    assert rejection_reason({"scene.bicycle-1.pos.x": 0.2}, traffic(wall)) is None
 
 
 def with_house(**more: object) -> Manifest:
     """A house, 6 m wide and 4 m deep, whose front ends at (-5, 36), beside a way; another stands two metres farther along."""
-    document = street().model_dump(mode="json")
+    document = traffic().model_dump(mode="json")
     document["obstacles"] += [
         {"path": "scene.building-8", "polygon": [(-9, 36), (-5, 36), (-5, 42), (-9, 42)], "height_m": 8.0},
         {"path": "scene.building-9", "polygon": [(-9, 44), (-5, 44), (-5, 54), (-9, 54)]},
@@ -156,38 +131,38 @@ def test_a_vehicle_is_not_kept_off_the_ways() -> None:
 
 
 def test_an_obstacle_that_changes_its_size_without_a_position_is_refused() -> None:
-    document = street().model_dump(mode="json")
+    document = traffic().model_dump(mode="json")
     scaled = {"path": "scene.building-1.scale", "minimum": 0.5, "maximum": 2, "default": 1}
     with pytest.raises(InvalidInput, match="changes its size"):
         Manifest.model_validate({**document, "parameters": [*document["parameters"], scaled]})
 
 
 def test_a_thing_without_values_in_the_variant_is_not_judged() -> None:
-    manifest = street(Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32))))
+    manifest = traffic(Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32))))
     assert rejection_reason({"scene.person-1.pos.x": -1.0}, manifest) is None
 
 
 def test_touching_is_not_overlapping() -> None:
-    manifest = street(Footprint(path="scene.wall-1", polygon=((-4, 20), (-3, 20), (-3, 40), (-4, 40))))
+    manifest = traffic(Footprint(path="scene.wall-1", polygon=((-4, 20), (-3, 20), (-3, 40), (-4, 40))))
     assert rejection_reason(car(-2.1, 30.0), manifest) is None
     assert rejection_reason(car(-2.15, 30.0), manifest) == "car-1 stands inside wall-1"
 
 
 def test_a_grounded_mover_may_stand_on_every_level_but_on_no_step() -> None:
-    manifest = street(grounded=["scene.person-1", "scene.person-2", "scene.car-1"])
+    manifest = traffic(grounded=["scene.person-1", "scene.person-2", "scene.car-1"])
     assert rejection_reason(car(10.0, 30.0), manifest) is None
     assert rejection_reason(car(5.0, 30.0), manifest) == "car-1 leaves its level ground"
 
 
 def test_a_mover_that_a_parameter_lifts_need_not_stand_on_the_ground() -> None:
-    document = street().model_dump(mode="json")
+    document = traffic().model_dump(mode="json")
     lifted = {"path": "scene.car-1.pos.z", "minimum": 0, "maximum": 5, "default": 0}
     manifest = Manifest.model_validate({**document, "parameters": [*document["parameters"], lifted]})
     assert rejection_reason(car(10.0, 30.0), manifest) is None
 
 
 def test_the_kind_that_is_shown_decides_how_much_ground_is_taken() -> None:
-    document = street().model_dump(mode="json")
+    document = traffic().model_dump(mode="json")
     document["obstacles"] += [
         Footprint(path=f"scene.truck-1.{kind}", polygon=((-w, 40), (w, 40), (w, 44), (-w, 44))).model_dump()
         for kind, w in (("small", 0.5), ("wide", 2.0))
@@ -206,6 +181,6 @@ def test_the_kind_that_is_shown_decides_how_much_ground_is_taken() -> None:
 def test_an_outline_that_crosses_itself_is_judged_without_a_stack_trace() -> None:
     crossed = Footprint(path="scene.wall-1", polygon=((-4, 20), (-2, 24), (-2, 20), (-4, 24)))
     region = GroundRegion(polygon=((-9, 40), (-7, 44), (-7, 40), (-9, 44)), height=0.25)
-    manifest = street(crossed, ground=[region.model_dump()])
+    manifest = traffic(crossed, ground=[region.model_dump()])
     assert rejection_reason(car(-3.0, 23.0), manifest) == "car-1 stands inside wall-1"
     assert rejection_reason(car(-8.0, 43.0), manifest) == "car-1 leaves its level ground"

@@ -70,7 +70,8 @@ def test_every_place_is_judged_by_its_distance_to_the_obstacles() -> None:
     places = np.random.default_rng(3).uniform((-10, 0), (5, 22), (2000, 2))
     for x, y in places:
         distance = min(polygon.distance(shapely.Point(x, y)) for polygon in polygons)
-        if abs(distance - MANIFEST.person_radius_m) > 1e-3:
+        # Round corners have 64 sides, which pass up to r (1 − cos π/64) = 0.0012 r inside the circle.
+        if abs(distance - MANIFEST.person_radius_m) > 0.0013 * MANIFEST.person_radius_m:
             free = rejection_reason(at(float(x), float(y)), MANIFEST) is None
             assert free == (distance > MANIFEST.person_radius_m), (x, y)
 

@@ -28,8 +28,8 @@ def test_between_keyframes_it_is_the_hermite_polynomial_with_tangents_of_parabol
 @given(st.tuples(*[st.floats(-5, 5)] * 3), st.floats(0, 2.99))
 def test_movement_at_constant_acceleration_is_exact(parabola: tuple[float, float, float], time: float) -> None:
     spline = smooth(TIMES, tuple(np.polyval(parabola, TIMES)), (False,) * 3)
-    assert spline.value(time) == pytest.approx(np.polyval(parabola, time), abs=1e-9)
-    assert spline.velocity(time) == pytest.approx(np.polyval(np.polyder(parabola), time), abs=1e-9)
+    assert spline.value(time) == pytest.approx(np.polyval(parabola, time), abs=1e-11)
+    assert spline.velocity(time) == pytest.approx(np.polyval(np.polyder(parabola), time), abs=1e-11)
 
 
 def test_keyframes_are_met_exactly_and_the_value_rests_outside_of_them() -> None:

@@ -55,6 +55,8 @@ def test_a_walking_person_faces_its_way(x: float, y: float, heading: float) -> N
 
 
 def test_on_a_circle_position_and_heading_follow_it() -> None:
+    # With keyframes h = 2π/24 apart, the first and last tangents are off by R h²/3, and positions by up to 4/27 h of that:
+    # 4.4 mm.
     for time in np.linspace(0.05, 9.95, 34).tolist():
         angle = 2 * math.pi * time / 10
         found = moment(circle(), time)
@@ -68,7 +70,7 @@ def test_on_a_circle_position_and_heading_follow_it() -> None:
 def test_a_standing_person_faces_its_last_movement_and_before_the_first_one_the_next() -> None:
     trajectory = walk((0, 0, 10), (1, 0, 10), (2, 2, 10), (3, 2, 10), (4, 2, 14), (5, 2, 14))
     headings = [moment(trajectory, t)["heading"] for t in (-1.0, 0.5, 1.5, 2.0, 2.5, 3.5, 4.5, 9.0)]
-    assert headings == pytest.approx([270, 270, 270, 270, 270, 0, 0, 0], abs=0.1)
+    assert headings == pytest.approx([270, 270, 270, 270, 270, 0, 0, 0], abs=1e-6)
 
 
 def test_keyframes_that_give_the_heading_decide_it_and_it_turns_the_shortest_way() -> None:

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from services.api.app import create_app
+from tests.world.boxes import write_box_street
 from tests.world.drawn import CLASS, FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
@@ -40,8 +41,9 @@ def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "manifest.yaml").write_text("name: broken\nparameters: 5\n")
     (folder / "manifest.json").write_text("{")
+    write_box_street(tmp_path / "assets" / "boxes")
     assets = {one.name: one for one in catalog.assets(settings_of(tmp_path))}
-    assert assets["urban-street"].problem is None
+    assert assets["boxes"].problem is None
     assert all(one.problem for name, one in assets.items() if name == "broken")
 
 

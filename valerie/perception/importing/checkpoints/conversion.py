@@ -64,7 +64,7 @@ class ImportedNetwork:
     provenance: Mapping[str, str]
 
     def payload(self) -> bytes:
-        """Return a safetensors file that holds all of this; equal networks give equal bytes."""
+        """Return the network with all entries as a safetensors file. Equal networks give equal bytes."""
         entries = {
             "format": FORMAT,
             "architecture": self.architecture,
@@ -102,7 +102,7 @@ def import_checkpoint(
 
     Args:
         path: a file of torch.save, a pickle of numpy arrays, or safetensors.
-        architecture: to choose where several have the same tensors; None: the one that the file states, else the first.
+        architecture: the choice where several have the same tensors; None: the one that the file states, else the first.
         classes: names in the order of the channels; None: those that the file states, else the 19 of Cityscapes if there
             are 19.
         max_bytes: larger files are refused unread.
@@ -242,7 +242,7 @@ def _choose(fitting: list[str], config: Written, wanted: str | None, field: str)
 
 
 def _agree(settings: NetworkSettings, config: Written) -> bool:
-    """Return whether an architecture agrees with a configuration of mmsegmentation where the tensors cannot tell."""
+    """Return True if an architecture agrees with a configuration of mmsegmentation in settings that tensors do not reveal."""
     values = (config.get(name) for name in _SETTINGS)
     aligned, grid, contract, rates = (tuple(value) if isinstance(value, list) else value for value in values)
     if not isinstance(settings, DeepLabSettings):

@@ -1,7 +1,7 @@
 """Read checkpoint files of any accepted format: tensors as numpy arrays, and the entries beside them.
 
-Accepted are files of torch.save (the zip archive and the older stream of pickles), bare pickles of numpy arrays as detectron2
-publishes them, and safetensors. The first bytes of a file decide its format, never its name.
+Accepted formats are torch.save (the zip archive and the older stream of pickles), bare pickles of numpy arrays as detectron2
+publishes them, and safetensors. The first bytes of a file decide its format; its name does not.
 """
 
 from __future__ import annotations

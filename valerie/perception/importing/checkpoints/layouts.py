@@ -45,12 +45,12 @@ _CAFFE: Final = PictureUnits((103.53, 116.28, 123.675), (1.0, 1.0, 1.0), "1", "b
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The way one program stores networks that we have too.
+    """The format in which another program stores one of our networks.
 
     Attributes:
         name: in messages and on cards.
         source: repository whose code the layout follows.
-        modules: our module to theirs.
+        modules: our module name to theirs.
         architectures: of the program, in the order in which they are tried. Several may have the same tensors; then the
             file's settings decide, else the first is taken.
         ignored: prefixes of names that are no part of the network (heads for training, optional heads).
@@ -69,7 +69,7 @@ class Layout:
     reorder: Callable[[Arrays, str], Arrays] = lambda tensors, _: tensors
 
     def name_of(self, tensor: str) -> str:
-        """Return their name of our tensor.
+        """Return the other program's name for one of our tensors.
 
         Raises:
             KeyError: the layout has no such module.

@@ -1,8 +1,8 @@
 """Read the pickles of checkpoints without running anything that they name.
 
-A pickle is a program: it names functions and says what to call them with. Here every name that a checkpoint of numbers needs
-means a stand-in of this module, which only keeps its arguments. Any other name ends the reading. numpy's and torch's own
-unpickling never runs: its C code trusts what a file states.
+A pickle is a program: it names functions and the arguments to call them with. This module replaces every function that a
+checkpoint of numbers needs by a stand-in that only keeps its arguments, and refuses a file that names any other. numpy's and
+torch's own unpickling never runs, since its C code trusts the sizes that a file states.
 
 Nothing here bounds memory or time; `valerie.pipeline.functions.import_child` does.
 """
@@ -46,14 +46,14 @@ class _Refused(Exception):
 
 
 class _Fixed:
-    """An object that cannot be changed after it was checked; a pickle may try."""
+    """An object that a pickle cannot change after it was checked."""
 
     def __setstate__(self, state: object) -> None:
         raise _Refused(f"a change of {type(self).__name__.strip('_')}")
 
 
 class Inert:
-    """Stand-in for an object of no interest, such as a training log: accepts everything, keeps and does nothing."""
+    """Stand-in for an irrelevant object, such as a training log. It accepts every call and keeps nothing."""
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
@@ -73,7 +73,7 @@ class _Mapping(dict[Any, Any]):
 
 
 class Storage(_Fixed):
-    """The numbers behind one or more tensors; they lie elsewhere in the file.
+    """The numbers behind one or more tensors, which are stored elsewhere in the file.
 
     Attributes:
         kind: torch's name, e.g. ``FloatStorage``.
@@ -94,7 +94,7 @@ class Storage(_Fixed):
         """Take the numbers from the file's bytes.
 
         Raises:
-            InvalidInput: the length is not what the pickle states.
+            InvalidInput: the length differs from that in the pickle.
         """
         if len(data) != self.count * self.dtype.itemsize:
             limit = f"{self.count} numbers of {self.dtype.itemsize} bytes"
@@ -176,7 +176,7 @@ def load_plain(stream: IO[bytes], *, field: str, storage: Callable[[Any], Storag
     """Return the objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`Array`).
 
     Args:
-        stream: at the pickle's first byte; afterwards behind its last.
+        stream: positioned at the pickle's first byte; after the call, just behind its last.
         field: the file's name, for messages.
         storage: returns the storage of a persistent id; None if the file has no such ids.
 
@@ -224,7 +224,7 @@ def storage_of(kind: object, count: object) -> Storage:
 
 
 def _shown(value: object) -> str:
-    """Return a value for a message; of anything nested only its type, since writing it out may never end."""
+    """Return the text of a value for a message; for nested values only the type, since writing them out may never end."""
     return repr(value) if isinstance(value, int | str | None) else type(value).__name__
 
 

@@ -33,7 +33,7 @@ class Engine(Protocol):
 
     @property
     def numeric_class(self) -> str:
-        """Everything that may change the last bits: engine, version, device, precision, kernels, threads or batch."""
+        """Everything that may change the last bits of a result: engine, version, device, precision, kernels, threads or batch."""
         ...
 
     @property
@@ -42,7 +42,7 @@ class Engine(Protocol):
         ...
 
     def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return what the network answers to one piece (h, w, 3) uint8, to compare engines.
+        """Return the network's answer to one piece (h, w, 3) uint8, to compare engines.
 
         Returns:
             Logits or probabilities (C, rows, columns) float32 in the network's resolution. A network that answers labels, or
@@ -84,5 +84,5 @@ class Recent(Generic[Compiled]):
         return self._held[key]
 
     def clear(self) -> None:
-        """Forget all."""
+        """Drop all compiled networks."""
         self._held.clear()

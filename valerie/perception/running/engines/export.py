@@ -1,6 +1,6 @@
 """Export torch networks to ONNX.
 
-The export traces: torch's newer exporter takes 30 times as long (5 s for the smallest network here), in every process.
+The export uses tracing, since torch's newer exporter takes 30 times as long (5 s for the smallest network) in every process.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def export_onnx(module: nn.Module, size: Size | None) -> bytes:
 
     Args:
         module: (1, 3, H, W) float32 to logits (1, C, h, w), in evaluation mode.
-        size: height and width of the pictures; None leaves them free, for modules whose code never looks at them.
+        size: height and width of the pictures; None leaves them free, for modules whose code does not depend on them.
     """
     axes = {"picture": {2: "height", 3: "width"}, "logits": {2: "rows", 3: "columns"}} if size is None else None
     exported = BytesIO()
@@ -47,7 +47,7 @@ def export_onnx(module: nn.Module, size: Size | None) -> bytes:
 
 
 def looks_at_size(module: nn.Module) -> bool:
-    """Return whether Python code of `valerie.perception.networks` decides by a picture's size; a trace would freeze that."""
+    """Return True if Python code of `valerie.perception.networks` branches on a picture's size, which a trace would freeze."""
     with warnings.catch_warnings(record=True) as noticed, torch.no_grad():
         warnings.simplefilter("always")
         torch.jit.trace(module, torch.zeros(1, 3, *_EXAMPLE), check_trace=False)  # type: ignore[no-untyped-call]

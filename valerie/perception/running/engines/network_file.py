@@ -81,7 +81,7 @@ class NetworkFile:
         module = open_module(self.document, payload)
         if getattr(module, "align_corners", False):
             self._output = self._output.model_copy(update={"align_corners": True})
-        # The code of other people's networks may look at sizes in ways that a trace does not notice.
+        # Networks from elsewhere may branch on sizes in ways that a trace does not show.
         if self.document.kind != "network" or looks_at_size(module):
             return lambda piece: export_onnx(module, piece)
         network = export_onnx(module, None)

@@ -1,4 +1,4 @@
-"""Networks in onnxruntime: fp32 on the CPU, an implementation of its own beside torch and OpenVINO."""
+"""Networks in onnxruntime: fp32 on the CPU, independent of torch and OpenVINO."""
 
 from __future__ import annotations
 

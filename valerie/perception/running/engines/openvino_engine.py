@@ -107,7 +107,7 @@ def _core() -> openvino.Core:
 
 @lru_cache(maxsize=8)
 def _require_precision(precision: str) -> None:
-    """Compile a tiny network and read its precision back: the list of capabilities promises too much."""
+    """Compile a tiny network and read its precision back, since the list of capabilities is not reliable."""
     ops = openvino.opset13
     value = ops.parameter([1, 8, 8, 8], openvino.Type.f32)
     weights = ops.constant(np.zeros((8, 8, 3, 3), np.float32))

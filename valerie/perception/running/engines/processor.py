@@ -1,4 +1,4 @@
-"""The instruction set of the processor, by which libraries choose kernels; it may change the last bits of a result."""
+"""The instruction set of the processor. Libraries choose kernels by it, so it may change the last bits of a result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def instruction_set() -> str:
 
 
 def multiplies_bf16() -> bool:
-    """Return whether the processor has instructions for bf16, so that it is faster than fp32."""
+    """Return True if the processor has instructions for bf16, which make it faster than fp32."""
     return not flags().isdisjoint(_BF16_FLAGS)
 
 

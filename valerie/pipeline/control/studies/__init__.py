@@ -1,1 +1,1 @@
-"""Studies: proposed, run and decided by the control loop, and asked by people."""
+"""Advance studies in the control loop, and serve the commands of users."""

@@ -1,7 +1,7 @@
 """Advance studies: take outcomes, submit accepted batches, propose the next.
 
-Everything is in the database, and each step is one transaction that does nothing where another process did it already. A
-proposal follows from the study and the stored outcomes alone, so whoever goes on after a kill proposes the same.
+All state is in the database. Each step is one transaction, which does nothing if another process has done it. A proposal
+depends only on the study and the stored outcomes, so the process that continues after a kill proposes the same.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
 
-#: A run with failed products is retried so often before a person is asked.
+#: Retries of a run with failed products before the study pauses.
 RETRIES: Final = 3
 
 
 class StudyKeeper:
-    """Advances the studies of a deployment; what it forgets, it computes again from the stored batches."""
+    """Advances the studies of a deployment. Its state is a cache, recomputed from the stored batches."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._pursuits: dict[str, Pursuit] = {}
 
     def advance(self) -> None:
-        """Take every running study as far as it can go now."""
+        """Advance every running study as far as possible."""
         with reading(self._context.engine) as connection:
             rows = studies.running(connection)
         for study in rows:
@@ -56,7 +56,7 @@ class StudyKeeper:
             except TransientError:
                 raise
             except Exception as error:
-                # A defect of a strategy must not hold up the other studies, nor the runs.
+                # A defective strategy must not hold up other studies or the runs.
                 reason = str(error) if isinstance(error, ValerieError) else f"a defect of the strategy: {error!r}"
                 log.warning("study.paused", study=study.id, reason=reason, exc_info=not isinstance(error, ValerieError))
                 self._pursuits.pop(study.id, None)
@@ -64,7 +64,7 @@ class StudyKeeper:
         self._pursuits = {row.id: self._pursuits[row.id] for row in rows if row.id in self._pursuits}
 
     def _step(self, study: StudyRow) -> bool:
-        """Do one thing for a study; return whether there may be more to do at once."""
+        """Advance a study by one step; return whether another step may follow at once."""
         with reading(self._context.engine) as connection:
             batches = studies.batches(connection, study.id)
             study = studies.get(connection, study.id)
@@ -83,12 +83,12 @@ class StudyKeeper:
     # -- runs ------------------------------------------------------------------------------------------------------------
 
     def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> None:
-        """Start the run of an accepted batch. The key finds the run that a killed predecessor has started."""
+        """Start the run of an accepted batch. The idempotency key finds a run that a killed process has started."""
         pursuit = self._pursuit(study, batches)
         points = pursuit.points(batch.number)
         parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
         parent = parents[-1] if parents else None
-        # The same point again asks for the same variant under another seed of what is random.
+        # A repeated point is the same variant under another random seed.
         again = pursuit.repeats(batch.number)
         seed = study.document.spec.seed + (batch.number if again else 0)
         spec = pursuit.study.spec(points, batch.number, parent=parent, seed=seed)
@@ -98,7 +98,7 @@ class StudyKeeper:
         log.info("study.batch", study=study.id, batch=batch.number, run=run_id)
 
     def _end(self, study: StudyRow, batch: BatchRow) -> bool:
-        """Take the outcomes of a batch whose run has ended; return whether it has."""
+        """Store the outcomes of a batch if its run has ended; return whether it has."""
         assert batch.run_id is not None, "a submitted batch"
         with reading(self._context.engine) as connection:
             try:
@@ -126,7 +126,7 @@ class StudyKeeper:
         return True
 
     def _retry(self, study: StudyRow, batch: BatchRow, run: RunRow) -> None:
-        """Try failed products again: a variant without an answer is no outcome."""
+        """Retry failed products, since a variant with a failed product has no outcome."""
         if batch.retries >= RETRIES:
             reason = f"run {run.id} of batch {batch.number + 1}: {run.reason}"
             self._change(study, state=StudyState.PAUSED, reason=f"{reason} (retried {RETRIES} times)")
@@ -194,7 +194,7 @@ class StudyKeeper:
             studies.set_values(connection, study.id, expected=StudyState.RUNNING, reason=waits, result=result)
 
     def _over_budget(self, study: StudyRow, batches: Sequence[BatchRow], basis: Sequence[BatchRow]) -> str | None:
-        """Return why nothing more may be proposed; None while the budget has something left."""
+        """Return which part of the budget is spent; None while none is."""
         budget = study.document.budget
         if left(study, batches) == 0:
             return f"the budget of {budget.variants:,} variants is spent"
@@ -224,19 +224,19 @@ class StudyKeeper:
 
 
 def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
-    """Return a strategy that was told every batch before the first that has not ended."""
+    """Return a pursuit that knows every batch before the first that has not ended."""
     pursuit = Pursuit(resolved)
     pursuit.follow([*takewhile(_ended, batches)], everything=True)
     return pursuit
 
 
 def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
-    """Return how many variants the budget still has; rejected ones take nothing from it."""
+    """Return the number of variants left in the budget; rejected ones do not count."""
     return max(study.document.budget.variants - sum(batch.legal for batch in batches), 0)
 
 
 def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
-    """Return the digest of all that a proposal rests on."""
+    """Return the digest of everything that a proposal depends on."""
     outcomes = [None if batch.outcomes is None else batch.outcomes.model_dump(mode="json") for batch in basis]
     return digest("study-basis", [study.document.digest, outcomes])
 

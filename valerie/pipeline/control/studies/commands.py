@@ -1,4 +1,4 @@
-"""What people do with studies: plan, begin, look at the next batch, accept, change the mode, stop, resume."""
+"""Commands on studies: plan, begin, show and accept the next batch, change the mode, stop, resume."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
 
 @dataclass(frozen=True, slots=True)
 class NextBatch:
-    """A batch that may run next, and its price.
+    """The next batch of a study with its price.
 
     Attributes:
         number: of the batch, from 0.
         reason: why these variants.
         legal, rejected: numbers of variants.
-        accepted: False where it waits for a person.
+        accepted: False while it waits for a person.
         run_id: of its run; None before it starts.
         spec: of its run.
         plan: size and cost.
@@ -53,7 +53,7 @@ class NextBatch:
 
 
 def plan_study(context: Context, document: StudyDocument) -> NextBatch:
-    """Return the first batch of a study; stores nothing.
+    """Return the first batch of a study without storing anything.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -67,7 +67,7 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
 
 
 def begin(context: Context, document: StudyDocument) -> str:
-    """Store a study and return its id; the control loop does the rest.
+    """Store a study and return its id; the control loop advances it.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -123,13 +123,13 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
 def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
     """Accept the proposed batch and return its number.
 
-    A batch is edited by its size alone: points that a person picks would have no density, and the estimate would be wrong.
-    Variants of one's own are an ordinary run, and `next_batch` gives the spec to start from.
+    Only the size of a batch can be edited: points picked by a person have no density and would bias the estimate. A person's
+    own variants belong in an ordinary run, for which `next_batch` returns a spec.
 
     Args:
         context: of the deployment.
         study_id: of a running study.
-        count: another number of points; the strategy is asked again for so many.
+        count: another number of points, for which the strategy proposes again.
 
     Raises:
         NotFound: no such study.
@@ -152,7 +152,7 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
 
 
 def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
-    """Let a person accept each batch from now on, or no longer; a proposal that waits is accepted then.
+    """Set whether a person accepts each batch. In automatic mode, a waiting proposal is accepted at once.
 
     Raises:
         NotFound, Conflict: no such study, or it has ended.
@@ -167,7 +167,7 @@ def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
 
 
 def stop(context: Context, study_id: str) -> None:
-    """End a study now: its runs are cancelled, and its result is what is known from the batches that ended.
+    """End a study now: cancel its runs, and store the result from the batches that ended.
 
     Raises:
         NotFound, Conflict: no such study, or it has ended.
@@ -191,7 +191,7 @@ def stop(context: Context, study_id: str) -> None:
 
 
 def resume(context: Context, study_id: str) -> None:
-    """Let a paused study go on: its runs are resumed, and products that failed are tried again.
+    """Resume a paused study and its runs, and retry failed products.
 
     Raises:
         NotFound, Conflict: no such study, or it is not paused.

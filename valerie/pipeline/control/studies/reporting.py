@@ -1,4 +1,4 @@
-"""The report of a study, from the database and the stored products."""
+"""Build the report of a study from the database and the stored products."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _Place = tuple[int, int, str]
 
 
 def report(context: Context, study_id: str) -> str:
-    """Return the page of a study, with what is known from the batches that ended.
+    """Return the page of a study, with the result from the batches that ended.
 
     Raises:
         NotFound: no such study.

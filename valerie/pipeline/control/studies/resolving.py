@@ -1,4 +1,4 @@
-"""Studies against this deployment."""
+"""Resolve studies against the assets and functions of a deployment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.studies.resolved import ResolvedStudy, resolve_study
 
 
 def resolve_document(context: Context, document: StudyDocument) -> ResolvedStudy:
-    """Check a study in full.
+    """Resolve and fully check a study.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -28,7 +28,7 @@ def resolve_row(context: Context, study: StudyRow) -> ResolvedStudy:
 
     Raises:
         Conflict: its asset changed.
-        InvalidInput: something that it names is gone.
+        InvalidInput: it names something that no longer exists.
     """
     resolved = resolve_document(context, study.document)
     if resolved.run.asset_digest != study.asset_digest:
