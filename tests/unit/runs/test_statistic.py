@@ -91,4 +91,6 @@ def test_every_score_of_a_function_can_be_bounded() -> None:
         "tp", "fn", "pacc", "pacc_empty", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc", "fp"
     }  # fmt: skip
     for name in SCORES:
-        assert parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons == (name in ("tp", "fn", "pacc", "pacc_empty"))
+        assert parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons == (
+            name in ("tp", "fn", "pacc", "pacc_empty")
+        )
