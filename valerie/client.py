@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from valerie.errors import InvalidInput, TransientError, ValerieError
 
 if TYPE_CHECKING:
-    from valerie.runs.forecast import Plan
+    from valerie.runs.forecasting.forecast import Plan
 
 
 class ServerProblemError(ValerieError):
@@ -378,7 +378,7 @@ class Client:
 
     def plan(self, spec: bytes) -> Plan:
         """Return the size and cost of a spec (YAML or JSON text)."""
-        from valerie.runs.forecast import Plan
+        from valerie.runs.forecasting.forecast import Plan
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 

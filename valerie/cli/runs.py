@@ -355,7 +355,7 @@ def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None
 
 def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> str:
     """Return a suggestion for the user: a cheap change to the spec file, and the command that runs it."""
-    from valerie.runs.spec import parse
+    from valerie.runs.resolving.spec import parse
 
     dusk = "{name: dusk, exposure_ev: -2}"
     has_sensors = "sensors" in parse(text).model_fields_set

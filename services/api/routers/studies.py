@@ -37,8 +37,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
 from valerie.pipeline.control.studies.advancing import left
 from valerie.plain import JsonObject
-from valerie.runs.measure import parse_measure
-from valerie.runs.study import Outcomes, StudyDocument, parse_study
+from valerie.runs.study.document import Outcomes, StudyDocument, parse_study
+from valerie.runs.study.measure import parse_measure
 
 router = APIRouter(prefix="/v1", tags=["studies"])
 

@@ -7,8 +7,8 @@ from typing import Final
 from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, RUN_ID, Digest, Moment, NextCursor, Read
-from valerie.runs.forecast import Plan
-from valerie.runs.study import Budget, Outcomes, StudyResult, StudyState
+from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.study.document import Budget, Outcomes, StudyResult, StudyState
 
 STUDY_ID: Final = "s1ng219w3v1ks"
 #: A study in the notation of its file.

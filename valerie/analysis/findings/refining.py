@@ -11,9 +11,9 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.parameters.distributions import Choice, Constant, Gaussian, Homogeneous, Uniform
-from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 from valerie.runs.values import Scalar
-from valerie.runs.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 
 #: Values of a parameter that is added to a grid.
 _ADDED: Final = 3

@@ -21,7 +21,7 @@ from valerie.analysis.findings.wording import false_positives_sentence, finding_
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.table import EvaluationTable
-from valerie.runs.documents import RunSpec
+from valerie.runs.document.documents import RunSpec
 from valerie.statistics.confirmation import Confirmation, find, named
 from valerie.statistics.contrasts import Change, Matching, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval

@@ -23,7 +23,7 @@ from valerie.analysis.rows.frame_counts import frame_counts, present
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import measure_of
 from valerie.plain import Row
-from valerie.runs.requirements import Requirement
+from valerie.runs.resolving.requirements import Requirement
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
 from valerie.statistics.verdicts import Basis, Outcome, Verdict, judge_even, judge_grid, judge_sample

@@ -34,10 +34,10 @@ from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
-from valerie.runs.frames import FrameKey
-from valerie.runs.products import Fault
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import RunState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()

@@ -39,7 +39,7 @@ from valerie.pipeline.reading.selection import (
 from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.targets import run_values
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.storage import codecs
 
 

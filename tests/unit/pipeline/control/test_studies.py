@@ -26,8 +26,8 @@ from valerie.pipeline.control.studies import advancing, commands
 from valerie.pipeline.control.studies.reporting import report
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
-from valerie.runs.states import RunState
-from valerie.runs.study import Outcomes, StudyState, parse_study
+from valerie.runs.products.states import RunState
+from valerie.runs.study.document import Outcomes, StudyState, parse_study
 from valerie.studies import pursuit
 from valerie.studies.boundary import CELLS
 from valerie.studies.pursuit import Pursuit
