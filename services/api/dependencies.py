@@ -17,6 +17,7 @@ from services.api.schemas.base import FRAME_ID, RUN_ID
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
 from valerie.runs.products.frames import FRAME_ID as FRAME_ID_PATTERN
+from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
 from valerie.runs.products.frames import FrameKey
 
 
@@ -53,7 +54,7 @@ def _declared(dependant: Dependant) -> Iterator[str]:
 
 
 ContextDependency = Annotated[Context, Depends(_context)]
-RunId = Annotated[str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[RUN_ID])]
+RunId = Annotated[str, Path(pattern=RUN_ID_PATTERN, description="id of a run", examples=[RUN_ID])]
 
 
 def _frame_key(

@@ -10,11 +10,13 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
+from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
 
 from services.api.dependencies import ContextDependency
 from services.api.openapi import problems
 from services.api.schemas.base import FRAME_ID, FUNCTION, RUN_ID
 from services.api.schemas.explore import (
+    SELECTION_NAME,
     ColumnsRead,
     ComparisonRead,
     HistogramsRead,
@@ -50,7 +52,7 @@ _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
-    list[Annotated[str, Query(max_length=32)]],
+    list[Annotated[str, Query(pattern=RUN_ID_PATTERN)]],
     Query(alias="run", min_length=1, max_length=MAX_RUNS, description="ids of runs", examples=[[RUN_ID]]),
 ]
 WhereText = Annotated[
@@ -319,7 +321,8 @@ def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRe
     summary="Delete a saved selection",
 )
 def delete_selection(
-    name: Annotated[str, Path(max_length=120, examples=["dark and far"])], context: ContextDependency
+    name: Annotated[str, Path(max_length=120, pattern=SELECTION_NAME, examples=["dark and far"])],
+    context: ContextDependency,
 ) -> None:
     with writing(context.engine) as connection:
         selections.remove(connection, name)

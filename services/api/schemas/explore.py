@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
+from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
 
 from services.api.schemas.base import FUNCTION, RUN_ID, Moment, Read
 from services.api.schemas.results import INTERVAL
@@ -14,6 +15,9 @@ from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
 
+#: The name of a saved selection, and text that a database can hold, as regular expressions.
+SELECTION_NAME: Final = r"^[^\x00-\x1f/]+$"
+_TEXT: Final = r"^[^\x00]*$"
 _ROW: Final = {"frame_id": f"{RUN_ID}.5.0.0", "function": FUNCTION, "pacc": 0.9041}
 
 
@@ -142,11 +146,20 @@ class SpecRead(Read):
 class NewSelection(BaseModel, extra="forbid"):
     """A selection to save."""
 
-    name: Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x1f/]+$", examples=["dark and far"])]
-    runs: Annotated[tuple[str, ...], Field(min_length=1, max_length=20, examples=[[RUN_ID]])]
-    expression: Annotated[str, Field(max_length=2000, examples=["distance_m > 25"])] = ""
+    name: Annotated[str, Field(min_length=1, max_length=120, pattern=SELECTION_NAME, examples=["dark and far"])]
+    runs: Annotated[
+        tuple[Annotated[str, Field(pattern=RUN_ID_PATTERN)], ...],
+        Field(min_length=1, max_length=20, examples=[[RUN_ID]]),
+    ]
+    expression: Annotated[str, Field(max_length=2000, pattern=_TEXT, examples=["distance_m > 25"])] = ""
     view: Annotated[
-        str, Field(max_length=4000, description="query of the page's address", examples=["x=distance_m&y=pacc"])
+        str,
+        Field(
+            max_length=4000,
+            pattern=_TEXT,
+            description="query of the page's address",
+            examples=["x=distance_m&y=pacc"],
+        ),
     ] = ""
 
 

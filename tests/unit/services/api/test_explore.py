@@ -107,6 +107,23 @@ def test_a_selection_is_saved_listed_and_deleted(fresh: httpx.Client, drawn: Dra
     assert fresh.delete("/v1/selections/dark and far").status_code == 404
 
 
+@pytest.mark.parametrize("path", ["columns", "histograms", "links", "rates", "rows", "scatter", "swings", "spec"])
+def test_what_cannot_be_the_id_of_a_run_is_refused_before_the_database_is_asked(api: httpx.Client, path: str) -> None:
+    columns = {"column": "pacc"} if path in ("histograms", "links") else {}
+    for wrong in ("\0", "a/b", "", "r" * 33):
+        refused = api.get(f"/v1/explore/{path}", params={"run": wrong, **columns})
+        assert refused.status_code == 422
+        assert {problem["field"] for problem in refused.json()["errors"]} == {"run.0"}
+
+
+def test_a_selection_with_text_that_no_database_holds_is_refused(api: httpx.Client) -> None:
+    new: dict[str, Any] = {"name": "dark", "runs": ["r1"], "expression": "", "view": ""}
+    for field, wrong, named in (("runs", ["\0"], "runs.0"), ("expression", "\0", "expression"), ("view", "\0", "view")):
+        refused = api.post("/v1/selections", json={**new, field: wrong})
+        assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, named)
+    assert api.delete("/v1/selections/%00").status_code == 422
+
+
 def test_the_page_has_an_address_of_its_own(api: httpx.Client) -> None:
     answer = api.get("/explore?runs=a,b&where=pacc%20%3C%200.5", follow_redirects=False)
     assert answer.headers["location"] == "/dashboard/#/explore?runs=a,b&where=pacc%20%3C%200.5"
