@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
-from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
 
 from services.api.dependencies import ContextDependency
 from services.api.openapi import problems
@@ -42,6 +41,7 @@ from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
 from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
 from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
+from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 

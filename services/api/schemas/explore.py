@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
-from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
 
 from services.api.schemas.base import FUNCTION, RUN_ID, Moment, Read
 from services.api.schemas.results import INTERVAL
@@ -14,6 +13,7 @@ from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
+from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
 
 #: The name of a saved selection, and text that a database can hold, as regular expressions.
 SELECTION_NAME: Final = r"^[^\x00-\x1f/]+$"
