@@ -127,7 +127,10 @@ def install(app: FastAPI) -> None:
         return problem(HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT, detail, errors=errors)
 
     @app.exception_handler(HTTPException)
-    async def http(_: Request, error: HTTPException) -> JSONResponse:
+    async def http(request: Request, error: HTTPException) -> JSONResponse:
+        if error.status_code == HTTPStatus.BAD_REQUEST:
+            # FastAPI reports a body that is not UTF-8, or nested too deeply, in this way.
+            return await valerie_error(request, InvalidInput("not readable as JSON", field="body"))
         response = problem(error.status_code, HTTPStatus(error.status_code).phrase.capitalize(), str(error.detail))
         response.headers.update(error.headers or {})
         return response

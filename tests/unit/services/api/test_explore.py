@@ -124,6 +124,12 @@ def test_a_selection_with_text_that_no_database_holds_is_refused(api: httpx.Clie
     assert api.delete("/v1/selections/%00").status_code == 422
 
 
+@pytest.mark.parametrize("body", [b"{", b"\xff", b"[" * 100_000], ids=["cut off", "not UTF-8", "nested too deeply"])
+def test_a_selection_that_is_not_json_is_refused(api: httpx.Client, body: bytes) -> None:
+    refused = api.post("/v1/selections", content=body, headers={"Content-Type": "application/json"})
+    assert (refused.status_code, len(refused.json()["errors"])) == (422, 1)
+
+
 def test_the_page_has_an_address_of_its_own(api: httpx.Client) -> None:
     answer = api.get("/explore?runs=a,b&where=pacc%20%3C%200.5", follow_redirects=False)
     assert answer.headers["location"] == "/dashboard/#/explore?runs=a,b&where=pacc%20%3C%200.5"
