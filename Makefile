@@ -37,6 +37,10 @@ run: setup ## Run a validation and show its result (SPEC=examples/first-run.yaml
 paper-small: setup ## Run a small part of the paper's experiment and test the paper's claims on it (minutes)
 	@exec $(VENV)/bin/valerie run examples/paper-small.yaml --claims examples/claims/paper.yaml --end-with-parent
 
+.PHONY: paper-part
+paper-part: setup ## Run two of the eight headings of the paper's experiment (an hour) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper_part
+
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C
 	@exec $(VENV)/bin/valerie up --end-with-parent

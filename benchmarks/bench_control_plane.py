@@ -32,8 +32,8 @@ from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.control.feeding import Feeder
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.functions.probe import probe_engine, probe_function
-from valerie.runs.spec import parse
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import parse
 from valerie.settings import load_settings
 
 SIZES = (1_000, 10_000, 30_000, 100_000)

@@ -107,7 +107,7 @@ def thumbnails(client: httpx.Client, run: str) -> dict[str, float]:
 
 
 def _cpu_seconds(processes: list[psutil.Process]) -> float:
-    return sum(one.cpu_times().user + one.cpu_times().system for one in processes if one.is_running())
+    return sum(process.cpu_times().user + process.cpu_times().system for process in processes if process.is_running())
 
 
 def main() -> None:
@@ -134,13 +134,19 @@ def main() -> None:
             page.goto("about:blank")
             warm = first_view(page, address)
             generator = np.random.default_rng(5)
-            browser_processes = [one for one in psutil.Process().children(recursive=True) if "chrom" in one.name()]
+            browser_processes = [
+                process for process in psutil.Process().children(recursive=True) if "chrom" in process.name()
+            ]
             before = _cpu_seconds([psutil.Process(), *browser_processes])
             took = [brush(page, generator) for _ in range(BRUSHES)]
             cpu = (_cpu_seconds([psutil.Process(), *browser_processes]) - before) / BRUSHES
             heap = page.evaluate("() => performance.memory.usedJSHeapSize") / 2**20
-            renderers = [one for one in psutil.Process().children(recursive=True) if "--type=renderer" in one.cmdline()]
-            tab = max(one.memory_full_info().uss for one in renderers) / 2**20
+            renderers = [
+                process
+                for process in psutil.Process().children(recursive=True)
+                if "--type=renderer" in process.cmdline()
+            ]
+            tab = max(process.memory_full_info().uss for process in renderers) / 2**20
             rates = thumbnails(client, small)
             browser.close()
     figures = {

@@ -50,7 +50,7 @@ STATICS: Final = "statics"
 PLACES_M = (8.0, 12.0, 16.0, 20.0, 30.0)
 #: `benchmarks.bench_cycles` measures Cycles, which takes minutes a picture; its entries stay.
 ENGINES = ("raster", "pyrender")
-TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "costs.json"
+TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "forecasting" / "costs.json"
 
 #: (kind, maker) to resolution to (CPU seconds, bytes) of each product.
 Samples = dict[tuple[str, str], dict[tuple[int, int], list[tuple[float, int]]]]

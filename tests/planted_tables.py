@@ -16,8 +16,8 @@ from valerie.parameters.blocks import Block, Variation
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.parameters.distributions import Uniform
 from valerie.parameters.space import ParameterSpace
-from valerie.runs.requirements import Requirement, resolve_requirements
-from valerie.runs.spec import RunSpec
+from valerie.runs.resolving.requirements import Requirement, resolve_requirements
+from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.contrasts import Matching
 
 X = "scene.person-1.pos.x"

@@ -74,7 +74,7 @@ from valerie.perception.base import FunctionCard
 
 
 def troubles(picture):
-    """Whether this picture makes trouble: about every second one."""
+    """Return whether this picture causes trouble; about half of all do."""
     return hashlib.sha256(picture.tobytes()).digest()[0] % 2 == 0
 
 

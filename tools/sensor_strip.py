@@ -19,8 +19,8 @@ from valerie import plugins
 from valerie.rendering.base import LinearImage, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.scanning import Reading, scan
-from valerie.runs.motion import VELOCITY_SPAN_S
-from valerie.runs.sensors import focal_length_mm
+from valerie.runs.resolving.motion import VELOCITY_SPAN_S
+from valerie.runs.resolving.sensors import focal_length_mm
 from valerie.scene.assets.asset import load_asset
 from valerie.scene.graph.model import Scene
 from valerie.scene.variation.variant import apply

@@ -25,8 +25,8 @@ from redis.exceptions import RedisError
 from redis.exceptions import TimeoutError as RedisTimeout
 
 from valerie.errors import TransientError
-from valerie.runs.products import Ready
-from valerie.runs.states import EVAL_QUEUE, ProductKind, Stage, stage_of
+from valerie.runs.products.ready import Ready
+from valerie.runs.products.states import EVAL_QUEUE, ProductKind, Stage, stage_of
 from valerie.settings import Settings
 
 RENDER: Final = "valerie.render"

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from valerie.errors import InvalidInput, TransientError, ValerieError
 
 if TYPE_CHECKING:
-    from valerie.runs.forecast import Plan
+    from valerie.runs.forecasting.forecast import Plan
 
 
 class ServerProblemError(ValerieError):
@@ -232,7 +232,7 @@ class RunSummary(_Read):
 
 
 class RunDetail(_Read):
-    """What a run computes: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
+    """The inputs of a run: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
 
     spec: dict[str, JsonValue]
     asset_digest: str
@@ -285,7 +285,7 @@ class StudyBatch(_Read):
 
 
 class StudyKnown(_Read):
-    """What a study knows, in words."""
+    """The result of a study in words."""
 
     sentences: tuple[str, ...]
 
@@ -378,7 +378,7 @@ class Client:
 
     def plan(self, spec: bytes) -> Plan:
         """Return the size and cost of a spec (YAML or JSON text)."""
-        from valerie.runs.forecast import Plan
+        from valerie.runs.forecasting.forecast import Plan
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 

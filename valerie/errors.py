@@ -59,8 +59,8 @@ class UnknownName(InvalidInput):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], *, field: str = "", limit: object = None) -> None:
         self.kind, self.name, self.known = kind, name, tuple(sorted(known))
-        whole = [one for one in self.known if one.endswith(f".{name}")]  # a parameter without its object
-        close = [one for one in whole if one.partition(".")[2] not in whole][:3]
+        whole = [path for path in self.known if path.endswith(f".{name}")]  # a parameter without its object
+        close = [path for path in whole if path.partition(".")[2] not in whole][:3]
         close = close or get_close_matches(name, self.known, n=3, cutoff=0.5)
         more = f" and {len(self.known) - _LISTED} more" if len(self.known) > _LISTED else ""
         hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:_LISTED]) or 'none'}"

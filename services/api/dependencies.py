@@ -16,9 +16,9 @@ from fastapi.routing import APIRoute
 from services.api.schemas.base import FRAME_ID, RUN_ID
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
-from valerie.runs.frames import FRAME_ID as FRAME_ID_PATTERN
-from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FRAME_ID as FRAME_ID_PATTERN
+from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.runs.products.frames import FrameKey
 
 
 def _context(request: Request) -> Context:

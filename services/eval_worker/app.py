@@ -6,7 +6,7 @@ from services.eval_worker.tasks import register
 from valerie.logs import configure_logging
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.workers import serve
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
 

@@ -13,7 +13,7 @@ from valerie.logs import configure_logging
 from valerie.pipeline.functions.probe import inference_names
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.workers import infer_offers, serve
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
 log = structlog.get_logger()

@@ -9,7 +9,7 @@ from valerie import plugins
 from valerie.logs import configure_logging
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.workers import render_offers, serve
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
 from valerie.settings import load_settings
 
 log = structlog.get_logger()

@@ -35,7 +35,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
 
 @pytest.fixture(scope="module")
 def context(system: System) -> Iterator[Context]:
-    """What a command beside the system works with."""
+    """The context of a command beside the system."""
     context = open_context(system.supervisor.settings)
     yield context
     context.engine.dispose()

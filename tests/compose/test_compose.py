@@ -58,7 +58,7 @@ class Stack:
         return done.stdout or ""
 
     def containers(self) -> list[dict[str, Any]]:
-        """What runs, as ``docker compose ps`` tells it."""
+        """Return the running containers by ``docker compose ps``."""
         lines = self.compose("ps", "--format", "json").splitlines()
         found = [json.loads(line) for line in lines if line.strip()]
         return [one for entry in found for one in (entry if isinstance(entry, list) else [entry])]

@@ -13,8 +13,8 @@ import redis
 
 from valerie.broker import Broker
 from valerie.errors import TransientError
-from valerie.runs.products import Ready
-from valerie.runs.states import ProductKind
+from valerie.runs.products.ready import Ready
+from valerie.runs.products.states import ProductKind
 from valerie.settings import load_settings
 
 pytestmark = pytest.mark.processes

@@ -15,8 +15,8 @@ from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Finished, Wanted
-from valerie.runs.products import Fault
-from valerie.runs.states import ProductKind
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import ProductKind
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 

@@ -14,7 +14,7 @@ import redis
 from valerie.broker import Broker
 from valerie.db.engine import open_engine
 from valerie.db.migrate import migrate
-from valerie.runs.states import EVAL_QUEUE
+from valerie.runs.products.states import EVAL_QUEUE
 from valerie.settings import load_settings
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]

@@ -18,8 +18,8 @@ from valerie.broker import FINISH, Message, messages_of
 from valerie.db.measured import MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job
 from valerie.errors import MissingInput, NotFound, StorageFull, StorageUnavailable, TransientError
-from valerie.runs.products import Ready
-from valerie.runs.states import EVAL_QUEUE, ProductKind
+from valerie.runs.products.ready import Ready
+from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.storage import envelope
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore

@@ -28,7 +28,7 @@ from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.stages import run_stage
-from valerie.runs.states import EVAL_QUEUE
+from valerie.runs.products.states import EVAL_QUEUE
 from valerie.storage.keys import run_key
 
 LEASE = 10.0

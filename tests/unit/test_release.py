@@ -28,12 +28,12 @@ from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work.child import Child
 from valerie.plain import typed
-from valerie.runs.frames import FrameKey
-from valerie.runs.pins import OFFERS, Pins
-from valerie.runs.products import FailedInput, Fault
-from valerie.runs.progress import BlockCounts, Progress
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import ProductKind, ProductState, RunState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pins import OFFERS, Pins
+from valerie.runs.products.progress import BlockCounts, Progress
+from valerie.runs.products.ready import FailedInput, Fault
+from valerie.runs.products.states import ProductKind, ProductState, RunState
+from valerie.runs.resolving.spec import RunSpec
 from valerie.settings import load_settings
 
 RELEASE = Path(__file__).parents[1] / "fixtures" / "release-0.1.0"

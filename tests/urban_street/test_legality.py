@@ -1,4 +1,4 @@
-"""Which places in the street are possible."""
+"""Legal and illegal places in the street."""
 
 import numpy as np
 import pytest

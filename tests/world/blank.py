@@ -10,7 +10,7 @@ from tests.world.world import World, settings_of
 from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
 
 #: 12 places, two cameras: 24 frames.
 SMALL = spec(xs=4, ys=3)

@@ -15,8 +15,8 @@ from valerie.errors import RenderingError
 from valerie.parameters.declaring import angle, number
 from valerie.parameters.definitions import Affects
 from valerie.perception.shipped import function_card
-from valerie.runs.pins import FunctionOffer, Offer
-from valerie.runs.states import Stage, route_of
+from valerie.runs.products.pins import FunctionOffer, Offer
+from valerie.runs.products.states import Stage, route_of
 from valerie.scene.assets.manifest import Footprint
 from valerie.settings import Settings
 from valerie.testing.assets import simple_manifest

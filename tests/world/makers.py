@@ -54,10 +54,11 @@ class DrawingMaker:
             persons = tuple(_seen_persons(street, truth)) or (NO_PERSON,)
         else:
             assert job.look is not None
-            truth = self._reader.truth(job.frame.products.truth)
+            empty = job.digest == job.look.empty
+            truth = street.truth() if empty else self._reader.truth(job.frame.products.truth)
             distances = [person.distance_m for person in street.persons()]
             labels = predict(truth, job.look.function, min(distances, default=20.0), seed=int(job.digest[:8], 16))
-            if job.digest == job.look.empty:
+            if empty:
                 labels[labels == PERSON.train_id] = ROAD
             data = codecs.encode_prediction(labels)
         self._context.store.put(product_key(job.kind, job.digest), data)

@@ -25,10 +25,10 @@ from valerie.pipeline.control.submit import submit
 from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
-from valerie.runs.pins import AnyOffer
-from valerie.runs.products import Ready
-from valerie.runs.spec import parse
-from valerie.runs.states import Stage, stage_of
+from valerie.runs.products.pins import AnyOffer
+from valerie.runs.products.ready import Ready
+from valerie.runs.products.states import Stage, stage_of
+from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings, load_settings
 
 _STAGES = (Stage.RENDER, Stage.INFER, Stage.EVAL)

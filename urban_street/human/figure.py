@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from urban_street.human import (
@@ -173,7 +173,7 @@ class Model:
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
         self._canvases: dict[str, Callable[[], textures.Canvas]] = {}
-        self._made: OrderedDict[StanceKey, dict[str, Mesh]] = OrderedDict()
+        self._stances: LRUCache[StanceKey, dict[str, Mesh]] = LRUCache(_KEPT_STANCES)
         self._declare()
 
     def parts(self, key: StanceKey) -> tuple[str, ...]:
@@ -189,12 +189,11 @@ class Model:
 
     def mesh(self, key: StanceKey, part: str) -> Mesh:
         """Return one part of a stance."""
-        if key not in self._made:
-            self._made[key] = {name: _mesh(shape, f"{self.name}/{name}") for name, shape in self._shapes(key).items()}
-            while len(self._made) > _KEPT_STANCES:
-                self._made.popitem(last=False)
-        self._made.move_to_end(key)
-        return self._made[key][part]
+        if key not in self._stances:
+            self._stances[key] = {
+                name: _mesh(shape, f"{self.name}/{name}") for name, shape in self._shapes(key).items()
+            }
+        return self._stances[key][part]
 
     @cached_property
     def body(self) -> Body:

@@ -53,7 +53,7 @@ class Look:
         seed: of the small irregularities.
         hat: worn over the hair.
         carries: one of `urban_street.human.stances.CARRIED` except ``own``.
-        bag_colour, umbrella_colour: sRGB, of what is carried.
+        bag_colour, umbrella_colour: sRGB, of the carried thing.
     """
 
     shape: BodyShape

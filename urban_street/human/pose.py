@@ -47,7 +47,7 @@ class Gait:
         stride: factor on the sagittal angles of the legs; 1 is natural cadence.
         arm_swing_deg: amplitude of the shoulders.
         elbow_deg: mean flexion of the elbows.
-        arm_out_deg: how far the upper arms stand off the body.
+        arm_out_deg: angle of the upper arms away from the body.
         step_width_m: sideways distance between the ankles.
         lean_deg: of the trunk, forward.
     """

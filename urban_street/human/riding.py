@@ -29,7 +29,7 @@ class Contact:
         grip: middle of the right grip; the left one is its mirror image.
         foot: under the ball of the right and of the left foot.
         lean_deg: of the trunk, forward.
-        knees_out: how far the knees point outwards, 0 … 1.
+        knees_out: outward turn of the knees, 0 … 1.
     """
 
     seat: Place

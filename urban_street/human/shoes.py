@@ -24,7 +24,7 @@ class ShoeCut:
         sole: thickness under the ball of the foot.
         heel: thickness under the heel.
         ease: room around the foot.
-        welt: how far the sole stands out.
+        welt: overhang of the sole.
     """
 
     height: float = 0.075
@@ -144,7 +144,7 @@ def _sole(cut: ShoeCut, upper: ShoePart, heel: Points, forward: Points, length: 
         np.column_stack([shrunk, bottom]),
     ]
     size = len(flat)
-    # edges between top, wall and bottom are sharp: each surface has rings of its own
+    # Edges between top, wall and bottom are sharp, so each surface has its own rings.
     points = np.concatenate([rings[0], rings[0], rings[1], rings[1], rings[2], rings[2], rings[3], rings[3]])
     ids = [np.arange(k * size, (k + 1) * size) for k in range(8)]
     faces = [surface.strip(ids[a], ids[b]) for a, b in ((1, 2), (3, 4), (5, 6))]

@@ -385,7 +385,7 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
-        """Return the nearest place along the kerb at least 1.6 m from what stands there already."""
+        """Return the nearest place along the kerb at least 1.6 m from all objects there."""
         for step in range(60):
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):

@@ -25,7 +25,7 @@ CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
 Season = Literal["spring", "summer", "autumn", "winter"]
-#: Along a side street: half of what it takes between the corner houses, and of its carriageway, metres.
+#: Half widths of a side street, between the corner houses and of its carriageway, metres.
 SIDE_HALF, SIDE_ROAD_HALF = 5.4, 3.0
 #: Length of a side street beyond the corner houses' fronts, metres.
 SIDE_LENGTH = 46.0

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from valerie.cli.shell import console
 from valerie.client import Progress, StageProgress
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
 
 #: Stage to the name of its products.
 STAGES: Final = {"render": "frames", "infer": "predictions", "eval": "evaluations"}

@@ -90,7 +90,9 @@ def verify(
                 typer.echo(f"  {problem}")
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES) from None
     if as_json:
-        typer.echo(json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(one) for one in pictures]}))
+        typer.echo(
+            json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(picture) for picture in pictures]})
+        )
     else:
         signer = f"signed by key {verified.signer}" if verified.signer else "signer unknown"
         typer.echo(f"{folder}: {verified.files:,} files are consistent, {signer}")

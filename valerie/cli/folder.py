@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from valerie.client import Failure, Progress, Run, RunSummary
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
     from valerie.db.runs import RunRow

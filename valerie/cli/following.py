@@ -14,7 +14,7 @@ from valerie.cli.shell import Exit, console
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
 from valerie.plain import typed
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 

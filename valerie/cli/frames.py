@@ -48,7 +48,7 @@ def export(
     from valerie.cli.connecting import client_of
     from valerie.client import ServerProblemError
     from valerie.pipeline.base.deadlines import AWAITING
-    from valerie.runs.states import ProductState
+    from valerie.runs.products.states import ProductState
 
     with client_of(settings_of(data_dir), url) as client:
         run = client.run(run_id)

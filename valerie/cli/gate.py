@@ -138,8 +138,8 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
         from valerie.analysis.rows.table import EvaluationTable
         from valerie.analysis.verdicts.gate import GateRun
         from valerie.analysis.verdicts.verdicts import RequirementVerdict
-        from valerie.runs.pins import Pins
-        from valerie.runs.spec import RunSpec
+        from valerie.runs.products.pins import Pins
+        from valerie.runs.resolving.spec import RunSpec
 
         with client_of(settings_of(data_dir), url) as client:
             verdicts = typed(tuple[RequirementVerdict, ...], client.summary(run_id).verdicts)

@@ -13,7 +13,7 @@ from valerie.cli.deployment import context_of
 from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
 from valerie.errors import InvalidInput, UnknownName
 from valerie.plain import JsonObject
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed

@@ -43,7 +43,8 @@ def run(
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
     ] = None,
     claims: Annotated[
-        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on the result.")
+        Path | None,
+        typer.Option("--claims", metavar="FILE", help="Also test these claims, and put them into the report."),
     ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
@@ -58,7 +59,7 @@ def run(
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.display import display_of, print_event
-    from valerie.cli.following import exit_code, follow, report_path, show_result
+    from valerie.cli.following import exit_code, follow, report_path, save, show_result
 
     _bind_to_parent(end_with_parent)
     statements = None if claims is None else read_claims(claims)
@@ -80,6 +81,7 @@ def run(
         code = exit_code(progress.state)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
+            save(_report_with(run.id, claims, None, data_dir), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
@@ -355,7 +357,7 @@ def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None
 
 def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> str:
     """Return a suggestion for the user: a cheap change to the spec file, and the command that runs it."""
-    from valerie.runs.spec import parse
+    from valerie.runs.resolving.spec import parse
 
     dusk = "{name: dusk, exposure_ev: -2}"
     has_sensors = "sensors" in parse(text).model_fields_set

@@ -26,7 +26,7 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from valerie.runs.forecast import Plan
+    from valerie.runs.forecasting.forecast import Plan
     from valerie.settings import Settings
 
 Functions = Annotated[
@@ -94,7 +94,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
     text = read_spec(path)
     if functions is None:
         return text
-    from valerie.runs.spec import parse
+    from valerie.runs.resolving.spec import parse
 
     document = parse(text).model_dump(mode="json", exclude_defaults=True)
     return parse({**document, "functions": functions_named(functions, opening)}).to_yaml().encode()
@@ -109,7 +109,7 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
     from valerie.db.engine import reading
     from valerie.pipeline.base.resolved_runs import resolve_new
     from valerie.pipeline.functions.registry import known, names
-    from valerie.runs.spec import parse
+    from valerie.runs.resolving.spec import parse
 
     spec = parse(text)
     if has_database(settings):
@@ -127,7 +127,7 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
         with client_of(settings, url) as client, own_assets(settings, client):
             return client.plan(text)
     from valerie.pipeline.control.plan import plan_run
-    from valerie.runs.spec import parse
+    from valerie.runs.resolving.spec import parse
 
     spec = parse(text)
     with deployment_or_empty(settings) as context:

@@ -75,7 +75,7 @@ def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: Data
     else:
         from valerie.cli.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
-        from valerie.runs.study import parse_study
+        from valerie.runs.study.document import parse_study
 
         document = parse_study(text)
         with deployment_or_empty(settings) as context:
@@ -111,7 +111,7 @@ def run(
     """
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
-    from valerie.runs.study import StudyState, parse_study
+    from valerie.runs.study.document import StudyState, parse_study
 
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
@@ -336,7 +336,7 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
 
 def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
     """Tell what a study does until it ends or waits for good."""
-    from valerie.runs.study import StudyState
+    from valerie.runs.study.document import StudyState
 
     told: set[str] = set()
 
@@ -391,7 +391,7 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
         typer.echo(batch.model_dump_json(indent=1))
         return
     from valerie.cli.specs import show_plan
-    from valerie.runs.forecast import Plan
+    from valerie.runs.forecasting.forecast import Plan
 
     rejected = f", {batch.rejected} rejected" if batch.rejected else ""
     typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejected}.\n")

@@ -22,8 +22,8 @@ from sqlalchemy.orm import aliased
 
 from valerie.db.links import same_frame
 from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product
-from valerie.runs.progress import BlockCounts
-from valerie.runs.states import ProductState
+from valerie.runs.products.progress import BlockCounts
+from valerie.runs.products.states import ProductState
 
 
 class OpenBlock(NamedTuple):

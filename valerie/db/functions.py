@@ -14,8 +14,8 @@ from valerie.db.runs import ACTIVE
 from valerie.db.statements import insert_ignoring
 from valerie.errors import Conflict
 from valerie.perception.documents.function import FunctionDocument
-from valerie.runs.pins import Pins
-from valerie.runs.spec import RunSpec
+from valerie.runs.products.pins import Pins
+from valerie.runs.resolving.spec import RunSpec
 
 
 @dataclass(frozen=True, slots=True)

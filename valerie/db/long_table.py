@@ -26,7 +26,7 @@ from valerie.db.models import (
 from valerie.db.rows import read_all
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell, Measures, Source, measures_from
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 
 #: The table that holds the measures from each source.
 _TABLES: Final[dict[Source, type[Base]]] = {
@@ -81,7 +81,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What a function sees of a frame through a sensor setting.
+    """A frame as a function sees it through a sensor setting.
 
     Attributes:
         frame: the frame.

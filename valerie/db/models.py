@@ -34,12 +34,12 @@ from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.pins import AnyOffer, Pins
-from valerie.runs.products import ProductError
-from valerie.runs.progress import BlockCounts, Progress
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import ProductKind, ProductState, RunState, Stage
-from valerie.runs.study import Outcomes, StudyDocument, StudyResult, StudyState
+from valerie.runs.products.pins import AnyOffer, Pins
+from valerie.runs.products.progress import BlockCounts, Progress
+from valerie.runs.products.ready import ProductError
+from valerie.runs.products.states import ProductKind, ProductState, RunState, Stage
+from valerie.runs.resolving.spec import RunSpec
+from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The name of a constraint follows from its columns, so that migrations can name it on both databases.
 NAMING = {

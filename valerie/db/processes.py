@@ -10,8 +10,8 @@ from sqlalchemy import Connection, delete, select, update
 from valerie.db.models import Lease, Worker
 from valerie.db.rows import columns_of, read_all
 from valerie.db.statements import insert_ignoring
-from valerie.runs.pins import AnyOffer
-from valerie.runs.states import Stage
+from valerie.runs.products.pins import AnyOffer
+from valerie.runs.products.states import Stage
 
 #: A worker that was not seen for this long counts as dead.
 ALIVE_SECONDS = 20.0

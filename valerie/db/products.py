@@ -32,8 +32,8 @@ from valerie.db.models import (
 from valerie.db.statements import UNFINISHED, WAITING, among, insert_ignoring, insert_rows
 from valerie.measures import Measures
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products import FailedInput, ProductError, Ready
-from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
+from valerie.runs.products.ready import FailedInput, ProductError, Ready
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
 
 READY_COLUMNS: Final = (Product.digest, Product.kind, Product.route, Product.cache_group)
 _INPUTS: Final = (Product.input_a, Product.input_b, Product.input_c)

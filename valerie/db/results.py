@@ -15,9 +15,9 @@ from valerie.db.measured import FrameScore
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Product, Score
 from valerie.errors import NotFound
 from valerie.measures import Source, names_from
-from valerie.runs.frames import FrameKey
-from valerie.runs.products import ProductError
-from valerie.runs.states import ProductKind, ProductState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.ready import ProductError
+from valerie.runs.products.states import ProductKind, ProductState
 
 _SCORED: Final = names_from(Source.FRAME_SCORE)
 

@@ -13,10 +13,10 @@ from sqlalchemy.exc import IntegrityError
 from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.errors import Conflict, NotFound
-from valerie.runs.pins import Pins
-from valerie.runs.progress import Progress
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import UPLOADED_ROUTE, ProductState, RunState
+from valerie.runs.products.pins import Pins
+from valerie.runs.products.progress import Progress
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState
+from valerie.runs.resolving.spec import RunSpec
 
 #: States of runs that have not ended.
 ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState.FINISHING)

@@ -12,7 +12,7 @@ from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import Base, Product
 from valerie.plain import Row
-from valerie.runs.states import ProductState
+from valerie.runs.products.states import ProductState
 
 
 def _spelled(state: ProductState) -> ColumnElement[ProductState]:

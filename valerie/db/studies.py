@@ -15,7 +15,7 @@ from valerie.db.runs import links_of
 from valerie.db.statements import insert_ignoring
 from valerie.errors import NotFound
 from valerie.runs.moments import in_utc
-from valerie.runs.study import Outcomes, StudyDocument, StudyResult, StudyState
+from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from sqlalchemy import Connection, delete, select, text, update
 from valerie.db.models import Product
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, to_send
 from valerie.db.statements import UNFINISHED, among
-from valerie.runs.products import Fault, Ready
-from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
+from valerie.runs.products.ready import Fault, Ready
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 #: No product is sent later than this after now, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, func, literal, select
 
 from valerie.db.models import Product
 from valerie.db.statements import ENDED, UNFINISHED, among
-from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 #: Cache group of the evaluations of uploaded predictions.
 UPLOADED_GROUP: Final = "uploaded"

@@ -15,7 +15,7 @@ from valerie.parameters.samplers import UnitPoints
 _BLOCK: Final = 64
 
 
-class Exploration:
+class SpaceFilling:
     """The legal points of a scrambled Sobol' sequence (Owen 1998, doi:10.1006/jcom.1998.0487), in order.
 
     Args:

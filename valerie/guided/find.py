@@ -28,7 +28,7 @@ from scipy.interpolate import RBFInterpolator
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain, shown
-from valerie.guided.exploration import Exploration
+from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
@@ -183,7 +183,7 @@ class Find:
         self._numbers = np.ones(domain.dimensions, np.bool_)
         if isinstance(domain, Domain):
             self._numbers = np.array([axis is not Axis.UNORDERED for axis in domain.axes])
-        self._exploration = Exploration(domain, seed)
+        self._exploration = SpaceFilling(domain, seed)
         self._open = OpenBatches()
         self._tags: deque[list[_Tag]] = deque()
         self._asked = 0

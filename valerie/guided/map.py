@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.exploration import Exploration
+from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Scores
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
@@ -94,7 +94,7 @@ class Map:
         if not 0 < at_least < 1:
             raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
         self.domain, self.at_least, self.seed = domain, at_least, seed
-        self._exploration = Exploration(domain, seed)
+        self._exploration = SpaceFilling(domain, seed)
         self._open = OpenBatches()
         self._asked = 0
         self._points = np.empty((0, domain.dimensions))

@@ -43,7 +43,9 @@ class ScoredFrame:
 
     def person(self, instance_id: int) -> InstanceCounts:
         """Return the counts of a person; those of a person who is not in the scene are 0."""
-        return next((one for one in self.persons if one.instance_id == instance_id), InstanceCounts(instance_id, 0, 0))
+        return next(
+            (counts for counts in self.persons if counts.instance_id == instance_id), InstanceCounts(instance_id, 0, 0)
+        )
 
 
 def score_frame(

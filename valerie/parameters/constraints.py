@@ -7,7 +7,7 @@ Names contain dots and hyphens, so the longest known name wins, and a minus next
 the parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse
 tree becomes closures.
 
-The same grammar selects rows of results (`valerie.runs.where`), where values may be missing. Logic then has three
+The same grammar selects rows of results (`valerie.runs.resolving.where`), where values may be missing. Logic then has three
 values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds. A
 quotient by zero is a missing value, and ``pacc is undefined`` asks for one. `Constraint.sql` says the same in SQL.
 """

@@ -19,7 +19,7 @@ from valerie.labels import PERSON, SKY
 from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, TruthLayer, View, bounds
-from valerie.rendering.projection import clip_from_view, view_from_world
+from valerie.rendering.projection import clip_from_view, drawing_matrices, view_from_world
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.context import GraphicsContext, process_context
@@ -174,7 +174,7 @@ class TruthPass:
             depth="written",
         )
         labels.target.use(area)
-        self._labels.statics(prepared.statics, table, _camera_values(camera, view))
+        self._labels.statics(prepared.statics, table, drawing_matrices(camera, view))
         return _StaticLabels(labels, GroundTruth(*labels.read(drawn, view), ()))
 
     def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
@@ -197,7 +197,7 @@ class TruthPass:
         }
         self._copy.run(work.target, one_span(area), sources, {}, depth="written")
         work.target.use(area)
-        values = _camera_values(frame.camera, view)
+        values = drawing_matrices(frame.camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)
         return work.read(rectangle, view)
 
@@ -341,8 +341,3 @@ def _layer(statics: GroundTruth, rectangle: Rectangle, part: Maps, persons: tupl
     return TruthLayer(
         area, mask, classes[crop][mask], instances[crop][mask], depth[crop][mask], persons, (height, width)
     )
-
-
-def _camera_values(camera: Camera, view: View) -> dict[str, NDArray[np.float64]]:
-    matrix = view_from_world(camera)
-    return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}

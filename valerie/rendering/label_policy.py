@@ -46,9 +46,9 @@ _BEHIND: Final = 0.98
 def labelled(truth: GroundTruth, policy: LabelPolicy) -> GroundTruth:
     """Return the truth with the labels of a policy, or the truth itself under the exact policy.
 
-    Under ``cityscapes``, gaps in vegetation, fences, motorcycles and bicycles take the class and instance of what surrounds them.
-    A gap shows what lies behind; nothing in front changes. Pixels of persons and riders stay theirs, so occlusion, areas and
-    masks of people are the same under both policies. Depths stay those of the surfaces that are seen.
+    Under ``cityscapes``, gaps in vegetation, fences and two-wheelers take the class and instance of the object around them.
+    A gap shows surfaces behind the object; surfaces in front keep their labels. Pixels of persons and riders keep theirs too, so
+    occlusion, areas and masks of people are the same under both policies. Depths are those of the visible surfaces.
 
     Raises:
         MissingDependency: OpenCV is not installed.

@@ -1,6 +1,6 @@
 """Irradiance, shadow and contrast of each person in an image, without a GPU.
 
-Raise the annotation's revision (`valerie.runs.inputs`) whenever a measure changes.
+Raise the annotation's revision (`valerie.runs.products.inputs`) whenever a measure changes.
 """
 
 from __future__ import annotations

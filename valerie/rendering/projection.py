@@ -46,6 +46,12 @@ def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_
     return matrix
 
 
+def drawing_matrices(camera: Camera, view: View) -> dict[str, Matrix]:
+    """Return what vertex shaders need: ``clip_from_world``, (4, 4), and ``depth_row``, (4,), world point to depth, metres."""
+    matrix = view_from_world(camera)
+    return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}
+
+
 def project(points: Points, camera: Camera, width: int, height: int) -> Points:
     """Project (N, 3) world points in front of the camera to (N, 3): pixel x, pixel y, depth in metres along the optical axis."""
     matrix = view_from_world(camera)

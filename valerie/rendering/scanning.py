@@ -33,7 +33,7 @@ _MOMENTS, _ANOTHER_AFTER_S, _MOST_MOMENTS = 3, 0.1, 9
 _SPAN_S: Final = 0.005
 
 Lines = NDArray[np.intp]
-#: Returns the scene so many seconds after the frame's moment.
+#: Maps seconds after the frame's moment to the scene.
 Moments = Callable[[float], Scene]
 
 
@@ -157,7 +157,7 @@ def sliced(moves: NDArray[np.float64], within: float) -> Iterator[tuple[int, int
     """Yield the first line of each slice and the line after its last.
 
     Args:
-        moves: of each line, how far its fastest surface moves from one line to the next, pixels.
+        moves: per line, the distance that its fastest surface moves until the next line, pixels.
         within: the farthest that a surface may move while a slice is read; a slice has at least one line.
     """
     start, fastest = 0, 0.0

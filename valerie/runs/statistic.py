@@ -55,7 +55,7 @@ class Statistic:
 
     @property
     def quantity(self) -> str:
-        """What is bounded, such as ``share(pacc >= 0.5)``."""
+        """The bounded quantity, such as ``share(pacc >= 0.5)``."""
         if self.condition is None:
             return f"mean({self.measure.name})"
         comparison, threshold = self.condition

@@ -38,7 +38,7 @@ class ReliabilityBin:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """How well probabilities agree with outcomes.
+    """The agreement of probabilities with outcomes.
 
     Attributes:
         error: expected calibration error Σ rows · |observed − predicted| / N over bins of equal width (Naeini, Cooper and

@@ -45,7 +45,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Confirmation:
     """A candidate and what other places say of it.
 
     Attributes:
@@ -80,7 +80,7 @@ class Findings:
         places_searched, places_confirming: numbers of places; 0 confirming where the run had too few to split.
     """
 
-    items: tuple[Finding, ...]
+    items: tuple[Confirmation, ...]
     comparisons: int
     level: float
     places_searched: int
@@ -155,7 +155,7 @@ def confirm(candidates: Search, observations: Observations, *, level: float = 0.
     for candidate, contrast, holds, p_value in zip(chosen, tested, confirmed, adjusted.tolist(), strict=True):
         low, high = (-float("inf"), float("inf")) if contrast is None else contrast.interval(1 - alpha)
         needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
-        findings.append(Finding(candidate, contrast, holds, p_value, low, high, needed))
+        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed))
     findings.sort(key=lambda finding: not finding.confirmed)
     return Findings(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
@@ -186,7 +186,7 @@ def find(
 
 def named(
     observations: Observations, *, only: Sequence[tuple[Change, ...]] | None = None, level: float = 0.95
-) -> tuple[Finding, ...]:
+) -> tuple[Confirmation, ...]:
     """Return the main effects that all places at once show, by Holm's procedure over all of them; none is confirmed.
 
     With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a street, a house)
@@ -205,7 +205,7 @@ def named(
     each = 1 - (1 - level) / max(len(looked_at), 1)
     chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]
     return tuple(
-        Finding(
+        Confirmation(
             candidate=item,
             contrast=item,
             confirmed=False,

@@ -1,8 +1,8 @@
-"""Which columns explain the scores: shares of the variance for factors that were set, tests for quantities that were measured.
+"""Find the columns that explain the scores: shares of variance for set factors, tests for measured quantities.
 
 A factor that the spec sets is varied by design, so its share of the variance is its own. Measured quantities (occlusion,
-contrast, pixel area) go together, and each stands for whatever goes along with it. They are asked another question: does
-the score follow this column among rows that are alike in all other columns?
+contrast, pixel area) are correlated, and each stands for all that correlates with it. For them the question is: does the
+score depend on this column among rows that are alike in all other columns?
 """
 
 from __future__ import annotations

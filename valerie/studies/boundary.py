@@ -21,7 +21,7 @@ _COMPARED: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class BoundarySlice:
-    """What a map says of two parameters while the others stay as in one variant.
+    """A section of the map over two parameters; the others stay as in one variant.
 
     Attributes:
         names: of the parameters across and up.

@@ -27,7 +27,7 @@ from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy
 from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.study import (
+from valerie.runs.study.document import (
     CompareGoal,
     EstimateGoal,
     ExplainGoal,

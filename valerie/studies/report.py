@@ -10,6 +10,7 @@ from typing import Final
 
 import jinja2
 
+from valerie.analysis.report.pages import page_environment
 from valerie.guided.map import Call
 from valerie.studies.boundary import CELLS, ILLEGAL, BoundarySlice
 
@@ -94,10 +95,4 @@ def build_report(source: StudyReport) -> str:
 
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("valerie.studies", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    return page_environment("valerie.studies")

@@ -14,11 +14,11 @@ from valerie.measures import TableRow
 from valerie.parameters.blocks import Variation
 from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.documents import BlockDocument, RunSpec
-from valerie.runs.measure import VariantMeasure, parse_measure
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.study import Outcomes, StudyDocument
-from valerie.runs.where import Where, choices_of, compile_where
+from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.resolving.spec import ResolvedRun
+from valerie.runs.resolving.where import Where, choices_of, compile_where
+from valerie.runs.study.document import Outcomes, StudyDocument
+from valerie.runs.study.measure import VariantMeasure, parse_measure
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,12 @@ export function duration(seconds) {
 
 export const rate = (perSecond) => (perSecond >= 100 ? `${count(perSecond)}/s` : perSecond >= 1 ? `${perSecond.toFixed(1)}/s` : `${(perSecond * 60).toFixed(1)}/min`);
 
+export function bytes(size) {
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  const power = Math.min(units.length - 1, size < 1 ? 0 : Math.floor(Math.log10(size) / 3));
+  return `${Number((size / 1000 ** power).toPrecision(2)).toLocaleString("en")} ${units[power]}`;
+}
+
 export function ago(moment) {
   const seconds = (Date.now() - new Date(moment)) / 1000;
   if (seconds < 45) return "just now";

@@ -7,6 +7,8 @@ import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
+import { studiesView } from "./studies.js";
+import { studyView } from "./study.js";
 import { workersView } from "./workers.js";
 
 const ROUTES = [
@@ -14,6 +16,8 @@ const ROUTES = [
   [/^\/runs\/([\w-]+)$/, "runs", () => runView],
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
   [/^\/explore$/, "explore", () => exploreView],
+  [/^\/studies$/, "studies", () => studiesView],
+  [/^\/studies\/([\w-]+)$/, "studies", () => studyView],
   [/^\/functions$/, "functions", () => functionsView],
   [/^\/workers$/, "workers", () => workersView],
 ];

@@ -140,15 +140,15 @@ function failureList(key, list, failed) {
 
 function resultLinks(run, key) {
   if (!run.started_at) return [];
-  const files = [["CSV", "csv"], ["Parquet", "parquet"]].map(([text, format]) => link(text, `/v1/runs/${key}/evaluations?format=${format}`, `${key}-evaluations.${format}`));
+  const files = [["CSV", "csv"], ["Parquet", "parquet"]].map(([text, format]) => fileLink(text, `/v1/runs/${key}/evaluations?format=${format}`, `${key}-evaluations.${format}`));
   return [
-    ["completed", "completed-with-failures"].includes(run.state) ? link("Report", `/v1/runs/${key}/report`, `${key}-report.html`, true) : null,
+    ["completed", "completed-with-failures"].includes(run.state) ? fileLink("Report", `/v1/runs/${key}/report`, `${key}-report.html`, true) : null,
     ...files,
   ];
 }
 
 // Without a token a plain link is best: the browser streams the file and opens the report in a new tab.
-function link(text, path, name, page = false) {
+export function fileLink(text, path, name, page = false) {
   const label = page ? text : `↓ ${text}`;
   if (hasToken()) return h("button", { type: "button", on: { click: () => download(path, name).catch((error) => toast(error.message)) } }, label);
   return h("a", { class: "button", href: path, ...(page ? { target: "_blank", rel: "noopener" } : { download: name }) }, label);

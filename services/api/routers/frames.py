@@ -31,7 +31,7 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import KINDS, png
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.storage.keys import product_key
 
 router = APIRouter(prefix="/v1", tags=["frames"])

@@ -25,7 +25,7 @@ from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.plain import JsonObject, typed
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.resolving.spec import ResolvedRun
 
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 

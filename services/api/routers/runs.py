@@ -28,9 +28,9 @@ from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
-from valerie.runs.forecast import Plan
-from valerie.runs.spec import RunSpec, parse
-from valerie.runs.states import RunState
+from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import RunSpec, parse
 
 router = APIRouter(prefix="/v1", tags=["runs"])
 

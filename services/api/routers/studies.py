@@ -22,19 +22,23 @@ from services.api.schemas.studies import (
     REASON,
     STUDY,
     STUDY_ID,
+    BatchCounts,
     BatchRead,
     NextBatchRead,
     StudyDetail,
     StudyPage,
     StudyRead,
 )
+from services.api.transfer import IfNoneMatch, send_page
 from valerie.db import studies
 from valerie.db.engine import reading
-from valerie.db.studies import StudyRow
+from valerie.db.studies import BatchRow, StudyRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
+from valerie.pipeline.control.studies.advancing import left
 from valerie.plain import JsonObject
-from valerie.runs.study import StudyDocument, parse_study
+from valerie.runs.study.document import Outcomes, StudyDocument, parse_study
+from valerie.runs.study.measure import parse_measure
 
 router = APIRouter(prefix="/v1", tags=["studies"])
 
@@ -106,25 +110,43 @@ def create(document: Document, request: Request, response: Response, context: Co
     return _read(context, study_id)
 
 
-@router.get("/studies", responses=problems(422), summary="Studies, newest first")
-def list_studies(context: ContextDependency, limit: Limit = 50, cursor: Cursor = None) -> StudyPage:
+@router.get("/studies", responses=problems(422), response_model=StudyPage, summary="Studies, newest first")
+def list_studies(
+    request: Request,
+    context: ContextDependency,
+    limit: Limit = 50,
+    cursor: Cursor = None,
+    if_none_match: IfNoneMatch = None,
+) -> Response:
     before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
         rows = studies.page(connection, limit=limit + 1, before=None if before is None else (before[0], before[1]))
     items = [_study(row) for row in rows[:limit]]
     following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if len(rows) > limit else None
-    return StudyPage(items=items, next=following)
+    return send_page(
+        StudyPage(items=items, next=following), known=if_none_match, encodings=request.headers.get("accept-encoding")
+    )
 
 
-@router.get("/studies/{study_id}", responses=_OF_STUDY, summary="One study with its batches")
-def read(study_id: StudyId, context: ContextDependency) -> StudyDetail:
+@router.get(
+    "/studies/{study_id}",
+    responses=_OF_STUDY,
+    response_model=StudyDetail,
+    summary="One study with its batches",
+)
+def read(
+    request: Request, study_id: StudyId, context: ContextDependency, if_none_match: IfNoneMatch = None
+) -> Response:
     with reading(context.engine) as connection:
         row, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
-    return StudyDetail(
+    bound = parse_measure(row.document.measure).at_least
+    detail = StudyDetail(
         **_study(row).model_dump(),
         document=row.document.to_yaml(),
-        batches=[BatchRead.model_validate(batch) for batch in batches],
+        left=left(row, batches),
+        batches=[BatchRead.model_validate(vars(batch) | _derived(batch, bound)) for batch in batches],
     )
+    return send_page(detail, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 
 
 @router.get(
@@ -192,7 +214,23 @@ def _read(context: Context, study_id: str) -> StudyRead:
 
 
 def _study(row: StudyRow) -> StudyRead:
-    return StudyRead.model_validate(vars(row) | {"goal": row.document.goal.name})
+    document, goal = row.document, row.document.goal
+    own = {"goal": goal.name, "question": goal.question}
+    asked = {"measure": document.measure, "where": document.where, "budget": document.budget}
+    return StudyRead.model_validate(vars(row) | own | asked)
+
+
+def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | None]:
+    """Return the fields of an answer that follow from a batch; variants with a score below ``bound`` fail."""
+    return {"legal": batch.legal, "counts": None if batch.outcomes is None else _counts(batch, batch.outcomes, bound)}
+
+
+def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
+    """Count variants; a variant fails if it fails for one of the functions."""
+    variants = outcomes.by_variant
+    failed = sum(any(score is not None and score < bound for score in scores) for scores in variants)
+    passed = sum(all(score is not None and score >= bound for score in scores) for scores in variants)
+    return BatchCounts(failed=failed, passed=passed, undefined=batch.legal - failed - passed)
 
 
 def _next(batch: commands.NextBatch) -> NextBatchRead:

@@ -7,7 +7,7 @@ from pydantic import ConfigDict, Field
 from services.api.schemas.base import CAMERAS, NUMERIC_CLASS, Digest, Read
 from valerie.measures import Source
 from valerie.parameters.definitions import ParameterDefinition
-from valerie.runs.pins import AnyOffer
+from valerie.runs.products.pins import AnyOffer
 
 _PARAMETER = {
     "name": "person-1.pos.x",

@@ -13,7 +13,7 @@ from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
-from valerie.runs.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
 
 #: The name of a saved selection, and text that a database can hold, as regular expressions.
 SELECTION_NAME: Final = r"^[^\x00-\x1f/]+$"

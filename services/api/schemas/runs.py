@@ -7,9 +7,9 @@ from typing import Final
 from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
-from valerie.runs.pins import Pins
-from valerie.runs.products import ProductError
-from valerie.runs.states import RunState, Stage
+from valerie.runs.products.pins import Pins
+from valerie.runs.products.ready import ProductError
+from valerie.runs.products.states import RunState, Stage
 
 #: The paper's two lists (section 4) in its own notation.
 SPEC: Final[dict[str, JsonValue]] = {

@@ -7,8 +7,8 @@ from typing import Final
 from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, RUN_ID, Digest, Moment, NextCursor, Read
-from valerie.runs.forecast import Plan
-from valerie.runs.study import Outcomes, StudyResult, StudyState
+from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.study.document import Budget, Outcomes, StudyResult, StudyState
 
 STUDY_ID: Final = "s1ng219w3v1ks"
 #: A study in the notation of its file.
@@ -22,6 +22,12 @@ STUDY: Final[dict[str, JsonValue]] = {
     "budget": {"variants": 256},
 }
 REASON: Final = "32 points as they occur in operation: nothing is assumed about the scores."
+
+
+class BatchCounts(Read):
+    failed: int = Field(description="variants with a score below the bound of the measure", examples=[3])
+    passed: int = Field(examples=[28])
+    undefined: int = Field(description="legal variants without a score", examples=[1])
 
 
 class BatchRead(Read):
@@ -38,6 +44,10 @@ class BatchRead(Read):
         description="scores, null where undefined; null while the run goes on",
         examples=[{"scores": [0.93, 0.12, None], "second": [], "rejected": []}],
     )
+    counts: BatchCounts | None = Field(
+        description="outcomes of the legal variants; null while the run goes on",
+        examples=[{"failed": 3, "passed": 28, "undefined": 1}],
+    )
     cpu_seconds: float | None = Field(description="spent for its run", examples=[41.5])
 
 
@@ -48,6 +58,10 @@ class StudyRead(Read):
     reason: str | None = Field(description="what it waits for, or why it ended")
     by_hand: bool = Field(description="a person accepts each batch", examples=[False])
     goal: str = Field(examples=["estimate"])
+    question: str = Field(description="the goal in words", examples=["How often does a variant fail?"])
+    measure: str = Field(description="score of a variant and its bound", examples=["min(pacc) >= 0.5"])
+    where: str = Field(description="rows that count; empty: all", examples=["distance_m <= 30"])
+    budget: Budget = Field(examples=[{"variants": 256, "cpu_hours": None, "deadline": None}])
     result: StudyResult | None = Field(
         description="what is known; null before",
         examples=[
@@ -65,6 +79,7 @@ class StudyRead(Read):
 
 class StudyDetail(StudyRead):
     document: str = Field(description="the study as the text of a file", examples=["name: how often\n…"])
+    left: int = Field(description="variants that the budget still has", examples=[128])
     batches: list[BatchRead]
 
 

@@ -1,4 +1,4 @@
-"""Which server and which database a command talks to."""
+"""Choice of server and database by a command."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from valerie.cli.display import JsonDisplay
 from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, save_report, show_result
 from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
 from valerie.errors import StorageUnavailable, ValerieError
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
 from valerie.settings import load_settings
 
 

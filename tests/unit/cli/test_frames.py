@@ -23,7 +23,7 @@ from valerie.db.engine import reading
 from valerie.errors import RenderingError
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.reading.products import ProductReader
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 
 KINDS = ("normals", "boxes", "joints", "flow", "velocity", "light")
 Export = Callable[..., str]

@@ -10,7 +10,7 @@ from sqlalchemy import Engine, insert
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, Product, Run, Variant
 from valerie.db.statements import insert_ignoring
-from valerie.runs.spec import parse
+from valerie.runs.resolving.spec import parse
 
 
 def digest(name: str) -> str:

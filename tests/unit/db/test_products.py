@@ -14,9 +14,9 @@ from valerie.db.measured import SeenPerson
 from valerie.db.models import PersonView, Product
 from valerie.db.products import Finished, Part, Wanted
 from valerie.db.statements import insert_ignoring
-from valerie.runs.frames import FrameKey, FrameProducts
-from valerie.runs.products import FailedInput, Fault
-from valerie.runs.states import UPLOADED_ROUTE, ProductKind
+from valerie.runs.products.frames import FrameKey, FrameProducts
+from valerie.runs.products.ready import FailedInput, Fault
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind
 
 NO = Fault(stage=ProductKind.LAYER, type="RenderingError", message="no", attempts=1)
 ALL = [digest(name) for name in "bltpe"]

@@ -1,4 +1,4 @@
-"""Who owns a data folder."""
+"""Ownership of a data folder."""
 
 import json
 import os

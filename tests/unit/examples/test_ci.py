@@ -12,7 +12,7 @@ import typer.main
 import yaml
 
 from valerie.cli.main import app
-from valerie.runs.spec import parse, resolve
+from valerie.runs.resolving.spec import parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 
 CI = Path(__file__).parents[3] / "examples" / "ci"

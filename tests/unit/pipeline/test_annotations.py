@@ -28,9 +28,9 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import parse
-from valerie.runs.states import Stage
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import Stage
+from valerie.runs.resolving.spec import parse
 from valerie.scene.graph.model import JOINTS
 
 FRAMES = 8

@@ -14,9 +14,9 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import parse
-from valerie.runs.states import Stage
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import Stage
+from valerie.runs.resolving.spec import parse
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage.keys import product_key

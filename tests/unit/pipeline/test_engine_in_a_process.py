@@ -17,8 +17,8 @@ from valerie.db.models import Product
 from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import numeric_class
-from valerie.runs.pins import Offer
-from valerie.runs.states import Stage, route_of
+from valerie.runs.products.pins import Offer
+from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
 
 FAKE = Path(__file__).parents[1] / "rendering" / "cycles" / "fake_blender.py"

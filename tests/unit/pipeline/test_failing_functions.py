@@ -24,8 +24,8 @@ from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.loader import FunctionLoader
-from valerie.runs.pins import Offer
-from valerie.runs.states import Stage
+from valerie.runs.products.pins import Offer
+from valerie.runs.products.states import Stage
 from valerie.storage.keys import run_key
 from valerie.testing.blank import BlankFunction
 

@@ -28,10 +28,10 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.frames import FrameKey
-from valerie.runs.products import FailedInput, Fault
-from valerie.runs.spec import parse
-from valerie.runs.states import ProductKind, Stage
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.ready import FailedInput, Fault
+from valerie.runs.products.states import ProductKind, Stage
+from valerie.runs.resolving.spec import parse
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
 from valerie.storage.keys import PRODUCTS, product_key, run_prefix

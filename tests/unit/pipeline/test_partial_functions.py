@@ -26,7 +26,7 @@ from valerie.pipeline.retraining.comparison import compare_versions
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.uploaded_predictions import put_prediction
 from valerie.plain import typed
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.storage.keys import run_key
 
 PERSON_OR_NOT = (

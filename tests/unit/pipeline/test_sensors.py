@@ -23,8 +23,8 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import parse
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.resolving.spec import parse
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 
 FRAMES = 4

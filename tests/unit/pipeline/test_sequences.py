@@ -17,8 +17,8 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import choose_frames, run_where
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.frames import FrameKey
-from valerie.runs.states import Stage
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import Stage
 
 
 def moving(**more: Any) -> dict[str, Any]:

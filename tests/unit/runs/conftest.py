@@ -6,8 +6,8 @@ import pytest
 from hypothesis import settings
 
 from valerie.perception.base import FunctionCard
-from valerie.runs.pins import FunctionPin, Offer, Pins
-from valerie.runs.states import Stage
+from valerie.runs.products.pins import FunctionPin, Offer, Pins
+from valerie.runs.products.states import Stage
 from valerie.scene.assets.manifest import Manifest, parse_manifest
 
 settings.register_profile("no deadline", deadline=None)

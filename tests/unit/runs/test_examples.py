@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from valerie.runs.forecast import Plan, plan
-from valerie.runs.inputs import ProductInputs
-from valerie.runs.pins import Pins
-from valerie.runs.spec import parse, resolve
+from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.products.inputs import ProductInputs
+from valerie.runs.products.pins import Pins
+from valerie.runs.resolving.spec import parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.ground import ground_height
 

@@ -88,7 +88,9 @@ def test_any_text_is_a_statistic_or_refused(text: str) -> None:
 
 def test_every_score_of_a_function_can_be_bounded() -> None:
     assert set(SCORES) == {
-        "tp", "fn", "pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc", "fp"
+        "tp", "fn", "pacc", "pacc_empty", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc", "fp"
     }  # fmt: skip
     for name in SCORES:
-        assert parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons == (name in ("tp", "fn", "pacc"))
+        assert parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons == (
+            name in ("tp", "fn", "pacc", "pacc_empty")
+        )

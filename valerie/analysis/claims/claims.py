@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from valerie.analysis.rows.levels import Factor, factors_of
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import UnknownName
-from valerie.runs.where import compile_where
+from valerie.runs.resolving.where import compile_where
 from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
 from valerie.statistics.curves import Shape, departure, fit_curve
 from valerie.statistics.intervals import Interval, mean_interval

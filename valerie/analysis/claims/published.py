@@ -1,4 +1,4 @@
-"""What a source prints and shows, beside the run: its numbers, and views under the levels of two factors.
+"""Put a source's numbers and pictures beside the run's: views under the levels of two factors.
 
 The document of claims names both (`valerie.analysis.claims.claims`).
 """

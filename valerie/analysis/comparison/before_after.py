@@ -28,7 +28,7 @@ _CLASS_STEP: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class VersionScores:
     """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
 
     Attributes:
@@ -84,7 +84,7 @@ class GroupComparison:
     name: str
     persons: int
     frames: int
-    sides: tuple[Side, ...]
+    sides: tuple[VersionScores, ...]
     differences: tuple[Difference, ...]
 
 
@@ -266,12 +266,14 @@ def _group(
     return GroupComparison(name, int(defined.sum()), len(frames), sides, differences)
 
 
-def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float) -> Side:
+def _side(
+    table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float
+) -> VersionScores:
     pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
     counts = frame_counts(table)
     tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]
     union = tp_of_frames + fp + fn_of_frames
-    return Side(
+    return VersionScores(
         pacc_mean=_mean(pacc),
         pacc_pooled=_ratio(tp.sum(), (tp + fn).sum()),
         detected=_mean((pacc >= threshold).astype(np.float64)),

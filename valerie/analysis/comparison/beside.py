@@ -34,7 +34,7 @@ _OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Side:
+class ComparedRun:
     """One of two runs.
 
     Attributes:
@@ -118,7 +118,7 @@ class Conclusion:
 
     @property
     def agreement(self) -> str:
-        """Whether it holds in both runs, in words."""
+        """The agreement of both runs in words."""
         held = [entry.outcome is Outcome.REPRODUCED for entry in (self.here, self.there)]
         refuted = [entry.outcome is Outcome.NOT_REPRODUCED for entry in (self.here, self.there)]
         if all(held):
@@ -179,8 +179,8 @@ class Beside:
 
 
 def put_beside(
-    here: Side,
-    there: Side,
+    here: ComparedRun,
+    there: ComparedRun,
     *,
     findings: Sequence[Finding] = (),
     claims: Claims | None = None,
@@ -231,7 +231,7 @@ def put_beside(
     )
 
 
-def _keys(side: Side, other: Side) -> list[RowKey]:
+def _keys(side: ComparedRun, other: ComparedRun) -> list[RowKey]:
     """Return what names each row; a single sensor setting, and a single function, may have another name in the other run."""
     table = side.table
     names: list[list[str]] = []

@@ -13,9 +13,9 @@ from valerie.analysis.rows.levels import Factor
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
-from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.varied import VariedChoice, VariedUniform
 from valerie.runs.values import Scalar
-from valerie.runs.varied import VariedChoice, VariedUniform
 from valerie.statistics.contrasts import Change
 from valerie.statistics.units import LISTED
 
@@ -94,7 +94,7 @@ def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, 
     }
 
 
-def refined_spec(
+def selection_spec(
     table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
 ) -> RunSpec:
     """Return the spec of a run that looks closer at where the rows of a selection lie.

@@ -1,4 +1,4 @@
-"""Which columns explain the pACC of each function: what the run set, and what was measured."""
+"""Find the columns, set or measured, that explain the pACC of each function."""
 
 from __future__ import annotations
 

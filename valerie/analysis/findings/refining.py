@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, assert_never
 
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
-from valerie.parameters.distributions import Choice, Constant, Homogeneous, Uniform
-from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.parameters.distributions import Choice, Constant, Gaussian, Homogeneous, Uniform
+from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 from valerie.runs.values import Scalar
-from valerie.runs.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 
 #: Values of a parameter that is added to a grid.
 _ADDED: Final = 3
@@ -103,34 +103,38 @@ def _of_points(block: Block, definitions: Mapping[str, ParameterDefinition]) -> 
 def _refined(variation: Variation, definition: ParameterDefinition, bound: Bound | None) -> Varied:
     distribution, name = variation.distribution, definition.name
     low, high = _ends(bound)
-    if isinstance(distribution, Homogeneous):
-        step = distribution.step if definition.type is ParameterType.INT else distribution.step / 2
-        first = _step_at(distribution.minimum, step, max(low, distribution.minimum), up=True)
-        last = _step_at(distribution.minimum, step, min(high, distribution.maximum), up=False)
-        return VariedHomogeneous(
-            parameter=name, distribution="HOMOGENEOUS", minimum=first, maximum=max(first, last), step=step
-        )
-    if isinstance(distribution, Uniform):
-        least = definition.minimum if distribution.minimum is None else distribution.minimum
-        most = definition.maximum if distribution.maximum is None else distribution.maximum
-        return VariedUniform(
-            parameter=name,
-            distribution="UNIFORM",
-            minimum=least if least is None else max(low, float(least)),
-            maximum=most if most is None else min(high, float(most)),
-            count=distribution.points,
-        )
-    if isinstance(distribution, Choice | Constant):
-        values = distribution.values if isinstance(distribution, Choice) else (distribution.constant,)
-        inside = tuple(value for value in values if bound is None or _holds(bound, value)) or values
-        return VariedChoice(parameter=name, distribution="CHOICE", values=inside)
-    return VariedGaussian(
-        parameter=name,
-        distribution="GAUSSIAN",
-        mean=distribution.mean,
-        standard_deviation=distribution.standard_deviation,
-        count=distribution.points,
-    )
+    match distribution:
+        case Homogeneous():
+            step = distribution.step if definition.type is ParameterType.INT else distribution.step / 2
+            first = _step_at(distribution.minimum, step, max(low, distribution.minimum), up=True)
+            last = _step_at(distribution.minimum, step, min(high, distribution.maximum), up=False)
+            return VariedHomogeneous(
+                parameter=name, distribution="HOMOGENEOUS", minimum=first, maximum=max(first, last), step=step
+            )
+        case Uniform():
+            least = definition.minimum if distribution.minimum is None else distribution.minimum
+            most = definition.maximum if distribution.maximum is None else distribution.maximum
+            return VariedUniform(
+                parameter=name,
+                distribution="UNIFORM",
+                minimum=least if least is None else max(low, float(least)),
+                maximum=most if most is None else min(high, float(most)),
+                count=distribution.points,
+            )
+        case Choice() | Constant():
+            values = distribution.values if isinstance(distribution, Choice) else (distribution.constant,)
+            inside = tuple(value for value in values if bound is None or _holds(bound, value)) or values
+            return VariedChoice(parameter=name, distribution="CHOICE", values=inside)
+        case Gaussian():
+            return VariedGaussian(
+                parameter=name,
+                distribution="GAUSSIAN",
+                mean=distribution.mean,
+                standard_deviation=distribution.standard_deviation,
+                count=distribution.points,
+            )
+        case _:
+            assert_never(distribution)
 
 
 def _holds(bound: Bound, value: Value) -> bool:

@@ -1,6 +1,6 @@
 """Regions of weakness: bounds on measures and parameters that hold the frames in which a function is weak.
 
-A selection of rows (`valerie.runs.where`) becomes bounds on those quantities that the selection *narrows*. A quantity
+A selection of rows (`valerie.runs.resolving.where`) becomes bounds on those quantities that the selection *narrows*. A quantity
 that varies as widely within the selection as in the run is no part of the weakness and stays free. Bounds hold the middle
 of the selected rows, so that a few outliers do not widen the region.
 """

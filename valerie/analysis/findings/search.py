@@ -21,9 +21,8 @@ from valerie.analysis.findings.wording import false_positives_sentence, finding_
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.table import EvaluationTable
-from valerie.runs.documents import RunSpec
-from valerie.statistics.confirmation import Finding as Judged
-from valerie.statistics.confirmation import find, named
+from valerie.runs.document.documents import RunSpec
+from valerie.statistics.confirmation import Confirmation, find, named
 from valerie.statistics.contrasts import Change, Matching, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
@@ -102,7 +101,7 @@ def find_findings(
     )
 
 
-def _worth_a_run(item: Judged, places: int) -> bool:
+def _worth_a_run(item: Confirmation, places: int) -> bool:
     """Return whether a fresh run can settle a candidate, and other places do not already show the opposite."""
     contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
     return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
@@ -151,7 +150,7 @@ def _families(table: EvaluationTable, precisions: Mapping[str, str]) -> Iterator
         yield _Family("", observations, {**factors, "function": factor}, only)
 
 
-def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpec | None) -> Finding:
+def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: RunSpec | None) -> Finding:
     contrast = item.candidate if item.contrast is None else item.contrast
     factors = [family.factors[change.factor] for change in contrast.changes]
     steps = tuple(

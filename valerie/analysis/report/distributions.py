@@ -1,4 +1,4 @@
-"""How the persons of a run are distributed over a measure, and mean pACC over two measures in bins."""
+"""Distribution of a run's persons over a measure, and mean pACC over two measures in bins."""
 
 from __future__ import annotations
 

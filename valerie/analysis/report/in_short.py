@@ -1,4 +1,4 @@
-"""What a reader takes away who reads nothing else of a report."""
+"""Summarise a report in a few sentences."""
 
 from __future__ import annotations
 
@@ -53,4 +53,4 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
 def _counted(what: str, answers: Sequence[str]) -> str:
     """Return how often each answer was given; empty where none was."""
     counts = Counter(answers)
-    return f"{what}: {', '.join(f'{count} {answer}' for answer, count in counts.items())}." if counts else ""
+    return f"{what}: {', '.join(f'{answer} {count}' for answer, count in counts.items())}." if counts else ""

@@ -32,6 +32,7 @@ from valerie.analysis.report.distributions import binned_means, distributions
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
 from valerie.analysis.report.model import PictureKind, ReportInput
+from valerie.analysis.report.pages import page_environment
 from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
 from valerie.analysis.report.seeing import seeing
@@ -148,14 +149,7 @@ def data_url(data: bytes) -> str:
 
 
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("valerie.analysis.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=_finalize,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment("valerie.analysis.report", _finalize)
     environment.filters |= {
         "count": lambda number: f"{number:,}",
         "percent": wording.percent,
@@ -297,15 +291,15 @@ def _shade(mean: float) -> str:
 
 def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:
     """Return IoU per class and function from pooled counts, then the two means."""
-    pixels = {scores.name: scores.pixels for one in classes for scores in one.classes}
-    ious = [{scores.name: scores.iou for scores in one.classes} for one in classes]
+    pixels = {scores.name: scores.pixels for table in classes for scores in table.classes}
+    ious = [{scores.name: scores.iou for scores in table.classes} for table in classes]
     rows = [
         _ClassRow(label.name, pixels[label.name] / sum(pixels.values()), tuple(own.get(label.name) for own in ious))
         for label in TRAIN_LABELS
         if label.name in pixels
     ]
-    rows.append(_ClassRow("mean of these", None, tuple(one.miou_pooled for one in classes)))
-    rows.append(_ClassRow("mean of the frames' means", None, tuple(one.miou_mean for one in classes)))
+    rows.append(_ClassRow("mean of these", None, tuple(table.miou_pooled for table in classes)))
+    rows.append(_ClassRow("mean of the frames' means", None, tuple(table.miou_mean for table in classes)))
     return rows
 
 

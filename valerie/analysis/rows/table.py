@@ -123,7 +123,8 @@ class EvaluationTable:
             for key in frozenset().union(*batch) - names:
                 raise UnknownName("column", key, names)
             arrays = [
-                _array(name, [row.get(name) for row in batch], _plain(schema.field(name).type)) for name in schema.names
+                _array(name, [row.get(name) for row in batch], without_codes(schema.field(name).type))
+                for name in schema.names
             ]
             batches.append(pa.table(arrays, names=schema.names))
         if not batches:
@@ -155,7 +156,7 @@ class EvaluationTable:
         Raises:
             CorruptArtifact: not CSV, or a value does not fit its column.
         """
-        types = {field.name: _plain(field.type) for field in schema_of(parameters)}
+        types = {field.name: without_codes(field.type) for field in schema_of(parameters)}
         options = pa.csv.ConvertOptions(
             column_types=types, strings_can_be_null=True, quoted_strings_can_be_null=False, null_values=[""]
         )
@@ -195,7 +196,7 @@ class EvaluationTable:
             without: columns to leave out.
         """
         arrow = self.arrow.drop_columns(list(without))
-        plain = arrow.cast(pa.schema([pa.field(f.name, _plain(f.type)) for f in arrow.schema]))
+        plain = arrow.cast(pa.schema([pa.field(f.name, without_codes(f.type)) for f in arrow.schema]))
         pa.csv.write_csv(plain, sink)
 
     def __len__(self) -> int:
@@ -365,7 +366,8 @@ def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
     return combined
 
 
-def _plain(dtype: pa.DataType) -> pa.DataType:
+def without_codes(dtype: pa.DataType) -> pa.DataType:
+    """Return the type of the values: text for a column of names."""
     return pa.string() if pa.types.is_dictionary(dtype) else dtype
 
 
@@ -386,7 +388,7 @@ def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
         return array.cast(dtype)
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise InvalidInput(
-            f"the values do not fit the column: {error}", field=name, limit=str(_plain(dtype))
+            f"the values do not fit the column: {error}", field=name, limit=str(without_codes(dtype))
         ) from error
 
 

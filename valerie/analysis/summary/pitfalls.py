@@ -1,4 +1,4 @@
-"""What makes the numbers of a run look right although they say little: it stands before all results."""
+"""Warn of reasons why the numbers of a run say little; the warnings precede all results."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
-from valerie.runs.pins import Pins
-from valerie.runs.spec import RunSpec
+from valerie.runs.products.pins import Pins
+from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.gates import Gate, SliceComparison, compare_versions
 from valerie.statistics.verdicts import Outcome
 
@@ -26,7 +26,7 @@ _FREE: Final = frozenset(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GateRun:
-    """What the gate reads of a run.
+    """The data of a run that the gate reads.
 
     Attributes:
         id: of the run.

@@ -23,7 +23,7 @@ from valerie.analysis.rows.frame_counts import frame_counts, present
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import measure_of
 from valerie.plain import Row
-from valerie.runs.requirements import Requirement
+from valerie.runs.resolving.requirements import Requirement
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
 from valerie.statistics.verdicts import Basis, Outcome, Verdict, judge_even, judge_grid, judge_sample
@@ -315,7 +315,7 @@ def _shown(requirement: Requirement, mean: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class _Method:
-    """How scores are judged, in words and as a function; or, without the function, why they are not."""
+    """The method of judging scores, in words and as a function; without a function, the reason why there is no verdict."""
 
     text: str
     judge: Callable[[NDArray[np.float64]], Verdict] | None = None

@@ -220,7 +220,7 @@ class FunctionDocument(_Part):
         input, output: conversion of frames to the network's input, and of its output to labels.
         engine: runs it; by default the first that fits the kind.
         precision: requested; the real one is read back from the engine and is part of the numeric class.
-        provenance: free entries: source, licence, training data, figures, how it was checked.
+        provenance: free entries: source, licence, training data, figures, checks.
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]

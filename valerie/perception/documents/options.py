@@ -12,7 +12,7 @@ from valerie.perception.documents.addresses import parse_url
 
 
 class Options(BaseModel):
-    """Options of a kind that has none of its own."""
+    """Options of a kind without options."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

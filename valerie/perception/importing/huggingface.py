@@ -130,7 +130,7 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
 
 
 def _require_complete(report: JsonObject, field: str) -> None:
-    """Refuse incomplete weights: transformers draws missing ones at random, with no more than a warning."""
+    """Refuse incomplete weights: transformers draws missing ones at random, with only a warning."""
     problems = [f"{name} is missing" for name in sorted(report["missing_keys"])]
     problems += [f"{name} is unknown" for name in sorted(report["unexpected_keys"])]
     problems += [f"{entry[0]} has another shape" for entry in sorted(report["mismatched_keys"])]

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from valerie.runs.moments import moment_text
-from valerie.runs.pins import FunctionPin, Pins
+from valerie.runs.products.pins import FunctionPin, Pins
 from valerie.settings import Settings
 
 _KIND: Final = "predictions"

@@ -8,7 +8,7 @@ from valerie.db import runs
 from valerie.db.engine import writing
 from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
 
 #: The reason of a pause that ends by itself begins with this.
 STORAGE_REASON: Final = "storage: "

@@ -10,9 +10,9 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import PredictionsOptions
 from valerie.plugins import known_engine
-from valerie.runs.pins import FunctionOffer, FunctionPin, Offer, Pins
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import UPLOADED_ROUTE, Stage
+from valerie.runs.products.pins import FunctionOffer, FunctionPin, Offer, Pins
+from valerie.runs.products.states import UPLOADED_ROUTE, Stage
+from valerie.runs.resolving.spec import RunSpec
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"

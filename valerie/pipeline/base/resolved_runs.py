@@ -19,8 +19,8 @@ from valerie.db.engine import reading
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
-from valerie.runs.pins import Pins
-from valerie.runs.spec import ResolvedRun, RunSpec, resolve
+from valerie.runs.products.pins import Pins
+from valerie.runs.resolving.spec import ResolvedRun, RunSpec, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.settings import Settings
 

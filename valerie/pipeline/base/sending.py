@@ -8,7 +8,7 @@ import structlog
 
 from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context
-from valerie.runs.products import Ready
+from valerie.runs.products.ready import Ready
 
 log = structlog.get_logger()
 

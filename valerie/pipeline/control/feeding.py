@@ -16,10 +16,10 @@ from valerie.db.runs import RunRow
 from valerie.db.statements import insert_rows
 from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
-from valerie.runs.inputs import ProductInputs
-from valerie.runs.pins import FunctionPin
-from valerie.runs.products import Ready
-from valerie.runs.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
+from valerie.runs.products.inputs import ProductInputs
+from valerie.runs.products.pins import FunctionPin
+from valerie.runs.products.ready import Ready
+from valerie.runs.products.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to

@@ -9,7 +9,7 @@ from valerie.db import functions, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
-from valerie.runs.states import ProductKind
+from valerie.runs.products.states import ProductKind
 from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
 
 _BATCH = 500

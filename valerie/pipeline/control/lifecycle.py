@@ -14,8 +14,8 @@ from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
-from valerie.runs.progress import FrameProgress, Progress, VariantProgress
-from valerie.runs.states import ProductState, RunState
+from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
+from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
 
 _CANCELLABLE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)

@@ -31,8 +31,8 @@ from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress import ProgressBook
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
-from valerie.runs.pins import Offer
-from valerie.runs.states import RunState
+from valerie.runs.products.pins import Offer
+from valerie.runs.products.states import RunState
 
 log = structlog.get_logger()
 

@@ -16,7 +16,7 @@ from valerie.db import processes, runs, totals
 from valerie.db.engine import database_time, reading
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.runs.states import EVAL_QUEUE, ProductState, Stage
+from valerie.runs.products.states import EVAL_QUEUE, ProductState, Stage
 
 #: Whatever does not answer a check in this time is reported as unknown.
 CHECK_SECONDS = 5.0

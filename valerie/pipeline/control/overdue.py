@@ -9,8 +9,8 @@ from valerie.db.engine import reading, writing
 from valerie.db.runs import RunRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines, until
-from valerie.runs.products import Fault
-from valerie.runs.states import ProductKind
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import ProductKind
 
 
 def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int:

@@ -10,11 +10,11 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.costs import Cost, CostKey, CostTable
-from valerie.runs.forecast import Plan, plan
-from valerie.runs.pins import Pins
-from valerie.runs.spec import ResolvedRun, RunSpec
-from valerie.runs.states import EVAL_QUEUE, ProductKind
+from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
+from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.products.pins import Pins
+from valerie.runs.products.states import EVAL_QUEUE, ProductKind
+from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 
 
 def plan_run(context: Context, spec: RunSpec) -> Plan:

@@ -18,8 +18,8 @@ from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
-from valerie.runs.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
-from valerie.runs.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
+from valerie.runs.products.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
+from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
 
 #: A rate is measured over this long, or until this many have finished: a slow stage's would jump with each one.
 _RATE_SECONDS: Final = 20.0

@@ -26,7 +26,7 @@ from valerie.plain import typed
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What of a run is refined; at most one is set, none means everything."""
+    """The part of a run to refine; at most one field is set, none means everything."""
 
     where: str | None = None
     finding: int | None = None

@@ -12,8 +12,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import RunState
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import RunSpec
 
 _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter is taken for a digit
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.parameters.definitions import Value
 from valerie.plain import JsonObject
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 
 SPEC: Final = "spec.json"
 RUN: Final = "run.json"

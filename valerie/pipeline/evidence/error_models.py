@@ -17,7 +17,7 @@ from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.run_artifacts import TABLE_PARQUET, artifact_key
-from valerie.runs.spec import RunSpec
+from valerie.runs.resolving.spec import RunSpec
 from valerie.storage.keys import run_key, run_prefix
 
 #: Beginning of the file names.

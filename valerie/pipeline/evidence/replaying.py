@@ -32,11 +32,11 @@ from valerie.pipeline.reading.painting import FramePainter
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
-from valerie.runs.frames import FrameKey
-from valerie.runs.inputs import FrameDigests, ProductInputs
-from valerie.runs.pins import Pins
-from valerie.runs.spec import parse
-from valerie.runs.states import ProductKind, RunState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.pins import Pins
+from valerie.runs.products.states import ProductKind, RunState
+from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings
 
 EQUAL: Final = "equal"

@@ -1,8 +1,8 @@
 """Filter, count, sort and match the rows of one or several runs in memory, for interactive use.
 
 DuckDB computes filters, orders and matches, in a connection that sees only these rows: no file, network or other database.
-Conditions come from the grammar of `valerie.runs.where` with their values bound. Counts per bin are sums over the rows that a
-filter selects.
+Conditions come from the grammar of `valerie.runs.resolving.where` with their values bound. Counts per bin are sums over the
+rows that a filter selects.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, na
 from valerie.parameters.constraints import Sql, compile_constraint, quoted
 from valerie.parameters.definitions import ParameterType
 from valerie.pipeline.exploring.bins import Bins, bins_of
-from valerie.runs.where import Column
+from valerie.runs.resolving.where import Column
 
 #: Most rows of an exploration.
 MAX_ROWS: Final = 5_000_000

@@ -23,7 +23,7 @@ from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.base.run_artifacts import TABLE_PARQUET
 from valerie.pipeline.exploring.exploration import MAX_ROWS, Exploration
 from valerie.pipeline.reading.tables import read_table
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
 from valerie.storage.keys import run_key
 
 #: Most rows of all cached explorations together.

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute
 from sqlalchemy import Engine
 
-from valerie.analysis.rows.table import PARAMETER_COLUMNS
+from valerie.analysis.rows.table import PARAMETER_COLUMNS, without_codes
 from valerie.datasets import coco, openlabel
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.pipeline.export.folder import FRAGMENTS
@@ -45,15 +45,17 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
     description = f"VALERIE run {plan.run.id} ({resolved.spec.name})"
     if "coco" in settings.formats:
         for split in counts:
-            fragments = (one for one in _fragments(plan, folder) if one.split == split)
+            fragments = (fragment for fragment in _fragments(plan, folder) if fragment.split == split)
             entries = (fragment.coco for fragment in fragments if fragment.coco is not None)
             _write_coco(folder / "coco", split, entries, description)
     if "openlabel" in settings.formats:
         for split in counts:
-            labels = (one.openlabel for one in _fragments(plan, folder) if one.split == split)
-            _write_openlabel(folder / "openlabel" / split, (one for one in labels if one is not None), description)
+            labels = (fragment.openlabel for fragment in _fragments(plan, folder) if fragment.split == split)
+            _write_openlabel(
+                folder / "openlabel" / split, (labelled for labelled in labels if labelled is not None), description
+            )
     if "parquet" in settings.formats:
-        types = {d.path: _plain(PARAMETER_COLUMNS[d.type.value]) for d in resolved.definitions}
+        types = {d.path: without_codes(PARAMETER_COLUMNS[d.type.value]) for d in resolved.definitions}
         rows = (row for fragment in _fragments(plan, folder) for row in fragment.rows)
         write_index(folder / "index.parquet", rows, types)
     if settings.predictions:
@@ -127,7 +129,3 @@ def _write_evaluations(engine: Engine, plan: ExportPlan, path: Path) -> None:
     for name in plan.settings.predictions[1:]:
         named = named | functions.where(name)
     table.select(chosen & named).to_parquet(path)
-
-
-def _plain(dtype: pa.DataType) -> pa.DataType:
-    return pa.string() if pa.types.is_dictionary(dtype) else dtype

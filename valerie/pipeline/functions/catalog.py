@@ -20,8 +20,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import inference_name
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.import_job import Trial
-from valerie.runs.pins import FunctionOffer, Offer
-from valerie.runs.states import Stage
+from valerie.runs.products.pins import FunctionOffer, Offer
+from valerie.runs.products.states import Stage
 from valerie.scene.assets.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 

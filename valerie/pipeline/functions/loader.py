@@ -14,7 +14,7 @@ from valerie.perception.running.opening import open_function, require_payload
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.payload_cache import PayloadCache
-from valerie.runs.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin
 from valerie.settings import Settings
 
 _FOLDER: Final = "functions"

@@ -18,8 +18,8 @@ from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH
 from valerie.pipeline.functions.loader import open_document, open_installed
-from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer, Offer
-from valerie.runs.states import Stage, route_of
+from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer, Offer
+from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 from valerie.testing.onnx_function import small_onnx

@@ -18,7 +18,7 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader, open_installed
 from valerie.pipeline.functions.registry import SHORT
-from valerie.runs.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin
 from valerie.spelling import plain_name
 
 _SUFFIX: Final = ".safetensors"

@@ -209,7 +209,7 @@ def _needs(connection: Connection, run: functions.UnfinishedRun, version: Regist
     if run.pins is not None:
         return any(pin.digest == version.digest for pin in run.pins.functions.values())
     documents = known(connection, run.spec.functions).values()
-    return any((one.name, one.digest) == (version.document.name, version.digest) for one in documents)
+    return any((document.name, document.digest) == (version.document.name, version.digest) for document in documents)
 
 
 def _store_payload(context: Context, document: FunctionDocument, path: Path | None) -> None:

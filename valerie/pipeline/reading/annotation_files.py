@@ -20,9 +20,9 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.plain import Keywords
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import ProductState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import ProductState
+from valerie.runs.resolving.spec import ResolvedRun
 
 #: Array name to array, as `numpy.load` gives them back.
 Arrays = Mapping[str, NDArray[Any]]

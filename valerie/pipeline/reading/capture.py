@@ -13,9 +13,9 @@ from valerie.parameters.assignment import digest
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth, PersonTruth
 from valerie.rendering.label_policy import LabelPolicy, labelled
-from valerie.runs.frames import FrameProducts
-from valerie.runs.sensors import focal_length_mm, setting_of, short_document
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.products.frames import FrameProducts
+from valerie.runs.resolving.sensors import focal_length_mm, setting_of, short_document
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.sensing.distortion import pixel_map, shown_within
 from valerie.sensing.sensor import REVISION, Shot, develop, focal_length_px, seen_from
 from valerie.sensing.settings import SensorSetting

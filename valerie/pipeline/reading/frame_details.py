@@ -18,9 +18,9 @@ from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
 from valerie.pipeline.reading.tables import character_of
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import ProductState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import ProductState
+from valerie.runs.resolving.spec import ResolvedRun
 
 _DARK: Final = dict.fromkeys(names_from(Source.LIGHT))
 _UNSCORED: Final = dict.fromkeys(("tp", "fn", "tn", "pacc", *names_from(Source.FRAME_SCORE)))

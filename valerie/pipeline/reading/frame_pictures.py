@@ -25,8 +25,8 @@ from valerie.pipeline.reading.painting import (
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.frames import FrameKey
-from valerie.runs.states import ProductState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import ProductState
 
 #: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
 _OF_TRUTH: Final = ("truth", "instances", "depth")

@@ -19,8 +19,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import Stage
+from valerie.runs.products.states import Stage
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.light.solar import ANGLES
 from valerie.scene.variation.conditions import Conditions, conditions, varied_conditions
 

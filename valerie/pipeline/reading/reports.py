@@ -13,7 +13,7 @@ from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.claims.claims import Claims
-from valerie.analysis.comparison.beside import Beside, Side, put_beside
+from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
@@ -34,10 +34,10 @@ from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
-from valerie.runs.frames import FrameKey
-from valerie.runs.products import Fault
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import RunState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
@@ -173,8 +173,8 @@ def _entries(value: object) -> JsonObject | None:
     return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
 
 
-def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> Side:
-    return Side(f"{run.name} ({stored.resolved.spec.engine})", run.id, table, _scenes(stored, table))
+def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> ComparedRun:
+    return ComparedRun(f"{run.name} ({stored.resolved.spec.engine})", run.id, table, _scenes(stored, table))
 
 
 def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:

@@ -17,9 +17,9 @@ from valerie.measures import TableRow
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.tables import frame_columns, person_columns, table_row
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.where import Where, choices_of, compile_where
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.resolving.spec import ResolvedRun
+from valerie.runs.resolving.where import Where, choices_of, compile_where
 from valerie.scene.variation.conditions import with_sun_angles
 
 
@@ -50,7 +50,7 @@ class ChosenFrame:
         return {**self.stored.assignment, **self.moment}
 
     def row(self, person: SeenPerson, resolved: ResolvedRun) -> TableRow:
-        """Return the metadata columns (`valerie.runs.where.METADATA`) of a person of the frame."""
+        """Return the metadata columns (`valerie.runs.resolving.where.METADATA`) of a person of the frame."""
         of_person = person_columns(person.instance_id, person.measures, self.stored.assignment, resolved)
         return {**self.columns, **of_person}
 

@@ -25,8 +25,8 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs

@@ -39,7 +39,7 @@ from valerie.pipeline.reading.selection import (
 from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.pipeline.retraining.targets import run_values
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.storage import codecs
 
 
@@ -115,7 +115,7 @@ def compare_versions(
         Conflict: the run has no finished frames; or versions run in unequal numeric classes without ``mixed``.
         InferenceError: a function failed.
     """
-    if len(references) < 2 or len({display_name(one) for one in references}) < len(references):
+    if len(references) < 2 or len({display_name(reference) for reference in references}) < len(references):
         raise InvalidInput("name two or more different functions", field="versions", value=list(references))
     run = read_run(context, run_id)
     with reading(context.engine) as connection:

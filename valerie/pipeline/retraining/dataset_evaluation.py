@@ -40,7 +40,7 @@ from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
 from valerie.plain import JsonObject
-from valerie.runs.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin
 from valerie.storage import codecs
 
 if TYPE_CHECKING:

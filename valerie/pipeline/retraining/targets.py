@@ -14,7 +14,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.pipeline.retraining.training_scenes import AS_MADE, TrainingScene
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.visibility import measure, person_roots
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, resolve
 from valerie.scene.assets.attributes import Target as Thing
 

@@ -20,7 +20,7 @@ from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_persons, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import PACKS, AssetArguments, is_generated, pack_settings, parse_reference
 
 #: First street seed for functions whose training streets are unknown.

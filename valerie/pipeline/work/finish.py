@@ -23,8 +23,8 @@ from valerie.pipeline.base.environment import environment
 from valerie.pipeline.base.pausing import pause_for_storage
 from valerie.pipeline.base.run_artifacts import ENVIRONMENT, REPORT, SUMMARY, TABLE_CSV, TABLE_PARQUET
 from valerie.pipeline.reading.reports import read_results, write_report
-from valerie.runs.products import Fault
-from valerie.runs.states import RunState
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import RunState
 from valerie.storage.keys import run_key
 
 log = structlog.get_logger()

@@ -22,8 +22,8 @@ from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import Maker
-from valerie.runs.frames import FrameKey
-from valerie.runs.states import ProductKind, ProductState
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.states import ProductKind, ProductState
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore

@@ -26,7 +26,7 @@ from valerie.errors import (
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pausing import pause_for_storage
 from valerie.pipeline.base.sending import send_ready
-from valerie.runs.products import Fault
+from valerie.runs.products.ready import Fault
 from valerie.storage.keys import product_key
 
 log = structlog.get_logger()

@@ -22,8 +22,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.work.stages import run_stage
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 

@@ -31,8 +31,8 @@ from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.child import Child
 from valerie.pipeline.work.stages import Maker
-from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer
-from valerie.runs.states import EVAL_QUEUE, Stage
+from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer
+from valerie.runs.products.states import EVAL_QUEUE, Stage
 from valerie.settings import Settings
 
 log = structlog.get_logger()

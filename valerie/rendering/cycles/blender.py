@@ -130,7 +130,7 @@ class BlenderProcess:
             return
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None
-            with suppress(OSError):  # nobody needs the bytes that are still buffered
+            with suppress(OSError):  # the buffered bytes are not needed
                 pipe.close()
         process.kill()
         process.wait()

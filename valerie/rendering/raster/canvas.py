@@ -137,8 +137,8 @@ class Canvas:
         """Prepare for the statics seen by this camera under this light, and keep the tiles that are still valid.
 
         Args:
-            camera: what the statics' G-buffer follows from.
-            light: what their image follows from.
+            camera: key of the inputs of the statics' G-buffer.
+            light: key of the inputs of their image.
             drawn: area in which the G-buffer is drawn.
         """
         if camera != self._camera:

@@ -7,10 +7,9 @@ from typing import Final
 import moderngl
 import numpy as np
 
-from valerie.plain import Uniforms
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.projection import clip_from_view, view_from_world
+from valerie.rendering.projection import drawing_matrices
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.context import GraphicsContext
@@ -62,7 +61,7 @@ class NormalsPass:
                 rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], camera, view)
                 if not rectangle.empty:
                     work.use(gl_rectangle(rectangle, view))
-                    values = _camera_values(camera, view)
+                    values = drawing_matrices(camera, view)
                     self._surfaces.movables(prepared.placed, prepared.statics.textures, table, values)
                 data = work.framebuffer.read(components=2, dtype="i2", alignment=1)
             finally:
@@ -84,14 +83,9 @@ class NormalsPass:
         everything = one_span((0, 0, view.width, view.height))
         self._nothing.run(target, everything, {}, {}, depth="written")
         target.use()
-        self._surfaces.statics(prepared.statics, table, _camera_values(camera, view))
+        self._surfaces.statics(prepared.statics, table, drawing_matrices(camera, view))
         return target
 
 
 def _target(gl: moderngl.Context, view: View) -> Target:
     return Target(gl, (view.width, view.height), ((2, "i2"),), depth=True)
-
-
-def _camera_values(camera: Camera, view: View) -> Uniforms:
-    matrix = view_from_world(camera)
-    return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}

@@ -11,11 +11,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.plain import Uniforms
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
-from valerie.rendering.projection import LightView, clip_from_view, view_from_world
+from valerie.rendering.projection import LightView, drawing_matrices
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
@@ -347,7 +346,7 @@ class RasterRenderer:
         x, y, width, height = (n * SAMPLES for n in area)
         target.use((x, y, width, height))
         target.clear()
-        values = _camera_values(camera, view)
+        values = drawing_matrices(camera, view)
         # The depth pre-pass reduces texture reads to one per sample.
         self._shapes.statics(prepared.statics, table, values)
         self._context.gl.depth_func = "<="
@@ -370,7 +369,7 @@ class RasterRenderer:
         moving, textures = targets.moving, frame.prepared.statics.textures
         moving.use((x, y, width, height))
         moving.clear_colors()
-        self._moving.movables(frame.prepared.placed, textures, frame.table, _camera_values(frame.camera, frame.view))
+        self._moving.movables(frame.prepared.placed, textures, frame.table, drawing_matrices(frame.camera, frame.view))
         covered = canvas.read_moving(area)
         body = canvas.grid.holding(covered, area[0], area[1])
         sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
@@ -454,11 +453,3 @@ def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
     wide = np.zeros((top - bottom, right - left), np.bool_)
     wide[y - bottom : y - bottom + height, x - left : x - left + width] = pixels
     return grid.holding(widened(wide, by), left, bottom)
-
-
-def _camera_values(camera: Camera, view: View) -> Uniforms:
-    matrix = view_from_world(camera)
-    return {
-        "clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix,
-        "depth_row": -matrix[2],
-    }

@@ -15,7 +15,7 @@ from valerie.scene.assets.asset_folder import read_manifest
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import declared_problems, missing_nodes
-from valerie.scene.checks.findings import Finding, Severity, from_error
+from valerie.scene.checks.findings import Doubt, Severity, from_error
 from valerie.scene.checks.names import name_findings
 from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
@@ -25,7 +25,7 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 
 
-def asset_findings(folder: Path) -> list[Finding]:
+def asset_findings(folder: Path) -> list[Doubt]:
     """Check a user's asset; an empty list means that nothing was found.
 
     Runs cannot use an asset with errors. The scene is checked only where manifest and files have none.
@@ -41,7 +41,7 @@ def asset_findings(folder: Path) -> list[Finding]:
         manifest, asset_digest, files = read_manifest(folder)
     except InvalidInput as error:
         return list(from_error(error, "manifest"))
-    findings: list[Finding] = []
+    findings: list[Doubt] = []
     parts: dict[str, FilePart] = {}
     for name, path in files.items():
         try:
@@ -49,12 +49,12 @@ def asset_findings(folder: Path) -> list[Finding]:
         except InvalidInput as error:
             findings += from_error(error, "file", file=name)
         else:
-            findings += [Finding(Severity.NOTE, "reading", name, note) for note in parts[name].notes]
+            findings += [Doubt(Severity.NOTE, "reading", name, note) for note in parts[name].notes]
     if len(parts) < len(files):
         return findings
     if not any(part.sun for name, part in parts.items() if name in manifest.files):
         findings.append(
-            Finding(
+            Doubt(
                 Severity.NOTE,
                 "no-light",
                 "scene.sun-1",
@@ -69,7 +69,7 @@ def asset_findings(folder: Path) -> list[Finding]:
     return [*findings, *scene_findings(asset)]
 
 
-def scene_findings(asset: SceneAsset) -> Iterator[Finding]:
+def scene_findings(asset: SceneAsset) -> Iterator[Doubt]:
     """Check the scene and the declarations of a loaded asset, wherever it comes from."""
     yield from name_findings(asset.base, asset.manifest)
     for problem in declared_problems(asset.base, asset.manifest):
@@ -77,7 +77,7 @@ def scene_findings(asset: SceneAsset) -> Iterator[Finding]:
     # Missing nodes are reported by now; the rest is checked as if the manifest did not name them.
     present = _without_missing(asset)
     yield from _outline_findings(present.manifest)
-    unusable: list[Finding] = []
+    unusable: list[Doubt] = []
     try:
         scene = apply({}, present)
     except InvalidInput:
@@ -111,34 +111,32 @@ def _without_missing(asset: SceneAsset) -> SceneAsset:
     return replace(asset, manifest=manifest.model_copy(update=fields))
 
 
-def _without_unusable(asset: SceneAsset) -> tuple[list[Finding], SceneAsset]:
+def _without_unusable(asset: SceneAsset) -> tuple[list[Doubt], SceneAsset]:
     """Return findings on parameters whose defaults the scene cannot take, and the asset without them."""
-    findings: list[Finding] = []
+    findings: list[Doubt] = []
     usable: list[ParameterDefinition] = []
     for parameter in asset.manifest.parameters:
         thing, attribute = resolve(parameter.path, asset.manifest.cameras)
         try:
             attribute.write(Draft(asset.base), thing, parameter.check(parameter.default))
         except InvalidInput as error:
-            findings.append(
-                Finding(Severity.ERROR, "declared", parameter.path, error.message, error.value, error.limit)
-            )
+            findings.append(Doubt(Severity.ERROR, "declared", parameter.path, error.message, error.value, error.limit))
         else:
             usable.append(parameter)
     return findings, replace(asset, manifest=asset.manifest.model_copy(update={"parameters": tuple(usable)}))
 
 
-def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
+def _outline_findings(manifest: Manifest) -> Iterator[Doubt]:
     for index, obstacle in enumerate(manifest.obstacles):
         if not shapely.Polygon(obstacle.polygon).is_valid:
-            yield Finding(
+            yield Doubt(
                 Severity.ERROR,
                 "outline",
                 f"obstacles.{index}",
                 f"the footprint of {obstacle.path} crosses itself: give its corners in order",
             )
     for path in _without_outline(manifest):
-        yield Finding(
+        yield Doubt(
             Severity.NOTE,
             "no-outline",
             path,
@@ -148,10 +146,10 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
     try:
         reason = rejection_reason(_camera_defaults(manifest), manifest)
     except ValerieError as error:
-        yield Finding(Severity.ERROR, "outline", "obstacles", str(error))
+        yield Doubt(Severity.ERROR, "outline", "obstacles", str(error))
         return
     if reason:
-        yield Finding(
+        yield Doubt(
             Severity.WARNING,
             "rejected-default",
             "parameters",

@@ -19,7 +19,7 @@ class Severity(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Doubt:
     """One finding.
 
     Attributes:
@@ -53,7 +53,7 @@ class Finding:
         }
 
 
-def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Finding]:
+def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Doubt]:
     """Yield a finding for each problem of an error.
 
     Args:
@@ -65,4 +65,4 @@ def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Fi
         for problem in error.problems:
             yield from from_error(problem, code, file=file)
         return
-    yield Finding(Severity.ERROR, code, error.field or file, error.message, error.value, error.limit)
+    yield Doubt(Severity.ERROR, code, error.field or file, error.message, error.value, error.limit)

@@ -9,7 +9,7 @@ from typing import Final
 from valerie.labels import CITYSCAPES, PERSON
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import alike, missing_nodes, unclassified
-from valerie.scene.checks.findings import Finding, Severity
+from valerie.scene.checks.findings import Doubt, Severity
 from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_name
@@ -18,24 +18,24 @@ from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_
 _LISTED: Final = 3
 
 
-def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
+def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
     """Yield findings on missing nodes, nodes without class, scenes without persons, and persons that do not move."""
     yield from _missing(scene, manifest)
     people = [path for path, node in scene.nodes.items() if node.label_id == PERSON.id and node.meshes]
     named_above = bool(manifest.persons) and not any(path in scene.nodes for path in manifest.persons)
     if not people and not named_above:
-        yield Finding(
+        yield Doubt(
             Severity.ERROR,
             "no-person",
             "",
             "no person: no node called person-1 (or made one by node_classes or placed_files) has a mesh",
         )
     elif people and not manifest.persons:
-        yield Finding(Severity.ERROR, "no-person", "persons", "the manifest names no persons: nobody is under test")
+        yield Doubt(Severity.ERROR, "no-person", "persons", "the manifest names no persons: nobody is under test")
     for path in manifest.persons:
         node = scene.nodes.get(path)
         if node is not None and node.label_id != PERSON.id:
-            yield Finding(
+            yield Doubt(
                 Severity.ERROR,
                 "no-person",
                 path,
@@ -44,7 +44,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
                 "person",
             )
         if node is not None and not node.movable and any(p.path.startswith(f"{path}.") for p in manifest.parameters):
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "not-movable",
                 path,
@@ -59,7 +59,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
             message = f"{parsed[0]!r} is not a known class{hint or '; list it in node_classes'}"
         else:
             message = f"it is drawn and has no class: name it ObjectClass-ID or list it in node_classes{hint}"
-        yield Finding(Severity.ERROR, "no-class", path, message, name, "as building-3")
+        yield Doubt(Severity.ERROR, "no-class", path, message, name, "as building-3")
 
 
 def _to_rename(path: str) -> str:
@@ -72,7 +72,7 @@ def _to_rename(path: str) -> str:
     return path
 
 
-def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
+def _missing(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
     """Yield a finding for each node that the manifest names and the scene lacks, with likely candidates."""
     missing = missing_nodes(scene, manifest)
     names = {*manifest.persons, *manifest.movable, *manifest.grounded}
@@ -99,7 +99,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
         advice = "; ".join(hints) or f"nothing looks like it: call its node {name}, or take it out of the manifest"
         # Persons are grounded by default.
         places = ", ".join(field for field in fields if field != "grounded" or "persons" not in fields)
-        yield Finding(
+        yield Doubt(
             Severity.ERROR,
             "no-person" if what == "person" else "declared",
             path,

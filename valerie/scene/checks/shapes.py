@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import BY_ID
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.checks.findings import Finding, Severity
+from valerie.scene.checks.findings import Doubt, Severity
 from valerie.scene.graph.model import Mesh, Node, Scene
 
 #: Largest number of triangles of one object and of the whole scene. More would slow every engine down with no visible gain.
@@ -37,7 +37,7 @@ _FEET_M: Final = 0.15
 _ASIDE_M: Final = 0.5
 
 
-def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
+def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
     """Yield findings on the geometry of a scene with every parameter at its default."""
     for path, node in scene.nodes.items():
         if node.visible:
@@ -45,7 +45,7 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
                 yield from _mesh_findings(path, mesh, scene)
         determinant = float(np.linalg.det(node.transform[:3, :3]))
         if abs(determinant) < 1e-12:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "flat",
                 path,
@@ -101,7 +101,7 @@ def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
     return points
 
 
-def _triangles(scene: Scene) -> Iterator[Finding]:
+def _triangles(scene: Scene) -> Iterator[Doubt]:
     """Yield findings on objects with very many triangles, and on the scene if it has too many without them."""
     triangles: dict[str, int] = {}
     for node in scene.nodes.values():
@@ -110,7 +110,7 @@ def _triangles(scene: Scene) -> Iterator[Finding]:
             triangles[owner] = triangles.get(owner, 0) + sum(len(mesh.faces) for mesh in node.meshes)
     huge = {owner: count for owner, count in triangles.items() if count > MAX_TRIANGLES}
     for owner, count in huge.items():
-        yield Finding(
+        yield Doubt(
             Severity.WARNING,
             "huge-mesh",
             owner,
@@ -121,7 +121,7 @@ def _triangles(scene: Scene) -> Iterator[Finding]:
     rest = {owner: count for owner, count in triangles.items() if owner not in huge}
     if sum(rest.values()) > MAX_TRIANGLES:
         heaviest = sorted(rest, key=lambda owner: -rest[owner])[:_HEAVIEST]
-        yield Finding(
+        yield Doubt(
             Severity.WARNING,
             "huge-scene",
             "",
@@ -131,13 +131,13 @@ def _triangles(scene: Scene) -> Iterator[Finding]:
         )
 
 
-def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
+def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Doubt]:
     material = scene.materials.get(mesh.material)
     if material is None or not len(mesh.uvs):
         return
     texture = next(iter(material.textures), None)
     if texture is not None and not np.ptp(mesh.uvs, axis=0).any():
-        yield Finding(
+        yield Doubt(
             Severity.WARNING,
             "no-texture-coordinates",
             path,
@@ -145,13 +145,13 @@ def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
         )
 
 
-def _sizes(scene: Scene, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def _sizes(scene: Scene, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Doubt]:
     for owner, box in boxes.items():
         kind = BY_ID[scene.nodes[owner].label_id].node_class
         height = float(box[1, 2] - box[0, 2])
         smallest, largest = HEIGHTS_M.get(kind, (0.0, np.inf))
         if not smallest <= height <= largest:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "size",
                 owner,
@@ -161,7 +161,7 @@ def _sizes(scene: Scene, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[F
             )
 
 
-def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Doubt]:
     for path in manifest.persons:
         box = boxes.get(path)
         if box is None:
@@ -170,7 +170,7 @@ def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.fl
         below = float(box[0, 2] - origin[2])
         aside = float(np.linalg.norm(box.mean(axis=0)[:2] - origin[:2]))
         if abs(below) > _FEET_M:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "origin",
                 path,
@@ -179,7 +179,7 @@ def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.fl
                 f"±{_FEET_M} m",
             )
         if aside > _ASIDE_M:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "origin",
                 path,
@@ -189,14 +189,14 @@ def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.fl
             )
 
 
-def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Doubt]:
     if not boxes:
         return
     corners = np.stack(list(boxes.values()))
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     x0, y0, x1, y1 = manifest.extent
     if high[0] < x0 or low[0] > x1 or high[1] < y0 or low[1] > y1:
-        yield Finding(
+        yield Doubt(
             Severity.WARNING,
             "extent",
             "extent",
@@ -206,7 +206,7 @@ def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Ite
         )
 
 
-def _ground(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def _ground(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Doubt]:
     x0, y0, x1, y1 = manifest.extent
     lowest = min([0.0, *(region.height for region in manifest.ground)])
     for owner, (low, high) in boxes.items():
@@ -215,7 +215,7 @@ def _ground(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.flo
         below = low[0] <= x1 and high[0] >= x0 and low[1] <= y1 and high[1] >= y0
         if below and low[2] <= lowest + _GROUND_M and high[2] >= lowest - _GROUND_M:
             return
-    yield Finding(
+    yield Doubt(
         Severity.WARNING,
         "no-ground",
         "extent",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.parameters.definitions import ParameterType
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.checks.findings import Finding, Severity
+from valerie.scene.checks.findings import Doubt, Severity
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height
@@ -24,7 +24,7 @@ _ASPECT: Final = 16 / 9
 _STEPS: Final = 15
 
 
-def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
+def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Doubt]:
     """Yield findings on every camera of the manifest and every person under test.
 
     Args:
@@ -37,11 +37,11 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
         x, y, z = (float(v) for v in camera.position)
         ground = ground_height(asset.manifest, x, y)
         if z < ground:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING, "inside-solid", camera.path, "below the ground", f"z = {z:.3g} m", f"{ground:g} m"
             )
         for owner in _around(scene, boxes, camera.position):
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "inside-solid",
                 camera.path,
@@ -57,7 +57,7 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
         origin = scene.world_transform(path)[:3, 3]
         share = _share_in_view(asset, path, box, origin, cameras)
         if share == 0.0:
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "out-of-view",
                 path,
@@ -65,7 +65,7 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
             )
         else:
             elsewhere = "" if share is None else f"; {share:.0%} of its range is in view"
-            yield Finding(
+            yield Doubt(
                 Severity.WARNING,
                 "out-of-view",
                 path,

@@ -23,7 +23,7 @@ _LINES_AND_POINTS = (pygltflib.POINTS, pygltflib.LINES, pygltflib.LINE_LOOP, pyg
 
 
 class MeshReader:
-    """The meshes of a glTF file; each is read once, so that nodes share in the scene what they share in the file.
+    """The meshes of a glTF file. Each is read once, so that nodes with the same mesh in the file share it in the scene.
 
     Attributes:
         computed_normals: index of a glTF mesh to the reasons, in words, why its normals were computed.

@@ -24,7 +24,7 @@ class DeferredMesh(Mesh):
         material: the name of this mesh's material; that of the finished mesh is ignored.
     """
 
-    if not TYPE_CHECKING:  # to a type checker the fields stay what they are in `Mesh`
+    if not TYPE_CHECKING:  # for type checkers, the fields are those of `Mesh`
         positions = property(lambda self: self._made.positions)
         normals = property(lambda self: self._made.normals)
         uvs = property(lambda self: self._made.uvs)

@@ -208,7 +208,7 @@ class Draft:
         return nodes
 
     def _was_shown_itself(self, path: str) -> bool:
-        """Return whether a node was shown by its own switch. Below a hidden node that cannot be seen, so it counts as shown."""
+        """Return True if a node's own switch shows it, or if the switch is unknown, below a hidden node."""
         node = self.scene.nodes[path]
         parent = self.scene.nodes.get(node.parent)
         return node.visible or (parent is not None and not parent.visible)

@@ -4,8 +4,8 @@ Frames (docs/conventions.md): right-handed world in metres, z up, x across the s
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
 A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
-materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
-identity what it uploaded.
+materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache
+its uploads by identity.
 """
 
 from __future__ import annotations

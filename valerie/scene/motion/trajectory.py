@@ -102,7 +102,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
 
     Raises:
         UnknownName: a keyframe gives a parameter that is not declared for the thing.
-        InvalidInput: keyframes differ in what they give, leave a range, or are not in the order of time.
+        InvalidInput: keyframes set different parameters, leave a range, or are not in the order of time.
     """
     declared = _declared_of(trajectory, parameters)
     numbers = [
@@ -359,7 +359,7 @@ def _heading(vx: float, vy: float) -> float | None:
 def _declared_of(
     trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]
 ) -> dict[str, ParameterDefinition]:
-    """Return the declarations of what a trajectory moves, by attribute."""
+    """Return the declarations of the moved thing's parameters, by attribute."""
     prefix = f"{trajectory.path}."
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 

@@ -56,7 +56,7 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
 
 
 class _Itself:
-    """A manifest that equals only itself: comparing two field by field costs more than what is cached."""
+    """A manifest that equals only itself, since comparing two field by field costs more than the cached result saves."""
 
     __slots__ = ("manifest",)
 

@@ -4,21 +4,21 @@ from scipy.stats import spearmanr
 
 from tests.planted_tables import X, planted_table
 from valerie.analysis.claims.claims import parse_claims
-from valerie.analysis.comparison.beside import Side, put_beside
+from valerie.analysis.comparison.beside import ComparedRun, put_beside
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 
 PLACES = 60
 
 
-def side(name: str, pacc: np.ndarray, scenes: list[str], **columns: object) -> Side:
+def side(name: str, pacc: np.ndarray, scenes: list[str], **columns: object) -> ComparedRun:
     plain = planted_table(pacc, range(len(pacc)), frame_id=[f"{name}.{k}" for k in range(len(pacc))], **columns)
     where = np.array([int(scene.partition("/")[0]) for scene in scenes], np.float64)
     sun = [float(scene.partition("/")[2]) for scene in scenes]
     kept = {column: plain.arrow[column] for column in plain.arrow.column_names if column != X}
     parameters = {X: "FLOAT", "scene.sun-1.azimuth": "ANGLE"}
     table = EvaluationTable.from_columns(kept | {X: where, "scene.sun-1.azimuth": sun}, parameters)
-    return Side(name, name, table, np.array(scenes, dtype=object))
+    return ComparedRun(name, name, table, np.array(scenes, dtype=object))
 
 
 SCENES = [f"{place}/{sun}" for place in range(PLACES) for sun in (120, 210)]

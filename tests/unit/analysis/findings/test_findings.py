@@ -14,7 +14,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import summarize
 from valerie.analysis.summary.text import summary_text
 from valerie.plain import typed
-from valerie.runs.spec import parse
+from valerie.runs.resolving.spec import parse
 from valerie.statistics.contrasts import Matching
 
 PLACES = {"xs": np.linspace(-2, 7, 6).tolist(), "ys": np.linspace(5, 33, 8).tolist()}

@@ -9,8 +9,8 @@ import pytest
 from valerie.analysis.findings.refining import refined_spec
 from valerie.analysis.findings.region import Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
-from valerie.runs.documents import RunSpec
-from valerie.runs.spec import parse, resolve
+from valerie.runs.document.documents import RunSpec
+from valerie.runs.resolving.spec import parse, resolve
 from valerie.testing.assets import simple_manifest
 
 X, Y, COAT = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.character"

@@ -17,7 +17,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, PooledClass
 from valerie.measures import measure_of
 from valerie.perception.base import FunctionCard
-from valerie.runs.spec import parse
+from valerie.runs.resolving.spec import parse
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
 SPEC = parse({"name": "First run", "asset": "urban-street", "vary": [["person-1.pos.x", "CHOICE", 1, 2]]})

@@ -17,9 +17,9 @@ from valerie.analysis.verdicts.junit import junit_xml
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, judge_requirements
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.perception.base import FunctionCard
-from valerie.runs.pins import FunctionPin, Offer, Pins
-from valerie.runs.spec import RunSpec, parse
-from valerie.runs.states import Stage
+from valerie.runs.products.pins import FunctionPin, Offer, Pins
+from valerie.runs.products.states import Stage
+from valerie.runs.resolving.spec import RunSpec, parse
 from valerie.statistics.gates import places_for_gate
 
 CLASS = "cpu-1"

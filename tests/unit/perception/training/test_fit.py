@@ -170,7 +170,8 @@ def test_the_figures_of_a_function_that_reduces_frames_are_those_of_its_own_labe
     function.close()
     assert model.figures is not None
     assert 0 < hits < persons
-    assert model.figures.person_pacc == hits / persons
+    # The figures come from torch, the labels from the engine that is fastest here: pixels on an edge may differ.
+    assert model.figures.person_pacc == pytest.approx(hits / persons, abs=3 / persons)
 
 
 def test_a_street_in_both_sets_is_refused(make_frames) -> None:

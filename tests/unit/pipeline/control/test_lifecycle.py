@@ -13,7 +13,7 @@ from valerie.db import products, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict
 from valerie.pipeline.control import lifecycle
-from valerie.runs.states import ProductState
+from valerie.runs.products.states import ProductState
 from valerie.storage.keys import PRODUCTS, run_prefix
 
 ONE = {"vary": [["person-1.pos.y", "HOMOGENEOUS", 5.0, 5.0, 1.0]], "cameras": ["camera-1"]}

@@ -26,15 +26,15 @@ from valerie.pipeline.control.studies import advancing, commands
 from valerie.pipeline.control.studies.reporting import report
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
-from valerie.runs.states import RunState
-from valerie.runs.study import Outcomes, StudyState, parse_study
+from valerie.runs.products.states import RunState
+from valerie.runs.study.document import Outcomes, StudyState, parse_study
 from valerie.studies import pursuit
 from valerie.studies.boundary import CELLS
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import StudyReport, build_report
 
-#: Two batches and a rest.
-SHORT = {"variants": 24}
+#: Two batches.
+SHORT = {"variants": 20}
 
 
 class SmallEstimate(Estimate):
@@ -68,7 +68,7 @@ def document(**more: Any) -> dict[str, Any]:
         "constraints": ["person-1.pos.x < 1 or person-1.pos.y < 6"],
         "measure": "min(pacc) >= 0.5",
         "goal": {"name": "estimate", "first": 20},
-        "budget": {"variants": 44},
+        "budget": {"variants": 34},
         "batch": 10,
     }
     return spec(vary=vary, **study) | more
@@ -108,26 +108,26 @@ def pursue(pipeline: Pipeline, study: str, *, until: Callable[[], bool] = lambda
 def test_a_study_spends_its_budget_in_runs_and_knows_a_rate(calm: tuple[Pipeline, str]) -> None:
     pipeline, study = calm
     ended = row(pipeline, study)
-    assert (ended.state, ended.reason) == (StudyState.FINISHED, "the budget of 44 variants is spent")
+    assert (ended.state, ended.reason) == (StudyState.FINISHED, "the budget of 34 variants is spent")
     known = batches(pipeline, study)
     assert [(b.count, len(b.points), b.based_on) for b in known] == [
-        (10, 10, 0), (10, 10, 0), (10, 0, 1), (10, 10, 2), (10, 10, 3), (4, 4, 4),
+        (10, 10, 0), (10, 10, 0), (10, 0, 1), (10, 10, 2), (4, 4, 3),
     ]  # fmt: skip
     assert all(not b.rejected for b in known)
     with reading(pipeline.context.engine) as connection:
         made = [runs.get(connection, b.run_id) for b in known if b.run_id]
     assert [(r.iteration, r.rejected_count, r.variant_count) for r in made] == [
-        (0, 0, 10), (1, 0, 10), (3, 0, 10), (4, 0, 10), (5, 0, 4),
+        (0, 0, 10), (1, 0, 10), (3, 0, 10), (4, 0, 4),
     ]  # fmt: skip
     assert [r.parent_run for r in made[1:]] == [r.id for r in made[:-1]]
     scores = [score for b in known if b.outcomes for score in b.outcomes.scores]
     assert set(scores) == {0.0, 1.0}
     assert ended.result is not None
     free: Any = ended.result.numbers["assumption_free"]
-    operational = [b.outcomes.scores[:n] for b, n in zip(known, (10, 10, 0, 5, 5, 2), strict=True) if b.outcomes]
+    operational = [b.outcomes.scores[:n] for b, n in zip(known, (10, 10, 0, 5, 2), strict=True) if b.outcomes]
     failed = [score == 0.0 for part in operational for score in part]
     assert free["estimate"] == pytest.approx(sum(failed) / len(failed))
-    assert free["units"] == 32
+    assert free["units"] == 27
 
 
 def test_the_next_batch_is_proposed_while_one_is_in_work(pipeline: Pipeline) -> None:
@@ -153,8 +153,8 @@ def test_a_study_killed_at_its_writes_decides_what_the_calm_one_does(
         real = getattr(module, name)
 
         def call(*arguments: Any, **keywords: Any) -> Any:
-            # Before it is committed; the next process repeats it.
-            if chance.random() < 0.4:
+            # Before it is committed; the next process repeats it. The first call of each always dies.
+            if name not in deaths or chance.random() < 0.4:
                 deaths.append(name)
                 raise Killed
             return real(*arguments, **keywords)
@@ -176,7 +176,7 @@ def test_a_study_killed_at_its_writes_decides_what_the_calm_one_does(
     assert row(pipeline, study).result == row(*calm).result
     assert {"set_run", "propose", "end", "set_values"} <= set(deaths)
     with reading(pipeline.context.engine) as connection:
-        assert len(runs.page(connection, limit=100)) == 5
+        assert len(runs.page(connection, limit=100)) == 4
 
 
 def test_products_that_fail_are_tried_again_and_are_no_outcomes(calm: tuple[Pipeline, str], pipeline: Pipeline) -> None:
@@ -232,7 +232,7 @@ def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> N
     proposed = commands.next_batch(pipeline.context, study)
     assert (proposed.legal, proposed.accepted, proposed.plan.frames) == (10, False, 20)
     with pytest.raises(InvalidInput, match="count"):
-        commands.accept(pipeline.context, study, count=25)
+        commands.accept(pipeline.context, study, count=21)
     commands.accept(pipeline.context, study, count=16)
     with pytest.raises(Conflict, match="no proposal"):
         commands.accept(pipeline.context, study)
@@ -262,8 +262,8 @@ def test_a_stop_rule_ends_the_study_and_widens_the_interval_for_its_looks(pipeli
     assert "0.9 was asked for" in (ended.reason or "")
     assert ended.result is not None
     free: Any = ended.result.numbers["assumption_free"]
-    assert free["level"] == pytest.approx(1 - 0.05 / 4)
-    assert len(batches(pipeline, study)) < 6
+    assert free["level"] == pytest.approx(1 - 0.05 / 3)
+    assert len(batches(pipeline, study)) < 5
 
 
 def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) -> None:

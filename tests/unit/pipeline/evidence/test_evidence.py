@@ -34,8 +34,8 @@ from valerie.pipeline.evidence.replaying import replay
 from valerie.pipeline.evidence.signing import new_key
 from valerie.pipeline.evidence.verifying import verify
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.runs.frames import FrameKey
-from valerie.runs.spec import parse
+from valerie.runs.products.frames import FrameKey
+from valerie.runs.resolving.spec import parse
 from valerie.storage.keys import run_key
 
 REQUIREMENT = {"id": "R-1", "text": "Persons are seen.", "statistic": "mean(pacc) >= 0.5"}

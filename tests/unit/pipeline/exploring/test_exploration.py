@@ -10,7 +10,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.exploring import views
 from valerie.pipeline.exploring.exploration import Exploration
 from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
-from valerie.runs.where import compile_where
+from valerie.runs.resolving.where import compile_where
 from valerie.statistics.intervals import Interval
 
 VARIANTS = 60

@@ -24,7 +24,7 @@ from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.testing.blank import BlankFunction
 
 

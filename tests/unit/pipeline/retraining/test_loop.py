@@ -19,7 +19,7 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.references import open_reference, pinned_network
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
-from valerie.runs.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin
 from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"

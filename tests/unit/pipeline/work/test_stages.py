@@ -13,7 +13,7 @@ from valerie.db import sweeping
 from valerie.db.engine import writing
 from valerie.db.products import Finished, Job
 from valerie.pipeline.work.stages import run_stage
-from valerie.runs.states import Stage, stage_of
+from valerie.runs.products.states import Stage, stage_of
 
 
 def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[..., Pipeline]) -> None:

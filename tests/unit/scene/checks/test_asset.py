@@ -11,7 +11,7 @@ import yaml
 
 from valerie.scene.assets.asset import load_asset
 from valerie.scene.assets.asset_folder import MANIFEST_FILE
-from valerie.scene.checks import Finding, Severity, asset_findings, scene_findings, shapes
+from valerie.scene.checks import Doubt, Severity, asset_findings, scene_findings, shapes
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import place
@@ -32,7 +32,7 @@ def renamed(old: str, new: str) -> dict[str, Any]:
     return {path.replace(old, new): replace(node, path=path.replace(old, new)) for path, node in BASE.nodes.items()}
 
 
-def only(findings: list[Finding], code: str) -> Finding:
+def only(findings: list[Doubt], code: str) -> Doubt:
     (found,) = [finding for finding in findings if finding.code == code]
     return found
 
@@ -301,7 +301,7 @@ def test_every_missing_texture_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_finding_shows_severity_place_value_and_limit() -> None:
-    found = Finding(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
+    found = Doubt(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
     assert str(found) == "warning: scene.person-1: too high; got 18 m; limit: 0.4…2.6 m"
     assert found.document()["value"] == "18 m"
 

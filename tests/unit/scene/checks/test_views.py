@@ -10,7 +10,7 @@ import trimesh
 
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.checks import Finding
+from valerie.scene.checks import Doubt
 from valerie.scene.checks.shapes import object_boxes
 from valerie.scene.checks.views import enclosure, in_view, view_findings
 from valerie.scene.graph.model import Camera
@@ -29,7 +29,7 @@ def moved(**cameras: tuple[Any, ...]) -> SceneAsset:
     return SceneAsset(manifest, asset.digest, replace(asset.base, cameras={"camera-1": camera}))
 
 
-def findings(asset: SceneAsset) -> list[Finding]:
+def findings(asset: SceneAsset) -> list[Doubt]:
     return list(view_findings(apply({}, asset), asset))
 
 

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.world.drawn import CHARACTERS, FUNCTIONS, DrawnRuns
-from valerie.runs.spec import parse
+from valerie.runs.resolving.spec import parse
 
 
 def test_columns_are_those_with_a_value_and_what_the_run_varied(api: httpx.Client, drawn: DrawnRuns) -> None:

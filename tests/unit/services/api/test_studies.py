@@ -74,6 +74,15 @@ def test_a_study_is_planned_listed_reported_and_stopped(fresh: httpx.Client, tmp
     assert fresh.post("/v1/studies/s0/stop").status_code == 404
 
 
+def test_studies_answer_304_while_nothing_changes(fresh: httpx.Client, tmp_path: Path) -> None:
+    study = begun_study(fresh, tmp_path / "data")
+    for path in ("/v1/studies", f"/v1/studies/{study}"):
+        known = {"If-None-Match": fresh.get(path).headers["ETag"]}
+        assert fresh.get(path, headers=known).status_code == 304
+    fresh.post(f"/v1/studies/{study}/stop").raise_for_status()
+    assert fresh.get(f"/v1/studies/{study}", headers=known).status_code == 200
+
+
 @pytest.mark.parametrize(
     ("change", "field"), [({"budget": {"variants": 3}}, "budget.variants"), ({"where": "pac < 1"}, "where")]
 )

@@ -242,7 +242,7 @@ def _choose(fitting: list[str], config: Written, wanted: str | None, field: str)
 
 
 def _agree(settings: NetworkSettings, config: Written) -> bool:
-    """Return whether an architecture agrees with a configuration of mmsegmentation where the tensors cannot tell."""
+    """Return True if an architecture agrees with a configuration of mmsegmentation in settings that tensors do not reveal."""
     values = (config.get(name) for name in _SETTINGS)
     aligned, grid, contract, rates = (tuple(value) if isinstance(value, list) else value for value in values)
     if not isinstance(settings, DeepLabSettings):

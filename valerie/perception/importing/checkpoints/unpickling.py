@@ -94,7 +94,7 @@ class Storage(_Fixed):
         """Take the numbers from the file's bytes.
 
         Raises:
-            InvalidInput: the length is not what the pickle states.
+            InvalidInput: the length differs from that in the pickle.
         """
         if len(data) != self.count * self.dtype.itemsize:
             limit = f"{self.count} numbers of {self.dtype.itemsize} bytes"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from valerie.perception.running.adaptation import Size
@@ -70,17 +70,15 @@ class Recent(Generic[Compiled]):
 
     def __init__(self, compile_for: Callable[[Size, Size], Compiled], *, keep: int = 2) -> None:
         self._compile = compile_for
-        self._keep = keep
-        self._held: OrderedDict[tuple[Size, Size], Compiled] = OrderedDict()
+        self._held: LRUCache[tuple[Size, Size], Compiled] = LRUCache(keep)
 
     def get(self, piece: Size, labels: Size) -> Compiled:
         """Return the network for pieces and answers of these sizes; it is compiled if need be."""
         key = (piece, labels)
         if key not in self._held:
-            while len(self._held) >= self._keep:
-                self._held.popitem(last=False)
+            while len(self._held) >= self._held.maxsize:  # before compiling, since each holds the weights
+                self._held.popitem()
             self._held[key] = self._compile(piece, labels)
-        self._held.move_to_end(key)
         return self._held[key]
 
     def clear(self) -> None:

@@ -27,8 +27,8 @@ from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.reading.selection import evaluated_persons
 from valerie.runs.moments import in_utc, moment_text
-from valerie.runs.states import RunState
-from valerie.runs.study import StudyState
+from valerie.runs.products.states import RunState
+from valerie.runs.study.document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
 from valerie.studies.resolved import ResolvedStudy
 

@@ -18,10 +18,10 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.studies.advancing import basis_digest, known, left
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
-from valerie.runs.forecast import Plan
-from valerie.runs.spec import RunSpec
-from valerie.runs.states import RunState
-from valerie.runs.study import StudyDocument, StudyState
+from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.products.states import RunState
+from valerie.runs.resolving.spec import RunSpec
+from valerie.runs.study.document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
 
 #: States of runs that can be cancelled with their study.

@@ -17,7 +17,7 @@ from valerie.pipeline.control.studies.advancing import known
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
-from valerie.runs.frames import FrameKey
+from valerie.runs.products.frames import FrameKey
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy

@@ -8,7 +8,7 @@ from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.study import StudyDocument
+from valerie.runs.study.document import StudyDocument
 from valerie.studies.resolved import ResolvedStudy, resolve_study
 
 

@@ -15,7 +15,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.person_light import LightPass, measure_light
 from valerie.rendering.truth import TruthMaker
-from valerie.runs.motion import VELOCITY_SPAN_S
+from valerie.runs.resolving.motion import VELOCITY_SPAN_S
 from valerie.scene.graph.model import Scene
 from valerie.storage.annotations import Annotation, encode_annotation
 

@@ -20,7 +20,7 @@ from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
-from valerie.runs.pins import FunctionPin
+from valerie.runs.products.pins import FunctionPin
 from valerie.sensing.picture_levels import picture_levels
 from valerie.storage import codecs
 from valerie.storage.keys import product_key

@@ -23,9 +23,9 @@ from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
 from valerie.rendering.scanning import Reading, scan
 from valerie.rendering.truth import TruthMaker
-from valerie.runs.sensors import focal_length_mm, rolling_shutter
-from valerie.runs.spec import ResolvedRun
-from valerie.runs.states import ProductKind
+from valerie.runs.products.states import ProductKind
+from valerie.runs.resolving.sensors import focal_length_mm, rolling_shutter
+from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import read_lines
 from valerie.storage import codecs

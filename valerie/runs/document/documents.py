@@ -1,0 +1,300 @@
+"""The run spec as a document: one frozen model for the REST body, the database column and the file.
+
+Numbers may carry units (``50 cm``) and stay as they were written; `valerie.runs.resolving.vocabulary` converts them to the units
+of the asset's declarations. `valerie.runs.document.notation` converts both notations of spec files (the paper's lists, and
+mappings) to this canonical form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import Field, PrivateAttr, model_validator
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.parameters.assignment import digest
+from valerie.parameters.definitions import ParameterType
+from valerie.plain import Written
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.label_policy import LabelPolicy
+from valerie.runs.document.varied import Varied
+from valerie.runs.statistic import parse_statistic
+from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
+from valerie.sensing.settings import SensorSetting
+from valerie.statistics.units import LISTED
+
+
+class DeclaredParameter(Document):
+    """The paper's ``parameter_name, scene_graph_ref, type, minimum, maximum`` (section 4).
+
+    Attributes:
+        name: the parameter's name in this spec, e.g. ``p1``.
+        path: the asset's parameter.
+        type: must equal the asset's.
+        minimum, maximum: within the asset's declared range; None takes the asset's.
+        choices: some of the asset's choices; empty takes all.
+    """
+
+    name: Name
+    path: Name
+    type: ParameterType
+    minimum: Quantity | None = None
+    maximum: Quantity | None = None
+    choices: tuple[Name, ...] = ()
+
+
+class BlockDocument(Document):
+    """One design over its varied parameters.
+
+    Attributes:
+        design: ``grid``, ``points``, ``latin_hypercube``, ``sobol``, ``halton``, ``random``, or the name of a plugin.
+        count: number of variants, for a design that draws them.
+        vary: varied parameters; in a grid the right-most moves fastest.
+        constants: parameter to value, for this block.
+        points: assignments, for the design ``points``.
+    """
+
+    design: Name = "grid"
+    count: Count | None = None
+    vary: tuple[Varied, ...] = ()
+    constants: dict[str, Scalar] = Field(default_factory=dict)
+    points: tuple[dict[str, Scalar], ...] = ()
+
+
+class Resolution(Document):
+    """Size of the images in pixels."""
+
+    width: Annotated[int, Field(strict=True, ge=16, le=8192)] = 960
+    height: Annotated[int, Field(strict=True, ge=16, le=8192)] = 540
+
+
+class SequenceDocument(Document):
+    """Frames that follow each other in time, for each variant and camera.
+
+    Attributes:
+        frames: number of frames.
+        step: time from one frame to the next, in seconds unless another unit is written.
+        start: moment of the first frame, in seconds unless another unit is written.
+    """
+
+    frames: Annotated[int, Field(strict=True, ge=1, le=100_000)]
+    step: Quantity
+    start: Quantity = 0
+
+
+class TrajectoryDocument(Document):
+    """The movement of one object or camera; see `valerie.scene.motion.trajectory.Trajectory`.
+
+    Attributes:
+        path: a movable object or a camera, e.g. ``person-1``.
+        keyframes: each with ``time`` and the same parameters of the object, e.g. ``pos.x``.
+        interpolation: ``smooth`` or ``linear``.
+        facing: ``path`` if heading or yaw follow the movement, ``kept`` if they do not.
+        stride_m: metres that a pedestrian walks in two steps.
+    """
+
+    path: Name
+    keyframes: Annotated[tuple[dict[str, Quantity], ...], Field(min_length=1, max_length=1000)]
+    interpolation: Literal["smooth", "linear"] = "smooth"
+    facing: Literal["path", "kept"] | None = None
+    stride_m: Quantity | None = None
+
+
+class RequirementDocument(Document):
+    """A requirement that the run is evidence for; each function gets a verdict on it.
+
+    Attributes:
+        id: its number in the user's requirements, e.g. ``SYS-214``.
+        text: the requirement in words.
+        statistic: what is required, e.g. ``share(pacc >= 0.5) >= 95 %``: a mean, a share or a quantile of a score.
+        where: the region that it speaks of, e.g. ``distance_m <= 30``; by default everything.
+        confidence: 1 − the chance of a false verdict.
+        min_visible_pixels: persons with fewer visible pixels do not count.
+        functions: names of the functions that it is about; by default all.
+        min_units: smallest number of variants that a verdict may rest on.
+    """
+
+    id: Name
+    text: Text = ""
+    statistic: Text
+    where: Text = ""
+    confidence: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.95
+    min_visible_pixels: Annotated[int, Field(strict=True, ge=0, le=10**9)] = 0
+    functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
+    min_units: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
+
+
+class RunSpec(Document):
+    """The definition of a validation run.
+
+    Attributes:
+        schema_version: of this document.
+        name: for people; need not be unique.
+        description: for people.
+        asset: name of an asset, or ``{name: urban-street, seed: 7}`` with the arguments of a generator.
+        seed: of all random designs; 0 is a valid seed.
+        parameters: this spec's names for the asset's parameters; without them ``vary`` uses the asset's names.
+        blocks: the parts of the run, in order; the run is their union.
+        constants: parameter to value, in all blocks.
+        constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
+        sequence: frames that follow each other in time; without it, one frame for each variant and camera.
+        trajectories: how objects move, in addition to or instead of the asset's trajectories.
+        cameras: names of the asset's cameras; by default all.
+        resolution: size of the images in pixels.
+        renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
+        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
+            a rolling shutter requests ``scan``.
+        labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
+        sensors: sensor settings; each frame has one picture for each of them.
+        functions: names of the perception functions under test; if empty, the run makes only frames and truth.
+        infer_backgrounds: true: functions also see each background without movables, which gives ``pacc_empty``; false:
+            they do not; by default they do where a run has at most a tenth as many backgrounds as frames.
+        detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
+        requirements: that the run is evidence for; each gets a verdict.
+        parent_run, iteration: the run that this one refines, and the number of the round.
+
+    Raises:
+        InvalidInputs: a name is listed twice, or a requirement cannot be judged.
+    """
+
+    schema_version: Literal[1] = 1
+    name: Name
+    description: Text = ""
+    asset: Name | dict[str, Scalar]
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
+    parameters: tuple[DeclaredParameter, ...] = ()
+    blocks: Annotated[tuple[BlockDocument, ...], Field(min_length=1, max_length=10_000)] = (BlockDocument(),)
+    constants: dict[str, Scalar] = Field(default_factory=dict)
+    constraints: Annotated[tuple[Text, ...], Field(max_length=100)] = ()
+    sequence: SequenceDocument | None = None
+    trajectories: Annotated[tuple[TrajectoryDocument, ...], Field(max_length=1000)] = ()
+    cameras: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
+    resolution: Resolution = Resolution()
+    renderer: Name | dict[str, Scalar] = "raster"
+    annotations: tuple[AnnotationKind, ...] = ()
+    labels: LabelPolicy = LabelPolicy.EXACT
+    sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
+    functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
+    infer_backgrounds: bool | None = None
+    detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
+    requirements: Annotated[tuple[RequirementDocument, ...], Field(max_length=1000)] = ()
+    parent_run: Name | None = None
+    iteration: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
+
+    #: Dotted place in this form to the place where the user wrote it; not stored with the document.
+    _places: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _normalize(cls, document: Any) -> Any:
+        from valerie.runs.document.notation import normalized
+
+        return normalized(document) if isinstance(document, dict) else document
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        problems = [
+            InvalidInput("listed twice", field=f"{field}.{i}", value=name)
+            for field, names in (
+                ("parameters", [p.name for p in self.parameters]),
+                ("cameras", list(self.cameras or ())),
+                ("trajectories", [trajectory.path for trajectory in self.trajectories]),
+                ("sensors", [sensor.name for sensor in self.sensors]),
+                ("functions", list(self.functions)),
+                ("annotations", [kind.value for kind in self.annotations]),
+                ("requirements", [requirement.id for requirement in self.requirements]),
+            )
+            for i, name in enumerate(names)
+            if name in names[:i]
+        ]
+        if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
+            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="as urban-street"))
+        if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
+            problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
+        for i, requirement in enumerate(self.requirements):
+            problems += self._problems_of(requirement, f"requirements.{i}")
+        if problems:
+            raise InvalidInputs(problems)
+        return self
+
+    def _problems_of(self, requirement: RequirementDocument, place: str) -> list[InvalidInput]:
+        problems: list[InvalidInput] = [
+            UnknownName("function of the spec", name, self.functions, field=f"{place}.functions.{i}")
+            for i, name in enumerate(requirement.functions)
+            if name not in self.functions
+        ]
+        try:
+            statistic = parse_statistic(requirement.statistic, field=f"{place}.statistic")
+        except InvalidInput as problem:
+            return [*problems, problem]
+        if requirement.min_visible_pixels and not statistic.of_persons:
+            refusal = f"{statistic.measure.name} is a score of whole frames; choose frames by the region"
+            field, pixels = f"{place}.min_visible_pixels", requirement.min_visible_pixels
+            problems.append(InvalidInput(refusal, field=field, value=pixels, limit="where: …"))
+        drawn = any(block.design not in LISTED for block in self.blocks)
+        if statistic.at_least == 0 or (statistic.at_least == 1 and drawn):
+            refusal = (
+                "everything meets this" if statistic.at_least == 0 else "a listed grid can show this, and no sample"
+            )
+            problems.append(InvalidInput(refusal, field=f"{place}.statistic", value=requirement.statistic))
+        return problems
+
+    def __eq__(self, other: object) -> bool:
+        # Specs are equal if their contents are, wherever the user wrote these.
+        return isinstance(other, RunSpec) and self.__dict__ == other.__dict__
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    @property
+    def engine(self) -> str:
+        """Name of the render engine."""
+        return engine_name(self.renderer)
+
+    @property
+    def engine_settings(self) -> dict[str, Scalar]:
+        """Settings of the render engine, as far as the spec gives them."""
+        if isinstance(self.renderer, str):
+            return {}
+        return {key: value for key, value in self.renderer.items() if key != "name"}
+
+    @property
+    def digest(self) -> str:
+        """Digest of the whole document, the same for both notations."""
+        document = self.model_dump(mode="json")
+        if self.infer_backgrounds is None:
+            del document["infer_backgrounds"]  # specs from before this field keep their digest
+        document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
+        return digest("run-spec", document)
+
+    def to_yaml(self) -> str:
+        """Return the document as YAML that reads back as an equal spec; defaults are left out."""
+        document = {"schema_version": self.schema_version, **self.model_dump(mode="json", exclude_defaults=True)}
+        return str(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
+
+    def field(self, place: str) -> str:
+        """Return a dotted place as the user wrote it, e.g. ``vary.p1.step`` for ``blocks.0.vary.0.step``."""
+        return written_place(place, self._places)
+
+    def written_at(self, places: Mapping[str, str]) -> Self:
+        """Record the places where the user wrote the parts of this document, and return it."""
+        self._places.update(places)
+        return self
+
+
+def engine_name(renderer: str | Written) -> str:
+    """Return the engine's name from either form of a spec's ``renderer``."""
+    return renderer if isinstance(renderer, str) else str(renderer["name"])
+
+
+def written_place(place: str, places: Mapping[str, str]) -> str:
+    """Return ``place`` with the longest prefix that is a key of ``places`` replaced."""
+    head, tail = place, ""
+    while head:
+        if head in places:
+            return places[head] + tail
+        head, _, last = head.rpartition(".")
+        tail = f".{last}{tail}"
+    return place

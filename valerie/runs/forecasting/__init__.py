@@ -1,0 +1,1 @@
+"""Products, CPU time and space of a run before it starts."""

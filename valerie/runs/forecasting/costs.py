@@ -1,0 +1,124 @@
+"""The cost of a product in CPU seconds and bytes: recorded here, or else from a table that ships with the package.
+
+The shipped table (``costs.json``) was measured and names the machine. Costs grow linearly with the number of pixels:
+``fixed + per_megapixel · megapixels``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+from pydantic import BaseModel
+
+from valerie.runs.products.states import ProductKind
+
+
+class Basis(StrEnum):
+    """The source of a cost."""
+
+    #: Products of the same kind, maker and resolution that this installation made.
+    RECORDED = "recorded"
+    #: The table that ships with the package, measured on another machine.
+    SHIPPED = "shipped"
+    #: The most expensive entry of its kind in the shipped table, for an engine or function without an entry.
+    GUESSED = "guessed"
+
+
+class CostKey(NamedTuple):
+    """The properties of a product that its cost depends on.
+
+    Attributes:
+        kind: of the product.
+        maker: engine of backgrounds and layers, function of predictions; empty for truth and evaluation.
+        width, height: pixels.
+    """
+
+    kind: ProductKind
+    maker: str
+    width: int
+    height: int
+
+
+class Cost(NamedTuple):
+    """The cost of one product."""
+
+    cpu_seconds: float
+    bytes: float
+
+
+class CostTable:
+    """Costs by key.
+
+    Args:
+        recorded: means over the products that this installation made.
+        few: means over so few products that the shipped table takes precedence, since the first product of a worker
+            includes loading.
+    """
+
+    def __init__(
+        self, recorded: Mapping[CostKey, Cost] | None = None, few: Mapping[CostKey, Cost] | None = None
+    ) -> None:
+        self._recorded, self._few = dict(recorded or {}), dict(few or {})
+
+    def cost(self, key: CostKey) -> tuple[Cost, Basis]:
+        """Return the cost of one product and its source."""
+        if key in self._recorded:
+            return self._recorded[key], Basis.RECORDED
+        megapixels = key.width * key.height / 1e6
+        makers = _shipped().costs[key.kind]
+        if key.maker in makers:
+            return makers[key.maker].at(megapixels), Basis.SHIPPED
+        if key in self._few:
+            return self._few[key], Basis.RECORDED
+        return max(line.at(megapixels) for line in makers.values()), Basis.GUESSED
+
+    def statics(self, width: int, height: int) -> Cost:
+        """Return the cost of the truth of the statics, which the truths of one camera share."""
+        return _shipped().statics.at(width * height / 1e6)
+
+    @property
+    def start_seconds(self) -> float:
+        """CPU seconds of a run on one machine besides its products: to start, to load the asset, to write results."""
+        return _shipped().start.cpu_seconds
+
+    @property
+    def machine(self) -> str:
+        """The machine that the shipped table was measured on."""
+        return _shipped().machine
+
+
+class _Line(BaseModel):
+    """A cost as a line over the size of the image."""
+
+    cpu_seconds: float
+    cpu_seconds_per_megapixel: float
+    bytes: float
+    bytes_per_megapixel: float
+
+    def at(self, megapixels: float) -> Cost:
+        return Cost(
+            self.cpu_seconds + self.cpu_seconds_per_megapixel * megapixels,
+            self.bytes + self.bytes_per_megapixel * megapixels,
+        )
+
+
+class _Start(BaseModel):
+    cpu_seconds: float
+
+
+class _Shipped(BaseModel):
+    """The shipped table: costs by kind and maker."""
+
+    machine: str
+    start: _Start
+    statics: _Line
+    costs: dict[ProductKind, dict[str, _Line]]
+
+
+@cache
+def _shipped() -> _Shipped:
+    return _Shipped.model_validate_json(files("valerie.runs.forecasting").joinpath("costs.json").read_bytes())

@@ -1,0 +1,428 @@
+"""Forecast of a run, before anything is stored: its size, the products that are present, and the cost of the rest.
+
+In a run of up to `EXACT_VARIANTS` variants, every variant is examined. In a larger one, a seeded sample represents all,
+and the plan is marked ``estimated``. The number of distinct products is then the Chao1 estimate (Chao 1984,
+www.jstor.org/stable/4615964): with f₁ products seen once and f₂ seen twice among d distinct ones, d + f₁(f₁ − 1) /
+(2(f₂ + 1)). Where nearly every product was seen once, the number grows in proportion to the variants.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from valerie import plugins
+from valerie.parameters.assignment import DIGEST_LENGTH
+from valerie.parameters.definitions import Value
+from valerie.perception.base import FunctionCard
+from valerie.runs.document.documents import RunSpec
+from valerie.runs.forecasting.costs import Basis, CostKey, CostTable
+from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.pins import FunctionPin, Offer, Pins
+from valerie.runs.products.states import ProductKind, Stage
+from valerie.runs.resolving.resolution import ResolvedRun
+from valerie.scene.variation.conditions import sun_by_time
+
+#: Largest number of variants that are all examined.
+EXACT_VARIANTS: Final = 100_000
+#: Variants in a sample.
+SAMPLE: Final = 2_000
+#: Variants that a plan shows from the beginning and from the end.
+SHOWN: Final = 3
+#: Largest number of digests in one query.
+_QUERY_SIZE: Final = 5_000
+
+#: Products of the renderer, whose settings change their cost.
+_BY_ENGINE: Final = (ProductKind.BACKGROUND, ProductKind.LAYER)
+#: Returns those of some digests that are stored.
+Present = Callable[[set[str]], set[str]]
+
+
+class ProductPlan(BaseModel):
+    """The products of one kind and maker.
+
+    Attributes:
+        kind, maker: of the products; see `valerie.runs.forecasting.costs.CostKey`.
+        empty: True for predictions of backgrounds without movables.
+        needed: number of distinct products in the run.
+        present: number of these that are stored; None if that is not known, and then none counts as stored.
+        cpu_seconds, bytes: of the rest.
+        basis: source of the cost.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: ProductKind
+    maker: str
+    needed: int
+    present: int | None
+    cpu_seconds: float
+    bytes: int
+    basis: Basis
+    empty: bool = False
+
+    @property
+    def to_make(self) -> int:
+        """Number of products that are not stored yet."""
+        return self.needed - (self.present or 0)
+
+
+class PlannedVariant(BaseModel):
+    """One variant, for people.
+
+    Attributes:
+        index: in the space.
+        values: by the names in the spec.
+        sun: azimuth and elevation in degrees that follow from time and place; None if the spec gives the angles.
+        rejection: reason why the variant is rejected; None if it is accepted.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    index: int
+    values: dict[str, Value]
+    sun: tuple[float, float] | None = None
+    rejection: str | None = None
+
+
+class Plan(BaseModel):
+    """The result of ``valerie plan``; ``--json`` prints these fields.
+
+    Attributes:
+        name: of the run.
+        asset: name of its asset.
+        spec_digest: digest of the spec.
+        variants: number in the space, rejected ones included.
+        accepted: number of variants that have frames.
+        rejected: reason to number of variants.
+        cameras: names.
+        moments: frames of each variant and camera in the run's sequence; 1 without a sequence.
+        frames: accepted variants × cameras × moments.
+        evaluations: frames × sensors × functions.
+        renders: backgrounds, layers, truths and annotations that are still to be rendered.
+        inferences: predictions that are still to be made.
+        products: by kind and maker.
+        start_cpu_seconds: to start the system on one machine, load the asset and write the results; 0 if workers run
+            already.
+        cpu_seconds: of the start and of all products that are still to be made, on one core.
+        bytes: of these products in the artifact store.
+        cost_basis: sources of the costs, in words.
+        first, last: variants from the beginning and the end.
+        units: name of each parameter in these to its unit.
+        estimated: True if rejections, frames and products are estimated from a sample of ``sample`` variants.
+        warnings: what the author of the spec may not have intended.
+        notes: assumptions made where the spec leaves something open.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    name: str
+    asset: str
+    spec_digest: str
+    variants: int
+    accepted: int
+    rejected: dict[str, int]
+    cameras: tuple[str, ...]
+    moments: int = 1
+    frames: int
+    evaluations: int
+    renders: int
+    inferences: int
+    products: tuple[ProductPlan, ...]
+    start_cpu_seconds: float = 0.0
+    cpu_seconds: float
+    bytes: int
+    cost_basis: str
+    first: tuple[PlannedVariant, ...]
+    last: tuple[PlannedVariant, ...]
+    units: dict[str, str]
+    estimated: bool
+    sample: int | None
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def plan(
+    resolved: ResolvedRun,
+    *,
+    pins: Pins | None = None,
+    present: Present | None = None,
+    costs: CostTable | None = None,
+) -> Plan:
+    """Return the size and cost of a run. Nothing is stored, and neither meshes nor OpenGL are needed.
+
+    Args:
+        resolved: the run.
+        pins: the numeric classes that the run would pin; None if no workers offer them, and then no product counts as
+            present.
+        present: tells which of some digests are stored; None if none is.
+        costs: recorded timings; None takes the shipped table.
+    """
+    warnings = list(resolved.warnings)
+    workers_known = pins is not None
+    if pins is None:
+        pins, present = _any_pins(resolved), None
+        warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
+    size = resolved.space.size
+    indexes = None if size <= EXACT_VARIANTS else _sample(size, resolved.spec.seed)
+    survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), indexes)
+    scale = 1.0 if indexes is None else size / len(indexes)
+    rejected = {reason: round(count * scale) for reason, count in sorted(survey.rejected.items())}
+    accepted = size - sum(rejected.values())
+    moments = len(resolved.times.elapsed)
+    frames = accepted * len(resolved.cameras) * moments
+    forecast = _Forecast(
+        resolved, survey, costs or CostTable(), present, workers_known, None if indexes is None else scale
+    )
+    products = forecast.products()
+    start = 0.0 if workers_known or not frames else forecast.costs.start_seconds
+    first = _shown(resolved, range(min(SHOWN, size)))
+    last = _shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
+    units = {d.name: d.unit for d in resolved.definitions}
+    if indexes is not None:
+        warnings.append(
+            f"{size:,} variants: rejections, frames and products are estimated from a sample of {len(indexes):,}"
+        )
+    if size and not accepted:
+        warnings.append("every variant is rejected: the run would make no frame")
+    return Plan(
+        name=resolved.spec.name,
+        asset=resolved.manifest.name,
+        spec_digest=resolved.spec.digest,
+        variants=size,
+        accepted=accepted,
+        rejected=rejected,
+        cameras=resolved.cameras,
+        moments=moments,
+        frames=frames,
+        evaluations=frames * len(resolved.spec.sensors) * len(resolved.spec.functions),
+        renders=sum(product.to_make for product in products if product.kind.stage is Stage.RENDER),
+        inferences=sum(product.to_make for product in products if product.kind is ProductKind.PREDICTION),
+        products=products,
+        start_cpu_seconds=start,
+        cpu_seconds=round(start + sum(product.cpu_seconds for product in products), 3),
+        bytes=sum(product.bytes for product in products),
+        cost_basis=_basis_text(products, forecast.costs),
+        first=first,
+        last=last,
+        units={name: units[name] for variant in (*first, *last) for name in variant.values},
+        estimated=indexes is not None,
+        sample=None if indexes is None else len(indexes),
+        warnings=tuple(warnings),
+        notes=resolved.notes,
+    )
+
+
+@dataclass(slots=True)
+class _Survey:
+    """Counts over the frames of some variants.
+
+    Attributes:
+        digests: of the products, each 16 bytes, one after the other, by kind and maker.
+        empty: the same of predictions of backgrounds without movables, by function.
+        rejected: reason to number of variants.
+        camera_poses: frames by camera index and values of the camera's parameters.
+    """
+
+    digests: dict[tuple[ProductKind, str], bytearray]
+    empty: dict[str, bytearray]
+    rejected: Counter[str]
+    camera_poses: Counter[tuple[Any, ...]]
+
+    def add(self, spec: RunSpec, frame: FrameDigests) -> None:
+        """Add the digests of a frame."""
+        products, digests = frame.products, self.digests
+        digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(products.background)
+        digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(products.layer)
+        digests[ProductKind.TRUTH, ""] += bytes.fromhex(products.truth)
+        for annotation in frame.annotations:
+            digests[annotation.kind, ""] += bytes.fromhex(annotation.product)
+        for evaluation in frame.evaluations:
+            function = spec.functions[evaluation.function_index]
+            digests[ProductKind.PREDICTION, function] += bytes.fromhex(evaluation.prediction)
+            digests[ProductKind.EVALUATION, ""] += bytes.fromhex(evaluation.scores)
+            if evaluation.empty is not None:
+                self.empty.setdefault(function, bytearray()).extend(bytes.fromhex(evaluation.empty))
+
+
+def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Survey:
+    spec = resolved.spec
+    survey = _Survey(
+        {
+            (ProductKind.BACKGROUND, spec.engine): bytearray(),
+            (ProductKind.LAYER, spec.engine): bytearray(),
+            (ProductKind.TRUTH, ""): bytearray(),
+            **{(ProductKind(kind), ""): bytearray() for kind in resolved.annotations},
+            **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
+            (ProductKind.EVALUATION, ""): bytearray(),
+        },
+        {},
+        Counter(),
+        Counter(),
+    )
+    camera_paths = [
+        [d.path for d in resolved.definitions if d.path.startswith(f"scene.{camera}.")] for camera in resolved.cameras
+    ]
+    for values in _variants(resolved, indexes):
+        reason = resolved.rejection(values)
+        if reason is not None:
+            survey.rejected[reason] += 1
+            continue
+        for time in range(len(resolved.times.elapsed)):
+            moment = resolved.at(values, time)
+            for camera in range(len(resolved.cameras)):
+                survey.camera_poses[camera, *(moment.get(path) for path in camera_paths[camera])] += 1
+                survey.add(spec, inputs.frame(moment, camera, course=resolved.around(values, time)))
+    return survey
+
+
+def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapping[str, Value]]:
+    if indexes is None:
+        for _, values in resolved.space.values(0, resolved.space.size):
+            yield values
+    else:
+        for index in indexes:
+            yield resolved.space[index].values
+
+
+def _sample(size: int, seed: int) -> list[int]:
+    """Draw `SAMPLE` different indexes below ``size``, ascending, one from each of `SAMPLE` equal parts of the space."""
+    generator = np.random.default_rng(seed)
+    places = generator.random(SAMPLE)
+    # Integer arithmetic, since a space may have more variants than a float can tell apart.
+    return [i * size // SAMPLE + int(place * (size // SAMPLE)) for i, place in enumerate(places.tolist())]
+
+
+@dataclass(frozen=True, slots=True)
+class _Forecast:
+    """Estimates products and their costs from a survey.
+
+    Attributes:
+        resolved: the run.
+        survey: of its variants or a sample of them.
+        costs: of products.
+        present: see `plan`.
+        workers_known: True if the digests are those of the run's products.
+        scale: variants of the run per variant in the survey; None if all were surveyed.
+    """
+
+    resolved: ResolvedRun
+    survey: _Survey
+    costs: CostTable
+    present: Present | None
+    workers_known: bool
+    scale: float | None
+
+    def products(self) -> tuple[ProductPlan, ...]:
+        """Return the products by kind and maker, in the order of the survey."""
+        plans = (self._product(kind, maker, digests) for (kind, maker), digests in self.survey.digests.items())
+        empty = (
+            self._product(ProductKind.PREDICTION, function, digests).model_copy(update={"empty": True})
+            for function, digests in self.survey.empty.items()
+        )
+        return (*(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans), *empty)
+
+    def _product(self, kind: ProductKind, maker: str, digests: bytearray) -> ProductPlan:
+        distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
+        present = 0
+        if self.present is not None:
+            for start in range(0, len(distinct), _QUERY_SIZE):
+                # numpy drops the trailing zeros of a byte string.
+                query = {
+                    d.ljust(DIGEST_LENGTH // 2, b"\0").hex() for d in distinct[start : start + _QUERY_SIZE].tolist()
+                }
+                present += len(self.present(query) & query)
+        needed = len(distinct)
+        if self.scale is not None and needed:
+            share = present / needed
+            needed = _estimated_distinct(counts, self.scale)
+            present = round(needed * share)
+        spec = self.resolved.spec
+        cost, basis = self.costs.cost(CostKey(kind, maker, spec.resolution.width, spec.resolution.height))
+        factor = plugins.engine_cost(maker, spec.engine_settings) if kind in _BY_ENGINE else 1.0
+        return ProductPlan(
+            kind=kind,
+            maker=maker,
+            needed=needed,
+            present=present if self.workers_known else None,
+            cpu_seconds=(needed - present) * cost.cpu_seconds * factor,
+            bytes=round((needed - present) * cost.bytes),
+            basis=basis,
+        )
+
+    def _with_statics(self, truth: ProductPlan) -> ProductPlan:
+        """Add the cost of the truth of the statics, which is made once for each pose of a camera.
+
+        The share of it that is present is taken to be that of the truths.
+        """
+        if not truth.to_make:
+            return truth
+        counts = np.array(list(self.survey.camera_poses.values()))
+        poses = len(counts) if self.scale is None else _estimated_distinct(counts, self.scale)
+        resolution, share = self.resolved.spec.resolution, truth.to_make / truth.needed
+        cost = self.costs.statics(resolution.width, resolution.height)
+        return truth.model_copy(
+            update={
+                "cpu_seconds": truth.cpu_seconds + poses * share * cost.cpu_seconds,
+                "bytes": truth.bytes + round(poses * share * cost.bytes),
+            }
+        )
+
+
+def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
+    """Estimate the number of distinct products.
+
+    Args:
+        counts: how often each product was seen in a sample.
+        scale: size of the whole per size of the sample.
+    """
+    distinct, total = len(counts), int(counts.sum())
+    once, twice = int((counts == 1).sum()), int((counts == 2).sum())
+    if once > 0.9 * distinct:
+        return round(distinct * scale)
+    return min(round(distinct + once * (once - 1) / (2 * (twice + 1))), round(total * scale))
+
+
+def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
+    return tuple(
+        PlannedVariant(
+            index=index,
+            values={resolved.space.definitions[path].name: value for path, value in values.items()},
+            sun=sun_by_time(values, resolved.manifest),
+            rejection=resolved.rejection(values),
+        )
+        for index in indexes
+        for values in (resolved.space[index].values,)
+    )
+
+
+def _any_pins(resolved: ResolvedRun) -> Pins:
+    """Return pins under which different products have different digests, none of them stored."""
+    render = Offer(stage=Stage.RENDER, name="", numeric_class="", revision=0, route="")
+    functions = {
+        name: FunctionPin(
+            stage=Stage.INFER, name=name, numeric_class="", revision=0, route="", digest=name,
+            card=FunctionCard(name, name, "", "", "", {}),
+        )
+        for name in resolved.spec.functions
+    }  # fmt: skip
+    return Pins(engine=render, truth=render, functions=functions)
+
+
+def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
+    by_basis: dict[Basis, dict[str, None]] = {}
+    for product in products:
+        if product.needed:
+            by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
+    texts = {
+        Basis.RECORDED: "recorded here: {}",
+        Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
+        Basis.GUESSED: "guessed, since nothing is known about them: {}",
+    }
+    return "; ".join(texts[basis].format(", ".join(names)) for basis, names in sorted(by_basis.items()))

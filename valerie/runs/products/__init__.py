@@ -1,0 +1,1 @@
+"""What a run makes: frames, products, their inputs and states."""

@@ -1,0 +1,128 @@
+"""Progress of a run, as counted by the control loop."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from valerie.runs.products.states import RunState, Stage
+from valerie.runs.values import Document
+
+
+class StageCounts(NamedTuple):
+    """Work of one stage.
+
+    Attributes:
+        total: frames (render) or evaluations (infer, eval).
+        done, failed: how many of them are done, or failed for good.
+    """
+
+    total: int
+    done: int
+    failed: int
+
+
+class BlockCounts(Document):
+    """Frames and evaluations of a stretch of variants.
+
+    A failure counts at the stage where it happened and at every later one.
+
+    Attributes:
+        frames, evaluations: how many there are.
+        rendered, render_failed: frames whose background, layer, truth and annotations are done; frames with a failure.
+        inferred, infer_failed: evaluations whose prediction is done, or failed.
+        evaluated, eval_failed: evaluations whose scores are done, or failed.
+    """
+
+    frames: int
+    rendered: int
+    render_failed: int
+    evaluations: int
+    inferred: int
+    infer_failed: int
+    evaluated: int
+    eval_failed: int
+
+    def stage(self, stage: Stage) -> StageCounts:
+        """Return the counts of one stage."""
+        if stage is Stage.RENDER:
+            return StageCounts(self.frames, self.rendered, self.render_failed)
+        if stage is Stage.INFER:
+            return StageCounts(self.evaluations, self.inferred, self.infer_failed)
+        return StageCounts(self.evaluations, self.evaluated, self.eval_failed)
+
+    @property
+    def unfinished(self) -> int:
+        """Background, layer and truth of each frame, prediction and scores of each evaluation, less those that ended."""
+        frames = self.frames - self.rendered - self.render_failed
+        predictions = self.evaluations - self.inferred - self.infer_failed
+        return 3 * frames + predictions + self.evaluations - self.evaluated - self.eval_failed
+
+    @property
+    def is_final(self) -> bool:
+        """Return True if nothing is left to do."""
+        return all(counts.done + counts.failed == counts.total for counts in map(self.stage, Stage))
+
+    @classmethod
+    def total(cls, parts: Iterable[BlockCounts]) -> BlockCounts:
+        """Add the counts of several blocks."""
+        sums = Counter(dict.fromkeys(cls.model_fields, 0))
+        for part in parts:
+            sums.update(dict(part))
+        return cls.model_validate(sums)
+
+
+class StageProgress(Document):
+    """Progress of one stage.
+
+    Attributes:
+        done, failed: frames (render) or evaluations (infer, eval).
+        total: exact once every variant is fed; extrapolated before.
+        running: products of this stage that workers hold, of all runs.
+        rate_per_s: finished per second.
+        eta_s: seconds until the rest is finished; None until ten have finished, and while nothing finishes.
+    """
+
+    done: int
+    total: int
+    failed: int
+    running: int
+    rate_per_s: float
+    eta_s: float | None
+
+
+class VariantProgress(Document):
+    """Variants of the run, those that have rows, and those of which no frame is made."""
+
+    total: int
+    fed: int
+    rejected: int
+
+
+class FrameProgress(Document):
+    """Frames that have rows; ``exact`` once these are all."""
+
+    fed: int
+    exact: bool
+
+
+class Progress(Document):
+    """Progress of a run.
+
+    Attributes:
+        state: of the run.
+        reason: why it waits, is paused or failed.
+        variants, frames: how much of the run has rows.
+        stages: render counts frames; infer and eval count evaluations. Empty before the first count.
+        awaiting: predictions that are still to be uploaded.
+        updated_at: Unix seconds of the count; None before the first.
+    """
+
+    state: RunState
+    reason: str | None
+    variants: VariantProgress
+    frames: FrameProgress
+    stages: dict[Stage, StageProgress]
+    awaiting: int
+    updated_at: float | None

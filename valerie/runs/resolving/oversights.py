@@ -1,0 +1,187 @@
+"""Warnings about specs that are legal and probably not what their authors intended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.distributions import Homogeneous
+from valerie.parameters.space import ParameterSpace
+from valerie.rendering.engine import Ability
+from valerie.runs.document.documents import RunSpec
+from valerie.runs.resolving.motion import Times
+from valerie.runs.resolving.requirements import Requirement
+from valerie.runs.resolving.sensors import SensorNeeds
+from valerie.runs.resolving.vocabulary import Vocabulary
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
+from valerie.scene.motion.trajectory import TIME_PATH
+from valerie.scene.variation.conditions import conditions
+from valerie.statistics.replicates import MIN_POINTS, replicate_number
+from valerie.statistics.units import EVEN, INDEPENDENT
+from valerie.statistics.verdicts import units_to_decide
+
+#: Variants whose sun is looked at, evenly over the run; below this elevation, an exposure below that many stops is black.
+_LOOKED_AT, _TWILIGHT_DEG, _NIGHT_EV = 64, -6.0, 4.0
+#: Largest number of values of a range that a warning lists.
+_LISTED: Final = 5
+
+
+def shortfall(distribution: Homogeneous, definition: ParameterDefinition) -> str:
+    """Return the warning about a range whose maximum is no whole number of steps from its minimum."""
+    count = distribution.count(definition)
+    listed = ", ".join(f"{distribution.value(k, definition):g}" for k in range(min(count, _LISTED)))
+    if count > _LISTED:
+        listed += f", … {distribution.value(count - 1, definition):g}"
+    return (
+        f"{distribution.minimum:g}…{distribution.maximum:g} step {distribution.step:g} gives {listed}; "
+        f"the maximum {distribution.maximum:g} is not reached"
+    )
+
+
+def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool) -> Iterator[str]:
+    """Yield the warnings about what the sensors of a run cost, and about settings without effect.
+
+    Args:
+        spec: the spec.
+        needs: of each of its sensors.
+        moves: True if the run has a sequence, time or trajectories.
+    """
+    for sensor, need in zip(spec.sensors, needs, strict=True):
+        if need.scan:
+            yield (
+                f"sensor {sensor.name}: a rolling shutter "
+                + (
+                    "renders each frame in slices, whose number follows from the motion: at most one per line"
+                    if moves
+                    else "changes nothing: the run has no sequence, time or trajectories"
+                )
+            )
+        if need.velocity is not None and not moves:
+            yield (
+                f"sensor {sensor.name}: {need.velocity} changes nothing: the run has no sequence, time or trajectories"
+            )
+        elif need.velocity is not None:
+            yield (
+                f"sensor {sensor.name}: {need.velocity} needs velocities: they are made for every frame, "
+                "and its pictures wait for them and for the ground truth"
+            )
+        elif need.depth is not None:
+            yield (
+                f"sensor {sensor.name}: {need.depth} needs depth: its pictures wait for the ground truth too, and "
+                "are not shared by variants with other truth"
+            )
+        for text in need.idle:
+            yield f"sensor {sensor.name}: {text}"
+
+
+def oversights(
+    vocabulary: Vocabulary, space: ParameterSpace, times: Times, requirements: Sequence[Requirement]
+) -> Iterator[str]:
+    """Yield the warnings about a resolved spec.
+
+    Args:
+        vocabulary: the names of the spec.
+        space: its variants.
+        times: its moments, and what moves.
+        requirements: that it will be judged by.
+    """
+    yield from _about_blocks(vocabulary, space)
+    yield from _about_requirements(space, requirements)
+    yield from _about_declarations(vocabulary, space)
+    yield from _about_times(space, times)
+    spec, manifest = vocabulary.spec, vocabulary.manifest
+    if not vocabulary.renders(Ability.CUT_OUTS) and (manifest.files or manifest.placed_files):
+        yield (
+            f"renderer {spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
+            "fences), its images do not match the ground truth"
+        )
+    yield from _about_exposure(spec, space, manifest)
+    if not spec.functions:
+        yield "no function under test: the run makes frames and truth, and evaluates nothing"
+
+
+def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) -> Iterator[str]:
+    """Say where a fixed exposure for the day meets the night: the picture is black."""
+    step = max(space.size // _LOOKED_AT, 1)
+    lowest = None
+    for index in range(0, space.size, step):
+        _, values = next(iter(space.values(index, index + 1)))
+        elevation = conditions({path: value for path, value in values.items() if path in manifest.by_path}, manifest)
+        if elevation.sun_elevation_deg is not None and elevation.sun_elevation_deg < _TWILIGHT_DEG:
+            lowest = min(lowest or 0.0, elevation.sun_elevation_deg)
+    if lowest is None:
+        return
+    varied = {f"{SENSOR_ROOT}.{name}" for name in ("exposure_ev", "auto_exposure", "gain_db")} & space.used
+    for sensor in spec.sensors:
+        if not varied and not sensor.auto_exposure and sensor.exposure_ev + sensor.gain_db / 6 < _NIGHT_EV:
+            yield (
+                f"sensor {sensor.name}: with the sun {-lowest:g}° below the horizon, the fixed exposure of "
+                f"{sensor.exposure_ev:g} EV gives black pictures; auto_exposure: true meters the background"
+            )
+
+
+def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:
+    spec = vocabulary.spec
+    for i, (block, constants) in enumerate(zip(space.blocks, space.constants, strict=True)):
+        for variation in block.variations:
+            if variation.path in constants:
+                name = vocabulary.definitions[variation.path].name
+                yield f"{spec.field(f'blocks.{i}.vary')}: {name} is varied and constant; it is varied"
+        if block.count is not None and block.design in EVEN:
+            yield from _about_replicates(block.design, block.count, spec.field(f"blocks.{i}.count"))
+
+
+def _about_requirements(space: ParameterSpace, requirements: Sequence[Requirement]) -> Iterator[str]:
+    """Say where a random design is too small for a verdict if the truth lies half way between the bound and the best."""
+    if len(space.blocks) > 1 or space.blocks[0].design not in INDEPENDENT:
+        return
+    for requirement in requirements:
+        statistic = requirement.statistic
+        truth = (1 + statistic.at_least) / 2
+        units = units_to_decide(truth, at_least=statistic.at_least, confidence=requirement.document.confidence)
+        if units is not None and units > space.size:
+            yield (
+                f"requirement {requirement.document.id}: {space.size:,} variants will hardly decide it; if "
+                f"{statistic.quantity} is {100 * statistic.shown(truth):g} %, about {units:,} in its region do"
+            )
+
+
+def _about_replicates(design: str, count: int, place: str) -> Iterator[str]:
+    if count < MIN_POINTS:
+        yield (
+            f"{place}: {count} points of {design} are drawn independently, as in a random design; from {MIN_POINTS} on "
+            "they are spread evenly, in replicates that tell how certain a mean is"
+        )
+        return
+    number = replicate_number(count)
+    if design == "sobol" and (count % number or (count // number) & (count // number - 1)):
+        lower = number << ((count // number).bit_length() - 1)
+        yield (
+            f"{place}: sobol points are balanced in {number} replicates of 2, 4, 8 … points, and {count} are not; "
+            f"the nearest are {lower} and {2 * lower}"
+        )
+
+
+def _about_declarations(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:
+    used = space.used
+    for parameter in vocabulary.spec.parameters:
+        definition = vocabulary.definitions[vocabulary.paths[parameter.name]]
+        if definition.path not in used:
+            default = _text(definition.default, definition)
+            yield f"{definition.name} is declared and not varied; it stays at {default}"
+
+
+def _about_times(space: ParameterSpace, times: Times) -> Iterator[str]:
+    if times.motion is None:
+        return
+    if not times.motion.trajectories:
+        yield "sequence: nothing moves; all frames of a variant are the same"
+    elif len(times.elapsed) == 1 and TIME_PATH not in space.used:
+        yield "trajectories without sequence or time: the run covers only the moment 0 s"
+
+
+def _text(value: Value, definition: ParameterDefinition) -> str:
+    is_decimal = definition.is_number and definition.type is not ParameterType.INT
+    return f"{value:g} {definition.unit}".rstrip() if is_decimal else str(value)
