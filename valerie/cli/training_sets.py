@@ -34,8 +34,14 @@ def frames(
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the frames, pixels.")] = "960x540",
     processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
     asset: Annotated[
-        str, typer.Option("--asset", metavar="NAME", help="Generated asset that takes a seed.")
-    ] = "urban-street",
+        str | None,
+        typer.Option(
+            "--asset",
+            metavar="NAME",
+            help="Generated asset that takes a seed.",
+            show_default="the first installed pack",
+        ),
+    ] = None,
 ) -> None:
     """Render a training set into an empty folder: streets of seeds that no run uses by default."""
     from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
@@ -50,7 +56,7 @@ def frames(
                 "per_street": per_street,
                 "width": width,
                 "height": height,
-                "asset": asset,
+                **({} if asset is None else {"asset": asset}),
             }
         )
         started, done = time.monotonic(), 0

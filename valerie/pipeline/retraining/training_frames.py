@@ -36,7 +36,7 @@ from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
 from valerie.rendering.base import View
-from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, load_asset
+from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, default_pack, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
 
@@ -68,7 +68,7 @@ class FrameSettings(BaseModel):
     per_street: Annotated[int, Field(ge=1, le=10_000)] = 30
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
-    asset: str = "urban-street"
+    asset: str = Field(default_factory=default_pack)
     arguments: AssetArguments = {}
     first_seed: Annotated[int, Field(ge=0)] | None = None
     region: Region | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from valerie.entry_points import PluginKind
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, MissingDependency, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.manifest import Manifest
@@ -96,6 +96,17 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
     if asset_dir is not None and asset_dir.is_dir():
         folders = sorted(p.name for p in asset_dir.iterdir() if (p / MANIFEST_FILE).is_file())
     return (*packs, *(name for name in folders if name not in packs))
+
+
+def default_pack() -> str:
+    """Return the name of the pack that is taken where none is named: the first, so this distribution's own.
+
+    Raises:
+        MissingDependency: no pack is installed.
+    """
+    if not (names := PACKS.names()):
+        raise MissingDependency(f"no asset pack is installed (entry points of {PACKS.group})")
+    return names[0]
 
 
 def is_generated(name: str) -> bool:
