@@ -37,7 +37,7 @@ _START: Final = (
 _HEADER: Final = struct.Struct("<I")
 #: Longest time for importing Blender and listing its devices, seconds.
 _START_SECONDS: Final = 120.0
-#: Time between two looks at the memory and the limits, seconds.
+#: Interval between checks of the memory and the time limits, seconds.
 _LOOK_SECONDS: Final = 0.5
 #: Blender's messages when it runs out of memory.
 _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
@@ -54,7 +54,7 @@ class BlenderProcess:
         settings: interpreter, device, threads, limits of time and memory.
 
     Attributes:
-        known: the things that Blender holds, by key; maintained by the owner.
+        known: the objects that Blender holds, by key; maintained by the owner.
         settings: the settings of Cycles' persistent data; maintained by the owner.
         version, device, device_name: Blender's own report; the device is ``CPU``, ``CUDA``, ``OPTIX`` ….
         cpu_seconds: CPU time of all requests so far.
@@ -213,7 +213,7 @@ class Wire:
         self._silence = silence
 
     def send(self, data: bytes | memoryview) -> None:
-        """Send all bytes. Raises EOFError if nobody reads."""
+        """Send all bytes. Raises EOFError if the pipe has no reader."""
         view = memoryview(data)
         while view:
             self._wait(self._requests, writing=True)
@@ -248,7 +248,7 @@ class Wire:
 
 
 def interpreter(settings: Settings) -> Path:
-    """Return the path of the Python that has Blender.
+    """Return the path of the Python interpreter with Blender.
 
     Raises:
         MissingDependency: there is no interpreter at the path.
