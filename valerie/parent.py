@@ -1,4 +1,4 @@
-"""The tie between a process and the one that started it."""
+"""Ending a process with the process that started it."""
 
 from __future__ import annotations
 
