@@ -171,7 +171,8 @@ class Motion:
         """Return the assignment of one moment: path to value, without time and trajectories.
 
         Args:
-            assignment: a variant's assignment. elapsed: seconds since the variant's first frame.
+            assignment: a variant's assignment.
+            elapsed: seconds since the variant's first frame.
             within: True to clip values to their declared ranges, for moments without a frame.
 
         Raises:
@@ -196,7 +197,8 @@ class Motion:
         """Return the reason why the movement of a variant is impossible; None if it is possible.
 
         Args:
-            assignment: a variant's assignment. elapsed: the moments to check, seconds since the first frame.
+            assignment: a variant's assignment.
+            elapsed: the moments to check, seconds since the first frame.
         """
         for thing in self._things:
             if not thing.in_order(assignment):
