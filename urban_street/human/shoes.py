@@ -53,9 +53,6 @@ def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: fl
     """Build upper and sole of one shoe.
 
     Args:
-        cut: the model.
-        body: the shaped body.
-        skin: its second skin.
         side: ``l`` or ``r``.
         ground: height of the bare foot's sole in the rest pose, metres.
     """

@@ -71,7 +71,6 @@ def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generato
     """Return colour, normals and roughness of carriageways of asphalt or setts.
 
     Args:
-        settings: arguments of the street.
         streams: sources of random numbers for three surfaces of asphalt.
     """
     lines = lines_of(settings)
@@ -141,11 +140,7 @@ def leaf_color(summer: Color, season: Season) -> Color:
 
 
 def make_materials(seed: int) -> dict[str, Material]:
-    """Return all materials. The seed chooses the colours of render, doors and roofs.
-
-    Args:
-        seed: seed of the street.
-    """
+    """Return all materials. The seed chooses the colours of render, doors and roofs."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
         *_ground(),

@@ -55,7 +55,6 @@ class Plan:
         """Place an object on the pavement with its footprint, if its spot is free.
 
         Args:
-            object_class, kind: class and kind of the object.
             spot: the place to try.
             room: lowest and highest corner of its rectangle, in its own frame, metres.
             margin: free distance around it, metres.

@@ -108,7 +108,6 @@ def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) ->
 
     Args:
         shape: the shape in summer.
-        season: the season.
         blossoms: True if the tree is covered with blossoms in spring.
     """
     if season == "spring" and not blossoms:

@@ -47,7 +47,6 @@ def wheels(
     """Build a wheel at each end of each axle, left before right.
 
     Args:
-        size: size of each wheel.
         design: design of the rims, a key of `RIMS`.
         x: x of the outer faces on the right, metres.
         axles: y of the axles, metres.
