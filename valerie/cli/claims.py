@@ -41,7 +41,14 @@ def claims(
     """
     if output is not None and output.suffix not in _FORMATS:
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(_FORMATS))
-    show_ledger(read_claims(document), run_id, output=output, as_json=as_json, url=url, data_dir=data_dir)
+    from valerie.analysis.claims.claims import write_ledger
+
+    statements = read_claims(document)
+    run = run_reader(url, data_dir)(run_id)
+    entries = write_ledger(statements, run.table, seed=run.spec.seed)
+    if output is not None:
+        write_output(output, _content(statements, entries, output.suffix))
+    show_ledger(statements, entries, as_json=as_json)
 
 
 def read_claims(path: Path) -> Claims:
@@ -56,22 +63,8 @@ def read_claims(path: Path) -> Claims:
     return parse_claims(load_document(read_spec(path)))
 
 
-def show_ledger(
-    statements: Claims,
-    run_id: str,
-    *,
-    output: Path | None = None,
-    as_json: bool = False,
-    url: str | None = None,
-    data_dir: Path | None = None,
-) -> None:
-    """Test claims on an ended run, print the ledger, and write it to a file of one of `_FORMATS`."""
-    from valerie.analysis.claims.claims import write_ledger
-
-    run = run_reader(url, data_dir)(run_id)
-    entries = write_ledger(statements, run.table, seed=run.spec.seed)
-    if output is not None:
-        write_output(output, _content(statements, entries, output.suffix))
+def show_ledger(statements: Claims, entries: Sequence[Entry], *, as_json: bool = False) -> None:
+    """Print claims with their answers."""
     if as_json:
         typer.echo(json.dumps(list(map(asdict, entries)), ensure_ascii=False))
         return

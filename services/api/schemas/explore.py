@@ -6,13 +6,14 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
 
-from services.api.schemas.base import FUNCTION, RUN_ID, Moment, Read
+from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
 from valerie.measures import Cell
 from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
+from valerie.runs.moments import Moment
 from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
 
 #: The name of a saved selection, and text that a database can hold, as regular expressions.

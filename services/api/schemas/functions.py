@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, FRAME_ID, Moment, Read
+from services.api.schemas.base import DIGEST, FRAME_ID, Read
+from valerie.runs.moments import Moment
 
 _DOCUMENT: dict[str, JsonValue] = {
     "name": "street-net",

@@ -8,7 +8,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Protocol
 
-from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.claims import Claims, Entry
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.table import EvaluationTable
@@ -106,6 +106,7 @@ class ReportInput:
         failures: products that failed for good.
         picture: reads the gallery's pictures; None for a report without gallery.
         claims: a document whose claims, numbers and pictures stand beside those of the run.
+        ledger: the answers to its claims.
         beside: another run of the same scenes.
     """
 
@@ -122,4 +123,5 @@ class ReportInput:
     failures: tuple[Failure, ...] = ()
     picture: PictureSource | None = None
     claims: Claims | None = None
+    ledger: tuple[Entry, ...] = ()
     beside: Beside | None = None

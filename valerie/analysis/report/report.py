@@ -21,7 +21,6 @@ import yaml
 from markupsafe import Markup
 
 from valerie.analysis import wording
-from valerie.analysis.claims.claims import write_ledger
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
 from valerie.analysis.comparison.beside import Beside, Pair
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
@@ -86,7 +85,6 @@ def build_report(source: ReportInput) -> str:
     figures: list[JsonObject] = []
     names = characters(source.table)
     seen = seeing(source.table, threshold=source.summary.threshold)
-    ledger = () if source.claims is None else write_ledger(source.claims, source.table, seed=source.trends.seed)
     plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
@@ -106,9 +104,9 @@ def build_report(source: ReportInput) -> str:
             found=[(finding, _pair(source, finding)) for finding in source.findings.items],
             candidates=[(finding, _pair(source, finding)) for finding in source.findings.candidates],
             searched=searched_sentence(source.findings),
-            in_short=in_short(source, seen, ledger),
+            in_short=in_short(source, seen),
             seeing=seen,
-            ledger=ledger,
+            ledger=source.ledger,
             numbers=() if source.claims is None else numbers_beside(source.claims, source.table),
             crosses=list(_crosses(source)),
             distributions={axis.name: distributions(source.table, axis) for axis in AXES},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import structlog
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.claims import Claims, Entry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.report.report import build_report
@@ -92,14 +92,25 @@ def read_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) 
     return RunResults(run, stored, cards, table, analysis, read_verdicts(context, stored, table), failures)
 
 
-def write_report(
-    context: Context, found: RunResults, *, claims: Claims | None = None, beside: Beside | None = None
-) -> str:
+@dataclass(frozen=True, slots=True)
+class ReportWith:
+    """The report of an ended run with something beside it.
+
+    Attributes:
+        html: the report.
+        ledger: the answers to the claims in it.
+    """
+
+    html: str
+    ledger: tuple[Entry, ...]
+
+
+def write_report(context: Context, found: RunResults) -> str:
     """Return the report of a run as HTML."""
-    return build_report(_report_input(context, found, claims, beside))
+    return build_report(_report_input(context, found))
 
 
-def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> str:
+def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> ReportWith:
     """Return the report of an ended run with a ledger of claims, another run beside it, or both.
 
     Raises:
@@ -109,7 +120,9 @@ def report_with(context: Context, run_id: str, *, claims: Claims | None = None, 
     """
     found = _ended(context, run_id)
     beside = None if other is None else _compared(context, found, other, claims)
-    return write_report(context, found, claims=claims, beside=beside)
+    ledger = () if claims is None else write_ledger(claims, found.table, seed=found.run.spec.seed)
+    source = replace(_report_input(context, found), claims=claims, ledger=ledger, beside=beside)
+    return ReportWith(build_report(source), ledger)
 
 
 def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
@@ -190,7 +203,7 @@ def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
     return np.array([scenes[name] for name in names], dtype=object)
 
 
-def _report_input(context: Context, found: RunResults, claims: Claims | None, beside: Beside | None) -> ReportInput:
+def _report_input(context: Context, found: RunResults) -> ReportInput:
     run, resolved, pins = found.run, found.stored.resolved, found.stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
@@ -225,8 +238,6 @@ def _report_input(context: Context, found: RunResults, claims: Claims | None, be
         rejections=rejected,
         failures=_grouped(found.failures),
         picture=_Pictures(context),
-        claims=claims,
-        beside=beside,
     )
 
 
