@@ -47,7 +47,7 @@ def train(
         Path | None, typer.Option("--out", metavar="FILE", help="Also write the function file here (….safetensors).")
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
-    streets: Annotated[int, typer.Option("--streets", min=1, help="Streets to spread them over.")] = 8,
+    sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8,
     broad_share: Annotated[
         float, typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that are drawn anywhere.")
     ] = 0.5,
@@ -66,7 +66,7 @@ def train(
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
 
-    The frames are new, on streets that neither run nor function saw. `train frames` and
+    The frames are new, on sites that neither run nor function saw. `train frames` and
     `train fit` train from scratch; `train compare` compares versions on a run's frames.
     """
     if context.invoked_subcommand is not None:
@@ -100,7 +100,7 @@ def train(
 
     settings = RetrainSettings(
         frames=frames,
-        streets=streets,
+        sites=sites,
         broad_share=broad_share,
         targeted=not anywhere,
         steps=steps,
@@ -124,7 +124,7 @@ def train(
             settings,
             folder=folder,
             resources=Resources(processes, threads),
-            watcher=Watcher(_say_street, _Steps()),
+            watcher=Watcher(_say_site, _Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
     _say_retrained(retrained, folder)
@@ -224,14 +224,14 @@ def _say_weakness(weakness: Weakness) -> None:
     say(f"region: {weakness.region}")
 
 
-def _say_street(shard: Shard) -> None:
+def _say_site(shard: Shard) -> None:
     drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
-    say(f"street {shard.street_seed}: {len(shard.sizes)} frames{drawn}")
+    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
 
 
 def _say_retrained(retrained: Retrained, folder: Path) -> None:
-    first, last = retrained.street_seeds
-    say(f"{retrained.frames:,} frames kept of {retrained.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
+    first, last = retrained.site_seeds
+    say(f"{retrained.frames:,} frames kept of {retrained.drawn:,} scenes drawn on sites {first}–{last} (in {folder})")
     say(
         f"wrote {retrained.file}, digest {retrained.digest[:12]}, after {retrained.steps} steps; curve: {retrained.curve}"
     )

@@ -189,7 +189,7 @@ def named(
 ) -> tuple[Confirmation, ...]:
     """Return the main effects that all places at once show, by Holm's procedure over all of them; none is confirmed.
 
-    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a street, a house)
+    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a site, a house)
     is in all of them.
 
     Args:

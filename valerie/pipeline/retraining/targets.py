@@ -29,7 +29,7 @@ _AS_MADE_CHARACTERS: Final = 0.5
 def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
     """Return the quantities that a run's region may bound: visibility, heading and character of the person, light, radiometry.
 
-    Places have a meaning in one street only; distance and visibility stand for them.
+    A position has a meaning on one site only; distance and visibility stand for them.
     """
     varied = [d for d in resolved.definitions if d.path in set(resolved.space.varied)]
     types = dict.fromkeys(MEASURED, ParameterType.FLOAT)

@@ -164,7 +164,7 @@ def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
 
     Args:
         lamps: the static lamps.
-        low, high: (3,) corners of the street, metres.
+        low, high: (3,) corners of the scene, metres.
     """
     area = max(float(np.prod((high - low)[:2])), 1.0)
     flux = np.zeros(3)

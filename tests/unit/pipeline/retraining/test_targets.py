@@ -68,9 +68,9 @@ def test_broad_frames_are_spread_evenly_and_none_are_targeted_without_a_region()
 
 
 def test_seeds_may_begin_later_but_not_in_another_split() -> None:
-    assert list(FrameSettings(streets=2, first_seed=5000).seeds()) == [5000, 5001]
+    assert list(FrameSettings(sites=2, first_seed=5000).seeds()) == [5000, 5001]
     with pytest.raises(InvalidInput, match="first_seed"):
-        FrameSettings(streets=2, first_seed=950).seeds()
+        FrameSettings(sites=2, first_seed=950).seeds()
 
 
 @pytest.mark.gl
@@ -79,7 +79,7 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
 
     asset = simple_asset()
     bounds = region(distance_m=Range(low=4, high=14), occlusion_rate=Range(low=0.0, high=0.3))
-    settings = FrameSettings(per_street=3, width=96, height=54, region=bounds)
+    settings = FrameSettings(per_site=3, width=96, height=54, region=bounds)
     draws = Draws()
     frames = list(frames_of(asset, 1000, settings, draws))
     assert len(frames) == 3
@@ -108,6 +108,6 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
 
 @pytest.mark.gl
 def test_a_region_that_no_scene_shows_is_told() -> None:
-    settings = FrameSettings(per_street=1, width=96, height=54, region=region(distance_m=Range(low=500, high=600)))
-    with pytest.raises(InvalidInput, match=r"street 1000 .*distance_m 500 … 600"):
+    settings = FrameSettings(per_site=1, width=96, height=54, region=region(distance_m=Range(low=500, high=600)))
+    with pytest.raises(InvalidInput, match=r"site 1000 .*distance_m 500 … 600"):
         next(frames_of(simple_asset(), 1000, settings, most_draws=30))
