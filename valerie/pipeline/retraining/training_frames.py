@@ -9,7 +9,7 @@ import ctypes
 import json
 import math
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -36,11 +36,14 @@ from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
+from valerie.plugins import create_renderer, create_truth_pass
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, default_pack, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
 
+#: Engine of the pictures.
+_ENGINE: Final = "raster"
 #: Frames of a site that share camera, light and weather, and so their background.
 _TAKES: Final = 2
 _TRIES: Final = 10
@@ -137,8 +140,8 @@ def render_frames(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        numeric_class = pool.submit(_numeric_class).result()
-    write_index(folder, shards, _provenance(settings, seeds, numeric_class, shards))
+        makers = pool.submit(_makers).result()
+    write_index(folder, shards, _provenance(settings, seeds, makers, shards))
     return FrameFolder(folder)
 
 
@@ -188,12 +191,8 @@ def frames_of(
         RenderingError: no usable image after several draws.
         InvalidInput: hardly any drawn scene lies in the region.
     """
-    from valerie.rendering.ground_truth import TruthPass
-    from valerie.rendering.raster.context import process_context
-    from valerie.rendering.raster.renderer import RasterRenderer
-
-    context = process_context()
-    renderer, truth_pass = RasterRenderer(context), TruthPass(context)
+    renderer = create_renderer(_ENGINE)
+    truth_pass = create_truth_pass(renderer.numeric_class)
     crowd = crowd_asset(asset)
     draws = draws if draws is not None else Draws()
     try:
@@ -233,16 +232,26 @@ def frames_of(
         renderer.close()
 
 
-def _numeric_class() -> str:
-    from valerie.rendering.raster.context import process_context
+def _makers() -> dict[str, str]:
+    """Return what the provenance says of engine and truth pass, which are opened in this process."""
+    renderer = create_renderer(_ENGINE)
+    truth_pass = create_truth_pass(renderer.numeric_class)
+    try:
+        return {
+            "frame-revisions": (
+                f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
+                f"{_ENGINE} {renderer.revision}, truth {truth_pass.revision}"
+            ),
+            "renderer": f"{_ENGINE}, {renderer.numeric_class}",
+        }
+    finally:
+        truth_pass.close()
+        renderer.close()
 
-    return process_context().numeric_class
 
-
-def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shards: list[Shard]) -> dict[str, str]:
-    from valerie.rendering import ground_truth
-    from valerie.rendering.raster.renderer import RasterRenderer
-
+def _provenance(
+    settings: FrameSettings, seeds: range, makers: Mapping[str, str], shards: list[Shard]
+) -> dict[str, str]:
     _, first_digest = asset_manifest(settings.site(seeds[0]))
     more: dict[str, str] = {}
     if settings.arguments:
@@ -253,15 +262,11 @@ def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shard
         more["scenes-drawn"] = str(sum(shard.drawn or 0 for shard in shards))
     return {
         **more,
+        **makers,
         "asset": settings.asset,
         "asset-digest-of-first-site": first_digest,
-        "frame-revisions": (
-            f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
-            f"raster {RasterRenderer.revision}, truth {ground_truth.REVISION}"
-        ),
         "frame-size": f"{settings.width}x{settings.height}",
         "frames-per-site": str(settings.per_site),
-        "renderer": f"raster, {numeric_class}",
         "split": settings.split,
         SITE_SEEDS: f"{seeds[0]}-{seeds[-1]}",
     }

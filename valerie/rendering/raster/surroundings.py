@@ -215,9 +215,9 @@ def reflected(
 def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
     """Return the spherical harmonics that ``skylight.frag`` sums over K directions above the horizon.
 
-    The basis has orders 0 and 1 and the zonal function of order 2. Between houses the sky is overhead, so level ground would lose up
-    to a quarter of its light with orders 0 and 1 alone. Where surfaces hide the sky, the radiance is theirs. The lower hemisphere
-    is the ground, which has no part of order 2.
+    The basis has orders 0 and 1 and the zonal function of order 2. Between houses the sky is overhead, so level ground would
+    lose up to a quarter of its light with orders 0 and 1 alone. Where surfaces hide the sky, the radiance is theirs. The lower
+    hemisphere is the ground, which has no part of order 2.
 
     Args:
         sky: the sky.

@@ -210,7 +210,7 @@ class RunSpec(Document):
             if name in names[:i]
         ]
         if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
-            problems.append(InvalidInput("an asset mapping needs a name", field="asset.name", limit="a text"))
+            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="{name: …}"))
         if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
             problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
         for i, requirement in enumerate(self.requirements):
