@@ -24,7 +24,7 @@ from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
 from valerie.pipeline.retraining.comparison import Grouping, compare_versions
-from valerie.pipeline.retraining.loop import Resources, RetrainSettings, Watcher, register_retrained, retrain
+from valerie.pipeline.retraining.loop import RetrainSettings, TrainingResources, Watcher, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness
 from valerie.settings import load_settings
 
@@ -88,7 +88,7 @@ def close_the_loop(
             out / f"{name}.safetensors",
             settings.model_copy(update={"targeted": targeted}),
             folder=out / name,
-            resources=Resources(processes, threads),
+            resources=TrainingResources(processes, threads),
             watcher=Watcher(
                 on_site=lambda shard: _say(f"   site {shard.site_seed}: {len(shard.sizes)} frames"),
                 on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]

@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, write_ou
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.claims.claims import Claims, Entry
+    from valerie.analysis.claims.claims import Claims, LedgerEntry
 
 #: Formats of the ledger, by the end of the file's name.
 _FORMATS = (".csv", ".parquet", ".json", ".md")
@@ -63,7 +63,7 @@ def read_claims(path: Path) -> Claims:
     return parse_claims(load_document(read_spec(path)))
 
 
-def show_ledger(statements: Claims, entries: Sequence[Entry], *, as_json: bool = False) -> None:
+def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: bool = False) -> None:
     """Print claims with their answers."""
     if as_json:
         typer.echo(json.dumps(list(map(asdict, entries)), ensure_ascii=False))
@@ -71,9 +71,13 @@ def show_ledger(statements: Claims, entries: Sequence[Entry], *, as_json: bool =
     from rich.padding import Padding
     from rich.text import Text
 
-    from valerie.analysis.claims.claims import Outcome
+    from valerie.analysis.claims.claims import ClaimOutcome
 
-    styles = {Outcome.REPRODUCED: "bold green", Outcome.NOT_REPRODUCED: "bold red", Outcome.UNDECIDED: "bold yellow"}
+    styles = {
+        ClaimOutcome.REPRODUCED: "bold green",
+        ClaimOutcome.NOT_REPRODUCED: "bold red",
+        ClaimOutcome.UNDECIDED: "bold yellow",
+    }
     console().print(Text(statements.title, style="bold"))
     for entry in entries:
         head = Text.assemble(
@@ -86,7 +90,7 @@ def show_ledger(statements: Claims, entries: Sequence[Entry], *, as_json: bool =
         console().print(Padding(Text(entry.finding), (0, 0, 0, 2)))
 
 
-def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
+def _content(statements: Claims, entries: Sequence[LedgerEntry], suffix: str) -> bytes:
     from valerie.analysis.claims.claims import ledger_table, ledger_text
     from valerie.analysis.rows.table import encoded
 

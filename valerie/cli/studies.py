@@ -347,11 +347,11 @@ def refine(
     Without a selection, the whole run is refined. Needs no server.
     """
     from valerie.cli.deployment import context_of
-    from valerie.pipeline.control.refine import Selection, refine_run
+    from valerie.pipeline.control.refine import RefinedPart, refine_run
 
     with context_of(data_dir) as context:
         text, region = refine_run(
-            context, run_id, Selection(where, finding, requirement), add=add or (), drop=drop or ()
+            context, run_id, RefinedPart(where, finding, requirement), add=add or (), drop=drop or ()
         )
     if region:
         say(f"region: {region}")

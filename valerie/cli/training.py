@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, con
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.comparison.before_after import Comparison
+    from valerie.analysis.comparison.before_after import VersionComparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
     from valerie.pipeline.retraining.loop import Retrained
@@ -89,8 +89,8 @@ def train(
         raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.loop import (
-        Resources,
         RetrainSettings,
+        TrainingResources,
         Watcher,
         register_retrained,
         retrain,
@@ -123,7 +123,7 @@ def train(
             folder / f"{called}.safetensors" if out is None else out,
             settings,
             folder=folder,
-            resources=Resources(processes, threads),
+            resources=TrainingResources(processes, threads),
             watcher=Watcher(_say_site, _Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
@@ -191,7 +191,7 @@ def _compare(
     *,
     threads: int | None = None,
     mixed: bool = False,
-) -> Comparison:
+) -> VersionComparison:
     from valerie.cli.datasets import Lines
     from valerie.pipeline.functions.references import open_reference
     from valerie.pipeline.retraining.comparison import Grouping, compare_versions
@@ -210,7 +210,7 @@ def _compare(
         )
 
 
-def _show(comparison: Comparison, *, as_json: bool) -> None:
+def _show(comparison: VersionComparison, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(comparison.as_document(), ensure_ascii=False))
         return

@@ -27,7 +27,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
-from valerie.analysis.findings.child_specs import selection_spec
+from valerie.analysis.findings.child_specs import drawn_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
 from valerie.db.engine import reading, writing
@@ -290,7 +290,7 @@ def refine(
         raise InvalidInput("a spec refines one run", field="run", value=list(run), limit="one run")
     resolved = read_run(context, run[0]).resolved
     chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
-    return SpecRead(yaml=selection_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
+    return SpecRead(yaml=drawn_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
 
 
 @router.get("/selections", responses=problems(422), summary="Saved selections, newest first")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.claims.claims import Claims, Entry, write_ledger
+from valerie.analysis.claims.claims import Claims, LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
-from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -35,6 +35,7 @@ from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -42,11 +43,6 @@ from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
 
-_KIND_OF_PICTURE = {
-    PictureKind.PICTURE: "picture",
-    PictureKind.TRUTH: "truth-overlay",
-    PictureKind.PREDICTION: "overlay",
-}
 #: Fields of a spec that change neither pictures nor scores.
 _WITHOUT_EFFECT = frozenset(
     {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
@@ -102,7 +98,7 @@ class ReportWith:
     """
 
     html: str
-    ledger: tuple[Entry, ...]
+    ledger: tuple[LedgerEntry, ...]
 
 
 def write_report(context: Context, found: RunResults) -> str:
@@ -248,11 +244,8 @@ class _Pictures:
         self._context = context
 
     def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        kind_of_picture = _KIND_OF_PICTURE[kind]
         try:
-            source = find_picture(
-                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
-            )
+            source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
             painted = paint_picture(self._context, source)
         except TransientError:
             raise  # a report without this picture would stay so

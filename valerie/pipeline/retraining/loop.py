@@ -83,7 +83,7 @@ class RetrainSettings(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Resources:
+class TrainingResources:
     """The part of this machine that a training may use.
 
     Attributes:
@@ -139,7 +139,7 @@ def retrain(
     settings: RetrainSettings,
     *,
     folder: Path,
-    resources: Resources = Resources(),
+    resources: TrainingResources = TrainingResources(),
     watcher: Watcher = Watcher(),
 ) -> Retrained:
     """Render a training set for a weakness and train a new version of the function.

@@ -34,7 +34,7 @@ from valerie.perception.training.frame_folder import (
 )
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import Target
+from valerie.pipeline.retraining.targets import TargetRegion
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
 from valerie.plugins import create_renderer, create_truth_pass
 from valerie.rendering.base import View
@@ -197,7 +197,9 @@ def frames_of(
     draws = draws if draws is not None else Draws()
     try:
         for number in range(settings.per_site):
-            target = Target(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+            target = (
+                TargetRegion(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+            )
             unusable = 0
             for attempt in range(_TRIES if target is None else most_draws):
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])

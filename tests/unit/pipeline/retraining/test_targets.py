@@ -6,7 +6,7 @@ import pytest
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import Target
+from valerie.pipeline.retraining.targets import TargetRegion
 from valerie.pipeline.retraining.training_frames import Draws, FrameSettings, frames_of
 from valerie.pipeline.retraining.training_scenes import REVISION, draw_scene
 from valerie.rendering.base import View
@@ -21,8 +21,8 @@ def region(**bounds: Bound) -> Region:
 def test_what_is_known_before_drawing_is_read_from_the_scene_itself() -> None:
     crowd = crowd_asset(simple_asset())
     drawn = [draw_scene(crowd, np.random.default_rng(seed)) for seed in range(60)]
-    low_sun = Target(Region(bounds={"scene.sun-1.elevation": Range(low=0, high=30)}))
-    near = Target(region(distance_m=Range(low=0, high=12)))
+    low_sun = TargetRegion(Region(bounds={"scene.sun-1.elevation": Range(low=0, high=30)}))
+    near = TargetRegion(region(distance_m=Range(low=0, high=12)))
     agreed = 0
     for one in drawn:
         camera = one.scene.cameras[one.camera].position
@@ -45,14 +45,14 @@ def test_a_scene_without_persons_is_in_no_region() -> None:
             for path in crowd.manifest.persons
         )
     )
-    assert not Target(Region()).possible(empty)
+    assert not TargetRegion(Region()).possible(empty)
 
 
 def test_one_person_must_meet_all_bounds_of_persons() -> None:
     crowd = crowd_asset(simple_asset())
     look = crowd.manifest.definition("scene.person-1.character").choices[0]
     bounds: dict[str, Bound] = {"heading": Arc(start=0, width=60), "character": Choices(names=(look,))}
-    target = Target(Region(bounds=bounds))
+    target = TargetRegion(Region(bounds=bounds))
     assert target.as_made == 0.5
     drawn = [draw_scene(crowd, np.random.default_rng(seed)) for seed in range(150)]
     hits = sum(target.possible(one) for one in drawn)
@@ -86,7 +86,7 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
     assert draws.count >= 3
     # The oracle: which draws lie in the region, by measuring them all.
     crowd, view_size = crowd_asset(asset), (96, 54)
-    truth_pass, target, hits = TruthPass(), Target(bounds), 0
+    truth_pass, target, hits = TruthPass(), TargetRegion(bounds), 0
     for attempt in range(20):
         drawn = draw_scene(crowd, np.random.default_rng([REVISION, 1000, 0, attempt]))
         view = View(drawn.camera, *view_size)
