@@ -46,8 +46,8 @@ class Pair:
 
 def render_pairs() -> Iterator[Pair]:
     from valerie.rendering.ground_truth import TruthPass
-    from valerie.rendering.raster.context import process_context
     from valerie.rendering.raster.renderer import RasterRenderer
+    from valerie.rendering.raster.upload.context import process_context
 
     context = process_context()
     renderer, truth_pass = RasterRenderer(context), TruthPass(context)

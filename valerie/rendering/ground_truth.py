@@ -20,15 +20,15 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, TruthLayer, View, bounds
 from valerie.rendering.projection import clip_from_view, drawing_matrices, view_from_world
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.flow_pass import FlowPass
-from valerie.rendering.raster.movable_geometry import PlacedMesh
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
 from valerie.rendering.raster.normals_pass import NormalsPass
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.movable_geometry import PlacedMesh
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.graph.model import Camera, Scene
 

@@ -150,23 +150,6 @@ class EvaluationTable:
         return cls(arrow, document["parameters"], designs)
 
     @classmethod
-    def from_csv(cls, source: Path | BinaryIO, parameters: Mapping[str, str]) -> Self:
-        """Read a file that `to_csv` wrote; CSV has no types, so the caller passes those of the parameters.
-
-        Raises:
-            CorruptArtifact: not CSV, or a value does not fit its column.
-        """
-        types = {field.name: without_codes(field.type) for field in schema_of(parameters)}
-        options = pa.csv.ConvertOptions(
-            column_types=types, strings_can_be_null=True, quoted_strings_can_be_null=False, null_values=[""]
-        )
-        try:
-            arrow = pa.csv.read_csv(source, convert_options=options)
-        except (pa.ArrowException, OSError) as error:
-            raise CorruptArtifact(f"not a CSV evaluation table: {error}") from error
-        return cls(arrow, parameters)
-
-    @classmethod
     def joined(cls, tables: Sequence[Self]) -> Self:
         """Return the rows of several runs, which vary the same parameters, as one table.
 

@@ -37,16 +37,6 @@ def load_network(path: Path) -> tuple[Network, FunctionHeader]:
     return filled_network(header.architecture, read_tensors(path), field=path.name), header
 
 
-def load_payload(path: Path, architecture: str, num_classes: int) -> Network:
-    """Return the network of any safetensors file with the tensors of an architecture; its header is not read.
-
-    Raises:
-        UnknownName: the architecture.
-        InvalidInput: the file is damaged, or its tensors are not those of the architecture.
-    """
-    return filled_network(architecture, read_tensors(path), num_classes, field=path.name)
-
-
 def tensor_shapes(
     architecture: str | NetworkSettings, num_classes: int = NUM_TRAIN_CLASSES
 ) -> dict[str, tuple[int, ...]]:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.targets import SAMPLES, ImageTargets, RenderTarget
-from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.targets import SAMPLES, ImageTargets, RenderTarget
+from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.lighting import Lighting, LitFrame
+    from valerie.rendering.raster.light.lighting import Lighting, LitFrame
 
 #: x, y, width, height in pixels from the bottom left.
 Area = tuple[int, int, int, int]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from valerie.rendering.base import GroundTruth, Rectangle, View
 from valerie.rendering.projection import clip_from_view, view_from_world
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import RenderTarget, gl_rectangle
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, gl_rectangle
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_of
 from valerie.scene.graph.model import Camera, Scene
 

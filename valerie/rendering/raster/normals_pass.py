@@ -10,12 +10,12 @@ import numpy as np
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.projection import drawing_matrices
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.upload.context import GraphicsContext
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.scene.graph.model import Camera, Scene
 

@@ -265,10 +265,6 @@ class Camera:
         """Return the focal length in pixels (square ones) for an image ``width`` pixels wide."""
         return self.focal_length_mm / self.sensor_width_mm * width
 
-    def vertical_fov(self, width: int, height: int) -> float:
-        """Return the vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
-        return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
-
 
 @dataclass(frozen=True, slots=True)
 class Sun:

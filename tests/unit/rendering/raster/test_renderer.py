@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.unit.rendering.scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.rendering.raster.upload.context import process_context
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.transforms import Pose, camera_transform

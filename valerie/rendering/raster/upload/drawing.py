@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import moderngl
 
 from valerie.plain import Uniforms
-from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.uniforms import bind, set_uniforms
+from valerie.rendering.raster.gl.uniforms import bind, set_uniforms
+from valerie.rendering.raster.upload.materials import SurfaceKind
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.context import GraphicsContext
-    from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
-    from valerie.rendering.raster.scenes import Statics
-    from valerie.rendering.raster.textures import TextureSet
+    from valerie.rendering.raster.upload.context import GraphicsContext
+    from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
+    from valerie.rendering.raster.upload.scenes import Statics
+    from valerie.rendering.raster.upload.textures import TextureSet
 
 
 class SurfaceDrawer:

@@ -3,7 +3,7 @@ import pytest
 
 from valerie.rendering.base import View
 from valerie.rendering.projection import box_corners
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown
+from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle, grown
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
 

@@ -20,16 +20,16 @@ from valerie.rendering.projection import (
     seen_points,
     turned_to_fit,
 )
-from valerie.rendering.raster.drawing import SurfaceDrawer
-from valerie.rendering.raster.surroundings import SurfaceSample, prominence
-from valerie.rendering.raster.targets import RenderTarget
-from valerie.rendering.raster.tiles import Mask
+from valerie.rendering.raster.gl.targets import RenderTarget
+from valerie.rendering.raster.gl.tiles import Mask
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer
+from valerie.rendering.raster.upload.surroundings import SurfaceSample, prominence
 from valerie.scene.graph.model import Camera
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.context import GraphicsContext
-    from valerie.rendering.raster.scenes import Prepared, Statics
-    from valerie.rendering.raster.static_geometry import StaticGeometry
+    from valerie.rendering.raster.upload.context import GraphicsContext
+    from valerie.rendering.raster.upload.scenes import Prepared, Statics
+    from valerie.rendering.raster.upload.static_geometry import StaticGeometry
 
 #: Texels per side of the statics' map, of the map of movables that are far apart, and of movables close together.
 STATIC_MAP: Final = 4096

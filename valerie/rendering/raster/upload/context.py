@@ -13,7 +13,7 @@ import moderngl
 
 from valerie.errors import MissingDependency, RenderingError
 from valerie.rendering.numeric import numeric_class
-from valerie.rendering.raster.scenes import SceneStore
+from valerie.rendering.raster.upload.scenes import SceneStore
 
 _SHADERS: Final = files("valerie.rendering.raster") / "shaders"
 _INCLUDE: Final = re.compile(r'^#include "([a-z_]+\.glsl)"$', re.MULTILINE)

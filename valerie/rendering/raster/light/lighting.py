@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 from valerie.plain import Uniforms
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
-from valerie.rendering.raster.bounds import Reach
-from valerie.rendering.raster.drawing import table_texture
-from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
-from valerie.rendering.raster.lamplight import LAMP_ACROSS, LampLight
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
-from valerie.rendering.raster.surroundings import from_below, reflected, sky_weights
-from valerie.rendering.raster.targets import (
+from valerie.rendering.raster.gl.bounds import Reach
+from valerie.rendering.raster.gl.targets import (
     SAMPLES,
     SKYLIGHT_CELL,
     ImageTargets,
     RenderTarget,
     ScreenPass,
 )
-from valerie.rendering.raster.tiles import Spans
+from valerie.rendering.raster.gl.tiles import Spans
+from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
+from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
+from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
+from valerie.rendering.raster.upload.drawing import table_texture
+from valerie.rendering.raster.upload.surroundings import from_below, reflected, sky_weights
 from valerie.rendering.sky import Sky
 from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.context import GraphicsContext
-    from valerie.rendering.raster.scenes import Statics
+    from valerie.rendering.raster.upload.context import GraphicsContext
+    from valerie.rendering.raster.upload.scenes import Statics
 
 #: Features of the shading pass beside sun and sky, as symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
@@ -161,7 +161,7 @@ class Lighting:
         self,
         targets: ImageTargets,
         surfaces: Surfaces,
-        pose: Viewpoint,
+        viewpoint: Viewpoint,
         day: Daylight,
         movable_shadow: ShadowMap | None = None,
         lamps: LampLight | None = None,
@@ -171,14 +171,14 @@ class Lighting:
         Args:
             targets: the targets of the image; `ImageTargets.surfaces` holds the G-buffer with the movables.
             surfaces: the surfaces to light.
-            pose: the camera and the size of its image.
+            viewpoint: the camera and the size of its image.
             day: sun and sky.
             movable_shadow: shadow map of the movables; None without movables.
             lamps: light of the lamps; None if no lamp is on.
         """
-        camera = _camera_values(pose)
+        camera = _sample_values(viewpoint)
         textures = _shading_textures(targets, surfaces, day, movable_shadow)
-        values = camera | _shading_values(pose, day, movable_shadow)
+        values = camera | _shading_values(viewpoint, day, movable_shadow)
         values["screen_basis"] = np.linalg.inv(camera["ray_basis"])
         owned: tuple[moderngl.Texture, ...] = ()
         bounce: NDArray[np.float64] | None = None
@@ -198,7 +198,7 @@ class Lighting:
         plain = dict(zip(plain_names, targets.plain.colors, strict=True))
         radiance = {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]}
         return LitFrame(
-            occlusion=_Step(self.occlusion, targets.occlusion, geometry, camera | self._occlusion_values(pose)),
+            occlusion=_Step(self.occlusion, targets.occlusion, geometry, camera | self._occlusion_values(viewpoint)),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
             openness=_Step(
                 self.openness,
@@ -224,11 +224,11 @@ class Lighting:
             needs=needs,
         )
 
-    def _occlusion_values(self, pose: Viewpoint) -> Uniforms:
+    def _occlusion_values(self, viewpoint: Viewpoint) -> Uniforms:
         return {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
-            "focal": pose.camera.focal_length_px(pose.view.width),
+            "focal": viewpoint.camera.focal_length_px(viewpoint.view.width),
         }
 
     def release(self) -> None:
@@ -305,9 +305,9 @@ def _cells(parts: Spans) -> Spans:
     return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
 
 
-def _camera_values(pose: Viewpoint) -> Uniforms:
+def _sample_values(viewpoint: Viewpoint) -> Uniforms:
     """Return the uniforms of ``sample.glsl``."""
-    camera, view = pose.camera, pose.view
+    camera, view = viewpoint.camera, viewpoint.view
     focal = camera.focal_length_px(view.width)
     axes = camera.transform[:3, :3]
     basis = np.stack([axes[:, 0] * view.width / 2 / focal, axes[:, 1] * view.height / 2 / focal, -axes[:, 2]], axis=1)
@@ -368,7 +368,7 @@ def _shading_textures(
     }
 
 
-def _shading_values(pose: Viewpoint, day: Daylight, movable_shadow: ShadowMap | None) -> Uniforms:
+def _shading_values(viewpoint: Viewpoint, day: Daylight, movable_shadow: ShadowMap | None) -> Uniforms:
     sky, static, movable = day.sky, day.shadow.light, (movable_shadow or day.shadow).light
     return {
         "light_rows": static.rows,
@@ -388,7 +388,7 @@ def _shading_values(pose: Viewpoint, day: Daylight, movable_shadow: ShadowMap | 
         "extinction": sky.extinction,
         "wetness": sky.wetness,
         "drops": sky.drops,
-        "pixel_height": pose.view.height,
+        "pixel_height": viewpoint.view.height,
     }
 
 

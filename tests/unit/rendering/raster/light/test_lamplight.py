@@ -13,7 +13,7 @@ from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.lamps import lit_lamps
-from valerie.rendering.raster.lamp_reach import MOVING_TILES, LampView, moving_with_shadows, shadow_hull
+from valerie.rendering.raster.light.lamp_reach import MOVING_TILES, LampView, moving_with_shadows, shadow_hull
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import LUX, sky_of
 from valerie.scene.graph.model import Camera, Light, Material, Node, Scene, Sun

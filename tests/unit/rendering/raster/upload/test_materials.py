@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.materials import mean_reflectance
-from valerie.rendering.raster.textures import TextureSet
+from valerie.rendering.raster.upload.materials import mean_reflectance
+from valerie.rendering.raster.upload.textures import TextureSet
 from valerie.scene.graph.model import Material, Texture
 
 PLASTER = Material("plaster", (0.8, 0.5, 0.2))

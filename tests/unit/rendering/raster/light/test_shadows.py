@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 from tests.unit.rendering.scene_rays import blocked, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.projection import LightView
-from valerie.rendering.raster.context import process_context
-from valerie.rendering.raster.drawing import table_texture
-from valerie.rendering.raster.shadows import (
+from valerie.rendering.raster.light.shadows import (
     LARGEST_PENUMBRA,
     ShadowMap,
     Shadows,
@@ -24,7 +22,9 @@ from valerie.rendering.raster.shadows import (
     nearest_directions,
     static_view,
 )
-from valerie.rendering.raster.static_geometry import StaticGeometry
+from valerie.rendering.raster.upload.context import process_context
+from valerie.rendering.raster.upload.drawing import table_texture
+from valerie.rendering.raster.upload.static_geometry import StaticGeometry
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
 from valerie.testing.assets import simple_asset

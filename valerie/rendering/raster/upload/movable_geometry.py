@@ -9,9 +9,9 @@ import numpy as np
 
 from valerie.plain import Uniforms
 from valerie.rendering.projection import Points, box_corners
-from valerie.rendering.raster.buffers import Buffers
-from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.uniforms import set_uniforms
+from valerie.rendering.raster.gl.buffers import Buffers
+from valerie.rendering.raster.gl.uniforms import set_uniforms
+from valerie.rendering.raster.upload.materials import SurfaceKind
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 from valerie.scene.graph.model import Mesh
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.textures import TextureSet
+from valerie.rendering.raster.upload.textures import TextureSet
 from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.

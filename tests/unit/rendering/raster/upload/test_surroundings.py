@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.shadows import even_directions
-from valerie.rendering.raster.surroundings import (
+from valerie.rendering.raster.light.shadows import even_directions
+from valerie.rendering.raster.upload.surroundings import (
     SAMPLE,
     Reflected,
     SurfaceSample,

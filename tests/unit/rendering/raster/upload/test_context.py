@@ -2,7 +2,7 @@ import moderngl
 import pytest
 
 from valerie.errors import RenderingError
-from valerie.rendering.raster.context import process_context, shader_source
+from valerie.rendering.raster.upload.context import process_context, shader_source
 
 pytestmark = pytest.mark.gl
 

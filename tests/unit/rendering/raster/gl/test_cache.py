@@ -1,4 +1,4 @@
-from valerie.rendering.raster.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 
 
 class Held:

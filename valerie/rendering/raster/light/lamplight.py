@@ -18,13 +18,20 @@ from numpy.typing import NDArray
 
 from valerie.rendering.lamps import Lamp
 from valerie.rendering.projection import Points
-from valerie.rendering.raster.drawing import SurfaceDrawer
-from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES, FrameLamps, LampView, within_reach
-from valerie.rendering.raster.targets import RenderTarget
+from valerie.rendering.raster.gl.targets import RenderTarget
+from valerie.rendering.raster.light.lamp_reach import (
+    LAMP_MAP,
+    LAMP_TILES,
+    MOVING_TILES,
+    FrameLamps,
+    LampView,
+    within_reach,
+)
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.context import GraphicsContext
-    from valerie.rendering.raster.scenes import Prepared, Statics
+    from valerie.rendering.raster.upload.context import GraphicsContext
+    from valerie.rendering.raster.upload.scenes import Prepared, Statics
 
 #: Tiles per row of an atlas.
 LAMP_ACROSS: Final = 4

@@ -11,11 +11,11 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.materials import SurfaceKind, material_table, mean_reflectance, surface_kind
-from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
-from valerie.rendering.raster.static_geometry import StaticGeometry
-from valerie.rendering.raster.textures import TextureSet
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.upload.materials import SurfaceKind, material_table, mean_reflectance, surface_kind
+from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
+from valerie.rendering.raster.upload.static_geometry import StaticGeometry
+from valerie.rendering.raster.upload.textures import TextureSet
 from valerie.rendering.scene_reading import DrawItem, draw_items, material_of
 from valerie.scene.graph.model import Material, Node, Scene
 

@@ -10,9 +10,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.buffers import Buffers
-from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.surroundings import SurfaceSample, sample_surfaces
+from valerie.rendering.raster.gl.buffers import Buffers
+from valerie.rendering.raster.upload.materials import SurfaceKind
+from valerie.rendering.raster.upload.surroundings import SurfaceSample, sample_surfaces
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import Lamp
 from valerie.rendering.projection import Points, light_axes
-from valerie.rendering.raster.bounds import covered_rectangle, grown, union
-from valerie.rendering.raster.tiles import Mask, TileGrid
+from valerie.rendering.raster.gl.bounds import covered_rectangle, grown, union
+from valerie.rendering.raster.gl.tiles import Mask, TileGrid
 from valerie.scene.graph.model import Camera, Matrix
 
 #: Largest number of static lamps with shadow maps, and of lamps on movables.

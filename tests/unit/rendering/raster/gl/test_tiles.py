@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.tiles import TILE, TileGrid, widened
+from valerie.rendering.raster.gl.tiles import TILE, TileGrid, widened
 
 #: Sides that are no multiples of a tile: the last column and row are cut off.
 GRID = TileGrid(View("camera-1", 5 * TILE + 3, 3 * TILE + 1))
