@@ -13,6 +13,7 @@ import httpx
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.runs.forecasting.forecast import Plan
@@ -382,10 +383,11 @@ class Client:
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
-    def submit(self, spec: bytes, *, idempotency_key: str | None = None) -> Run:
+    def submit(self, spec: bytes, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
         headers = {**_SPEC, **({"Idempotency-Key": idempotency_key} if idempotency_key else {})}
-        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers)
+        query = {"priority": priority.value}
+        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
     def runs(self, *, limit: int = 20) -> Iterator[Run]:
         """Yield runs, newest first."""

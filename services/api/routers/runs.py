@@ -29,7 +29,7 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse
 
 router = APIRouter(prefix="/v1", tags=["runs"])
@@ -127,8 +127,11 @@ def create(
             examples=["4be1f0d2-first-run"],
         ),
     ] = None,
+    priority: Annotated[
+        Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
+    ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)

@@ -35,7 +35,7 @@ from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import Pins
-from valerie.runs.products.states import ProductKind, RunState
+from valerie.runs.products.states import Priority, ProductKind, RunState
 from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings
 
@@ -116,6 +116,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 parent_run=None,
                 iteration=facts.iteration,
                 variant_count=resolved.space.size,
+                priority=Priority.NORMAL,
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:
