@@ -13,6 +13,7 @@ import httpx
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
+from valerie.runs.moments import Moment
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
@@ -100,9 +101,9 @@ class Run(_Read):
     reason: str | None = None
     variant_count: int
     rejected_count: int
-    created_at: str
-    started_at: str | None = None
-    finished_at: str | None = None
+    created_at: Moment
+    started_at: Moment | None = None
+    finished_at: Moment | None = None
 
 
 class Frame(_Read):
@@ -279,7 +280,7 @@ class StudyBatch(_Read):
     number: int
     reason: str
     legal: int
-    accepted_at: str | None
+    accepted_at: Moment | None
     run_id: str | None
     outcomes: StudyOutcomes | None
     cpu_seconds: float | None
@@ -309,7 +310,7 @@ class Study(_Read):
     by_hand: bool
     goal: str
     result: StudyKnown | None = None
-    created_at: str
+    created_at: Moment
     batches: tuple[StudyBatch, ...] = ()
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import Connection, Subquery, delete, func, insert, or_, select, union, update
+from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
@@ -170,20 +171,17 @@ def fed(connection: Connection, run_id: str) -> Fed:
 
 
 def page(
-    connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None, state: RunState | None = None
+    connection: Connection, *, limit: int, before: Seen | None = None, state: RunState | None = None
 ) -> list[RunRow]:
     """Return runs, newest first.
 
     Args:
         connection: to read with.
         limit: most runs.
-        before: (created_at, id) of the last run seen.
+        before: the last run of the page before.
         state: only runs in this state.
     """
-    query = _RUN.order_by(Run.created_at.desc(), Run.id.desc()).limit(limit)
-    if before is not None:
-        created, run_id = before
-        query = query.where(or_(Run.created_at < created, (Run.created_at == created) & (Run.id < run_id)))
+    query = newest_first(_RUN, Run, limit=limit, before=before)
     if state is not None:
         query = query.where(Run.state == state)
     return read_all(connection, query, RunRow)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 
 def in_utc(moment: datetime) -> datetime:
     """Return the same moment in UTC; a moment without time zone (SQLite stores none) is in UTC already."""
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+
+
+#: A moment in a document or an answer; in UTC, whatever its time zone was.
+Moment = Annotated[datetime, AfterValidator(in_utc)]
 
 
 def moment_text(moment: datetime) -> str:

@@ -70,7 +70,7 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class Confirmations:
     """Candidates of a run, confirmed or not.
 
     Attributes:
@@ -131,7 +131,7 @@ def search(
     )
 
 
-def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Findings:
+def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Confirmations:
     """Judge candidates on places that the search did not see: the other half, or a fresh run.
 
     Args:
@@ -157,7 +157,7 @@ def confirm(candidates: Search, observations: Observations, *, level: float = 0.
         needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
         findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed))
     findings.sort(key=lambda finding: not finding.confirmed)
-    return Findings(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
+    return Confirmations(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
 
 def find(
@@ -167,7 +167,7 @@ def find(
     interactions: bool = True,
     only: Sequence[tuple[Change, ...]] | None = None,
     level: float = 0.95,
-) -> Findings:
+) -> Confirmations:
     """Search half of the places and confirm in the other half; with too few places, search only.
 
     Args:
@@ -189,7 +189,7 @@ def named(
 ) -> tuple[Confirmation, ...]:
     """Return the main effects that all places at once show, by Holm's procedure over all of them; none is confirmed.
 
-    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a street, a house)
+    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a site, a house)
     is in all of them.
 
     Args:

@@ -47,7 +47,7 @@ class Shape(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Bins:
+class CurveBins:
     """Averages along the axis.
 
     Attributes:
@@ -84,7 +84,7 @@ class Curve:
     y: tuple[float, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
-    bins: Bins
+    bins: CurveBins
     places: int
     rows: int
     undefined: int
@@ -136,7 +136,7 @@ def fit_curve(
         tuple(y.tolist()),
         tuple(np.minimum(low, y).tolist()),
         tuple(np.maximum(high, y).tolist()),
-        Bins(
+        CurveBins(
             tuple(data.low.tolist()),
             tuple(data.high.tolist()),
             tuple(data.centre.tolist()),

@@ -272,7 +272,7 @@ def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
         missing = MIN_UNITS - 1
         reason = (
             "the variants are listed, not drawn at random, and say nothing about what lies between them; "
-            f"repeat them on {missing} more streets, or draw the variants"
+            f"repeat them on {missing} more sites, or draw the variants"
         )
     elif count < MIN_UNITS:
         missing = MIN_UNITS - count

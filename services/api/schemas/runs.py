@@ -6,7 +6,8 @@ from typing import Final
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
+from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, NextCursor, Read
+from valerie.runs.moments import Moment
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.ready import ProductError
 from valerie.runs.products.states import Priority, RunState, Stage

@@ -49,7 +49,7 @@ class VersionScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class GroupDifference:
     """Mean pACC of a later version minus that of the first, on one group of persons.
 
     Attributes:
@@ -85,11 +85,11 @@ class GroupComparison:
     persons: int
     frames: int
     sides: tuple[VersionScores, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[GroupDifference, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class VersionChange:
     """One thing that a later version does better or worse than the first.
 
     Attributes:
@@ -105,11 +105,11 @@ class Change:
     before: float | None
     after: float | None
     step: float
-    difference: Difference | None = None
+    difference: GroupDifference | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class VersionComparison:
     """Comparison of all versions over all groups and classes.
 
     Attributes:
@@ -135,26 +135,26 @@ class Comparison:
         """True unless two versions are known to have run in different numeric classes."""
         return len(set(self.numeric_classes)) < 2
 
-    def changes(self, version: int) -> tuple[Change, ...]:
+    def changes(self, version: int) -> tuple[VersionChange, ...]:
         """Return what became better or worse with one later version, the largest change first.
 
         A group changed where it is judged so; a class or a score of the class person changed where it moved by a
         percentage point or more.
         """
         changes = [
-            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
+            VersionChange("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
             for group in self.groups
             for own in (group.differences[version - 1],)
             if own.judgement
         ]
         for name, sides in self.classes.items():
             before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
-            changes.append(Change("class", name, before, after, after - before))
+            changes.append(VersionChange("class", name, before, after, after - before))
         whole = self.groups[0].sides
         for name in ("precision", "iou"):
             one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
             if one is not None and other is not None:
-                changes.append(Change("score", name, one, other, other - one))
+                changes.append(VersionChange("score", name, one, other, other - one))
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
@@ -181,7 +181,7 @@ def compare(
     numeric_classes: Sequence[str] = (),
     more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
     threshold: float = 0.5,
-) -> Comparison:
+) -> VersionComparison:
     """Compare versions of a function on the same frames.
 
     Args:
@@ -225,12 +225,14 @@ def compare(
         for name in ("pixel_accuracy", "miou", "macc", "fwiou")
     }
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)
-    return Comparison(tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall)
+    return VersionComparison(
+        tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall
+    )
 
 
 def differences_of(
     masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
-) -> dict[str, Difference]:
+) -> dict[str, GroupDifference]:
     """Return the difference of a later version to the first in each group of rows, which are the same in both tables."""
     before, after = first.numbers("pacc"), later.numbers("pacc")
 
@@ -240,7 +242,7 @@ def differences_of(
         ).slices
 
     return {
-        fell.name: Difference(
+        fell.name: GroupDifference(
             mean=fell.difference if fell.pairs else 0.0,
             low=fell.low if fell.places > 1 else None,
             high=fell.high if fell.places > 1 else None,
@@ -257,7 +259,7 @@ def _group(
     name: str,
     mask: NDArray[np.bool_],
     tables: Sequence[EvaluationTable],
-    differences: tuple[Difference, ...],
+    differences: tuple[GroupDifference, ...],
     threshold: float,
 ) -> GroupComparison:
     defined = mask & np.isfinite(tables[0].numbers("pacc"))

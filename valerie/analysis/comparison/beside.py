@@ -15,9 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from valerie.analysis.claims.claims import Claim, Claims, Entry, Outcome, write_ledger
-from valerie.analysis.claims.claims import Difference as ClaimedDifference
-from valerie.analysis.comparison.before_after import Difference, differences_of
+from valerie.analysis.claims.claims import Claim, ClaimOutcome, Claims, DifferenceTest, LedgerEntry, write_ledger
+from valerie.analysis.comparison.before_after import GroupDifference, differences_of
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.rows.pairing import RowKey, paired_rows, parts_of, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
@@ -65,11 +64,11 @@ class SharedSlice:
     pairs: int
     here: float
     there: float
-    difference: Difference
+    difference: GroupDifference
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class SharedPerson:
     """A person in the same frame of both runs."""
 
     frame_here: str
@@ -97,8 +96,8 @@ class FunctionBeside:
     sensor: str
     slices: tuple[SharedSlice, ...]
     rank_correlation: float | None
-    fell: tuple[Pair, ...]
-    rose: tuple[Pair, ...]
+    fell: tuple[SharedPerson, ...]
+    rose: tuple[SharedPerson, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +112,14 @@ class Conclusion:
 
     kind: str
     text: str
-    here: Entry
-    there: Entry
+    here: LedgerEntry
+    there: LedgerEntry
 
     @property
     def agreement(self) -> str:
         """The agreement of both runs in words."""
-        held = [entry.outcome is Outcome.REPRODUCED for entry in (self.here, self.there)]
-        refuted = [entry.outcome is Outcome.NOT_REPRODUCED for entry in (self.here, self.there)]
+        held = [entry.outcome is ClaimOutcome.REPRODUCED for entry in (self.here, self.there)]
+        refuted = [entry.outcome is ClaimOutcome.NOT_REPRODUCED for entry in (self.here, self.there)]
         if all(held):
             return "holds in both"
         if all(refuted):
@@ -289,9 +288,9 @@ def _rank_correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> f
     return float(spearmanr(one, other).statistic)
 
 
-def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> Pair:
+def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> SharedPerson:
     here, there = one.arrow.slice(row, 1).to_pylist()[0], other.arrow.slice(row, 1).to_pylist()[0]
-    return Pair(
+    return SharedPerson(
         here["frame_id"],
         there["frame_id"],
         here["sensor"],
@@ -314,7 +313,7 @@ def _of_findings(
         step = finding.steps[0]
         sign = ">" if finding.effect > 0 else "<"
         text = f"{finding.function}: {step.factor} {step.after} {'above' if sign == '>' else 'below'} {step.before}"
-        test = ClaimedDifference(factor=step.factor, first=step.after, second=step.before, sign=sign)
+        test = DifferenceTest(factor=step.factor, first=step.after, second=step.before, sign=sign)
         claim = Claim(id="finding", says=text, functions=(finding.function,), difference=test)
         kind = "finding" if finding.confirmed else "candidate"
         conclusions += _tested(kind, Claims(title=text, claims=(claim,)), one, two, seed)

@@ -11,7 +11,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.comparison.before_after import Comparison
+from valerie.analysis.comparison.before_after import VersionComparison
 from valerie.analysis.comparison.wording import change_sentence, numeric_classes_sentence
 from valerie.analysis.wording import classes_text, percent
 
@@ -22,7 +22,7 @@ _MARKERS: Final = ("o", "D", "s", "^", "v")
 _CHARACTERS: Final = 160
 
 
-def comparison_renderable(comparison: Comparison) -> RenderableType:
+def comparison_renderable(comparison: VersionComparison) -> RenderableType:
     """Return the tables of groups and classes and the lists of changes, for a rich console."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     table.add_column("persons", no_wrap=True)
@@ -75,7 +75,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     return Group(*parts)
 
 
-def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
+def draw_comparison(comparison: VersionComparison, path: Path, *, title: str = "") -> None:
     """Draw mean pACC per group and pooled IoU per class, all versions on one line.
 
     Args:

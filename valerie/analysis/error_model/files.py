@@ -104,7 +104,7 @@ class ErrorModelCard(_Document):
     conditions: dict[str, str] = Field(default_factory=dict)
     statement: str = (
         "An answer holds where `inside` is true: persons like those of the run stood within one cell of the query, in"
-        " every column. Elsewhere the model repeats its edge. It holds for the run's street, cameras, resolution,"
+        " every column. Elsewhere the model repeats its edge. It holds for the run's asset, cameras, resolution,"
         " pedestrians, light and engine. It says nothing about false alarms, about persons without a visible pixel, or"
         " about how errors of successive frames go together."
     )

@@ -94,7 +94,7 @@ def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, 
     }
 
 
-def selection_spec(
+def drawn_spec(
     table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
 ) -> RunSpec:
     """Return the spec of a run that looks closer at where the rows of a selection lie.

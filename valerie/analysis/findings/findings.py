@@ -22,7 +22,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class ScoredPerson:
     """A person in one evaluated frame, and its pACC, 0…1."""
 
     frame_id: str
@@ -74,7 +74,7 @@ class Finding:
     places: int
     pairs: int
     places_needed: int | None
-    examples: tuple[tuple[View, View], ...] = ()
+    examples: tuple[tuple[ScoredPerson, ScoredPerson], ...] = ()
     unequal: tuple[Inequality, ...] = ()
     spec: str = ""
 

@@ -21,7 +21,7 @@ _ADDED: Final = 3
 _TOLERANCE: Final = 1e-9
 
 
-def refined_spec(
+def halved_spec(
     spec: RunSpec,
     blocks: Sequence[Block],
     definitions: Mapping[str, ParameterDefinition],

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.child_specs import child_spec
-from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step, View
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, ScoredPerson, Step
 from valerie.analysis.findings.wording import false_positives_sentence, finding_sentence, incomparable_sentence
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
@@ -182,9 +182,9 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
     return replace(finding, sentence=finding_sentence(finding))
 
 
-def _view(table: EvaluationTable, row: int) -> View:
+def _view(table: EvaluationTable, row: int) -> ScoredPerson:
     columns = table.arrow.slice(row, 1).select(["frame_id", "sensor", "function", "instance_id", "pacc"])
-    return View(**columns.to_pylist()[0])
+    return ScoredPerson(**columns.to_pylist()[0])
 
 
 def _unequal(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from valerie.analysis.claims.claims import Entry
 from valerie.analysis.comparison.wording import span_text
 from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
@@ -13,7 +12,7 @@ from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.wording import percent, points, setting_labels
 
 
-def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry]) -> list[str]:
+def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     """Return verdicts, scores, findings, claims and the other run in a sentence each."""
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
@@ -37,7 +36,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
         sentences.append(f"{findings:,} {are} confirmed by places that had no part in the search.")
     elif source.findings.comparisons:
         sentences.append("No finding is confirmed.")
-    sentences.append(_counted("Claims", [str(entry.outcome) for entry in ledger]))
+    sentences.append(_counted("Claims", [str(entry.outcome) for entry in source.ledger]))
     if source.beside is not None:
         for function in source.beside.functions:
             whole, rank = function.slices[0], function.rank_correlation

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from enum import StrEnum
 from typing import Protocol
 
-from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.claims import Claims, LedgerEntry
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.table import EvaluationTable
@@ -17,12 +16,7 @@ from valerie.analysis.trends.trends import Trends
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.perception.base import FunctionCard
 from valerie.plain import JsonObject
-
-
-class PictureKind(StrEnum):
-    PICTURE = "picture"
-    TRUTH = "truth"
-    PREDICTION = "prediction"
+from valerie.runs.products.pictures import PictureKind
 
 
 class PictureSource(Protocol):
@@ -33,7 +27,7 @@ class PictureSource(Protocol):
 
         Args:
             frame_id: id of the frame in the table.
-            kind: the plain picture, or the picture under an overlay of truth or prediction.
+            kind: the plain picture, or the picture under one of the overlays.
             sensor: name of the sensor setting.
             function: name of the function for a prediction; None for the other kinds.
         """
@@ -106,6 +100,7 @@ class ReportInput:
         failures: products that failed for good.
         picture: reads the gallery's pictures; None for a report without gallery.
         claims: a document whose claims, numbers and pictures stand beside those of the run.
+        ledger: the answers to its claims.
         beside: another run of the same scenes.
     """
 
@@ -122,4 +117,5 @@ class ReportInput:
     failures: tuple[Failure, ...] = ()
     picture: PictureSource | None = None
     claims: Claims | None = None
+    ledger: tuple[LedgerEntry, ...] = ()
     beside: Beside | None = None

@@ -15,7 +15,7 @@ from valerie.analysis.findings.findings import Finding, Findings
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TriggeringCondition:
     """A triggering condition of one function.
 
     Attributes:
@@ -48,7 +48,7 @@ class Entry:
     retest: str
 
 
-def register(findings: Findings) -> tuple[Entry, ...]:
+def register(findings: Findings) -> tuple[TriggeringCondition, ...]:
     """Return the entries: findings and candidates about one function and one factor.
 
     Comparisons of functions are no conditions. An interaction says how the effect of a factor changes, not where a function
@@ -60,12 +60,12 @@ def register(findings: Findings) -> tuple[Entry, ...]:
     return tuple(_entry(f"T{number}", finding) for number, finding in enumerate(about, 1))
 
 
-def register_json(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
+def register_json(entries: tuple[TriggeringCondition, ...]) -> list[dict[str, object]]:
     """Return the entries as JSON values."""
     return [asdict(entry) for entry in entries]
 
 
-def register_table(entries: tuple[Entry, ...]) -> pa.Table:
+def register_table(entries: tuple[TriggeringCondition, ...]) -> pa.Table:
     """Return the entries as a table; frames are separated by spaces."""
     rows = [{**asdict(entry), "evidence": " ".join(entry.evidence)} for entry in entries]
     return pa.Table.from_pylist(rows, schema=_SCHEMA)
@@ -90,12 +90,12 @@ _SCHEMA: Final = pa.schema(
 )
 
 
-def _entry(name: str, finding: Finding) -> Entry:
+def _entry(name: str, finding: Finding) -> TriggeringCondition:
     (step,) = finding.steps
     lower_after = finding.effect <= 0
     ends = (finding.low, finding.high) if lower_after else (_negative(finding.high), _negative(finding.low))
     before, after = _condition(step.factor, step.before), _condition(step.factor, step.after)
-    return Entry(
+    return TriggeringCondition(
         id=name,
         function=finding.function,
         triggering_condition=after if lower_after else before,

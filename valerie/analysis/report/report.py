@@ -21,9 +21,8 @@ import yaml
 from markupsafe import Markup
 
 from valerie.analysis import wording
-from valerie.analysis.claims.claims import write_ledger
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
-from valerie.analysis.comparison.beside import Beside, Pair
+from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.findings.importance import explanations
@@ -31,7 +30,7 @@ from valerie.analysis.findings.wording import candidate_text, searched_sentence
 from valerie.analysis.report.distributions import binned_means, distributions
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
-from valerie.analysis.report.model import PictureKind, ReportInput
+from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.pages import page_environment
 from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
@@ -47,6 +46,7 @@ from valerie.labels import TRAIN_LABELS
 from valerie.measures import Measure, measure_of
 from valerie.plain import JsonObject
 from valerie.runs.moments import moment_text
+from valerie.runs.products.pictures import PictureKind
 from valerie.statistics.intervals import Interval
 
 
@@ -86,7 +86,6 @@ def build_report(source: ReportInput) -> str:
     figures: list[JsonObject] = []
     names = characters(source.table)
     seen = seeing(source.table, threshold=source.summary.threshold)
-    ledger = () if source.claims is None else write_ledger(source.claims, source.table, seed=source.trends.seed)
     plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
@@ -106,9 +105,9 @@ def build_report(source: ReportInput) -> str:
             found=[(finding, _pair(source, finding)) for finding in source.findings.items],
             candidates=[(finding, _pair(source, finding)) for finding in source.findings.candidates],
             searched=searched_sentence(source.findings),
-            in_short=in_short(source, seen, ledger),
+            in_short=in_short(source, seen),
             seeing=seen,
-            ledger=ledger,
+            ledger=source.ledger,
             numbers=() if source.claims is None else numbers_beside(source.claims, source.table),
             crosses=list(_crosses(source)),
             distributions={axis.name: distributions(source.table, axis) for axis in AXES},
@@ -225,7 +224,7 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
     """Yield the pairs of frames in which two runs differ most, with their pictures."""
     for one in beside.functions if beside is not None else ():
-        pairs: tuple[tuple[str, Pair], ...] = (
+        pairs: tuple[tuple[str, SharedPerson], ...] = (
             *(("fell", pair) for pair in one.fell),
             *(("rose", pair) for pair in one.rose[:1]),
         )
@@ -240,7 +239,7 @@ def _picture(source: ReportInput, frame_id: str, sensor: str, function: str | No
     """Return the data URL of a picture, or of a prediction over it; None where it is gone or there are no pictures."""
     if source.picture is None:
         return None
-    kind = PictureKind.PICTURE if function is None else PictureKind.PREDICTION
+    kind = PictureKind.PICTURE if function is None else PictureKind.OVERLAY
     data = source.picture(frame_id, kind, sensor=sensor, function=function)
     return None if data is None else data_url(data)
 
@@ -261,11 +260,11 @@ def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, st
         picture = partial(source.picture, example.frame_id, sensor=example.sensor)
         shots = [
             ("picture", picture(PictureKind.PICTURE, function=None)),
-            ("truth", picture(PictureKind.TRUTH, function=None)),
+            ("truth", picture(PictureKind.TRUTH_OVERLAY, function=None)),
         ]
         for function, pacc in sorted(example.pacc.items()):
             caption = f"{function}: pACC {wording.percent(pacc)} %"
-            shots.append((caption, picture(PictureKind.PREDICTION, function=function)))
+            shots.append((caption, picture(PictureKind.OVERLAY, function=function)))
         yield example, [(caption, None if data is None else data_url(data)) for caption, data in shots]
 
 
@@ -276,7 +275,7 @@ def _pair(source: ReportInput, finding: Finding) -> list[tuple[str, str | None]]
     shots = []
     step = finding.steps[0]
     for level, view in zip((step.before, step.after), finding.examples[0], strict=True):
-        data = source.picture(view.frame_id, PictureKind.PREDICTION, sensor=view.sensor, function=view.function)
+        data = source.picture(view.frame_id, PictureKind.OVERLAY, sensor=view.sensor, function=view.function)
         caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} % · frame {view.frame_id}"
         shots.append((caption, None if data is None else data_url(data)))
     return shots

@@ -21,11 +21,11 @@ class Design:
 
     Attributes:
         blocks: design and number of variants of each block, in order.
-        street: seed of the generated street; None for an asset without a seed.
+        site: the seed that the asset was generated from; None for an asset without one.
     """
 
     blocks: tuple[tuple[str, int], ...]
-    street: int | None = None
+    site: int | None = None
 
     def design_of(self, variants: NDArray[np.int64]) -> tuple[str, NDArray[np.int64] | None]:
         """Return the design of some variants (`valerie.statistics.units.sampling_units`) and their replicates.

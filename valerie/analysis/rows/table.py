@@ -272,21 +272,21 @@ class EvaluationTable:
             return sampling_units("sobol", variants, replicate=numbers)
         if "grid" not in designs:
             return sampling_units("random", variants)
-        return sampling_units("grid", variants, streets=self._streets)
+        return sampling_units("grid", variants, sites=self._sites)
 
     @cached_property
     def places(self) -> NDArray[np.int64]:
-        """(N,) int64: rows of the same place share a number 0…P−1; neighbours along the street have near numbers.
+        """(N,) int64: rows of the same place share a number 0…P−1; neighbours have near numbers.
 
-        A drawn variant is a place of its own. Listed variants share a place where all persons stand alike on one street;
-        where the list is repeated on several streets, a street is one place.
+        A drawn variant is a place of its own. Listed variants share a place where all persons stand alike on one site;
+        where the list is repeated on several sites, a site is one place.
         """
-        if self.units.estimand is Estimand.STREETS:
-            return combine([self._streets])
+        if self.units.estimand is Estimand.SITES:
+            return combine([self._sites])
         drawn = np.zeros(len(self), np.bool_)
         for design, rows in self._by_run:
             drawn[rows] = design.drawn(self._variants[rows])
-        keys = [self._streets, np.where(drawn, self.numbers("variant_index"), -1.0)]
+        keys = [self._sites, np.where(drawn, self.numbers("variant_index"), -1.0)]
         return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
 
     @property
@@ -300,13 +300,13 @@ class EvaluationTable:
         return [(self.designs.get(name, UNKNOWN), runs.where(name)) for name in runs.names]
 
     @cached_property
-    def _streets(self) -> NDArray[np.int64]:
-        """(N,) street seed; −1 where the street has none."""
-        streets = np.full(len(self), -1, np.int64)
+    def _sites(self) -> NDArray[np.int64]:
+        """(N,) site seed; −1 where the asset has none."""
+        sites = np.full(len(self), -1, np.int64)
         for design, rows in self._by_run:
-            if design.street is not None:
-                streets[rows] = design.street
-        return streets
+            if design.site is not None:
+                sites[rows] = design.site
+        return sites
 
     @cached_property
     def _numbers(self) -> dict[str, NDArray[np.float64]]:

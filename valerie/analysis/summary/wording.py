@@ -15,7 +15,7 @@ from valerie.statistics.units import Estimand
 _ESTIMANDS: Final[Mapping[Estimand, str]] = {
     Estimand.LISTED_GRID: "the listed variants",
     Estimand.DESIGN_BOX: "the space that the design draws from",
-    Estimand.STREETS: "all streets, at the listed variants",
+    Estimand.SITES: "all sites that the asset generates, at the listed variants",
 }
 
 
@@ -50,9 +50,7 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
     if first is not None:
         sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
-        sentences.append(
-            "All variants were listed, so nothing is known of what lies between them, or of other streets."
-        )
+        sentences.append("All variants were listed, so nothing is known of what lies between them, or of other sites.")
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
         sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")

@@ -22,7 +22,7 @@ from valerie.errors import InferenceError, InvalidInput
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
-class Target(NamedTuple):
+class Endpoint(NamedTuple):
     """A place to connect to.
 
     Attributes:
@@ -57,7 +57,7 @@ def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[
     return tuple(_allowed(entry.strip(), f"{field}.{number}") for number, entry in enumerate(entries) if entry.strip())
 
 
-def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Target:
+def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Endpoint:
     """Return the target of a URL if the operator allows it.
 
     Raises:
@@ -76,7 +76,7 @@ def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "option
     for *_, place in addresses:
         address = ipaddress.ip_address(str(place[0]).partition("%")[0])
         if by_name or any(address in network for network in networks):
-            return Target(host, port, path, str(place[0]), secure)
+            return Endpoint(host, port, path, str(place[0]), secure)
     raise _not_allowed(host, port, field)
 
 

@@ -41,7 +41,7 @@ class Span(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Adaptation:
     """The adaptation of frames of one size.
 
     Attributes:
@@ -79,7 +79,7 @@ class Plan:
         return whole
 
 
-def plan(document: InputDocument, height: int, width: int) -> Plan:
+def plan(document: InputDocument, height: int, width: int) -> Adaptation:
     """Return the plan for frames of a size.
 
     Raises:
@@ -88,7 +88,7 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
     frame = Size(height, width)
     whole = (Span(0, 0, height),), (Span(0, 0, width),)
     if document.longest_side is not None and max(frame) > document.longest_side:
-        return Plan(frame, _reduced(frame, document.longest_side, document.multiple_of), frame, *whole)
+        return Adaptation(frame, _reduced(frame, document.longest_side, document.multiple_of), frame, *whole)
     if document.size is None:
         step = document.multiple_of
         piece = Size(height + -height % step, width + -width % step)
@@ -96,9 +96,9 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
         piece = Size(document.size[1], document.size[0])
     if document.mode == "tile":
         rows = _spans(height, piece.height, document.overlap)
-        return Plan(frame, piece, piece, rows, _spans(width, piece.width, document.overlap))
+        return Adaptation(frame, piece, piece, rows, _spans(width, piece.width, document.overlap))
     if document.mode == "resize":
-        return Plan(frame, piece, frame, *whole)
+        return Adaptation(frame, piece, frame, *whole)
     if height > piece.height or width > piece.width:
         raise InvalidInput(
             "the frame is larger than the function's input; use mode resize or tile",
@@ -106,7 +106,7 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
             value=f"{width} × {height}",
             limit=f"{piece.width} × {piece.height}",
         )
-    return Plan(frame, piece, piece, *whole)
+    return Adaptation(frame, piece, piece, *whole)
 
 
 def _reduced(frame: Size, longest: int, step: int) -> Size:

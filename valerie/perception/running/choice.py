@@ -26,7 +26,7 @@ _FASTEST_FIRST: Final[tuple[Engine, ...]] = ("openvino", "onnxruntime", "torch")
 _SIZE: Final = (128, 256)
 
 
-class Choice(NamedTuple):
+class EngineChoice(NamedTuple):
     """An engine and the reason for it."""
 
     engine: Engine
@@ -41,7 +41,7 @@ class Choice(NamedTuple):
         )
 
 
-def local_choice(device: str, precision: str) -> Choice:
+def local_choice(device: str, precision: str) -> EngineChoice:
     """Choose the engine of a shipped function by the hardware and packages of this machine, without loading an engine.
 
     Args:
@@ -50,12 +50,12 @@ def local_choice(device: str, precision: str) -> Choice:
     """
     in_torch: Precision = "bf16" if precision == "bf16" else "fp32"
     if uses_gpu(device):
-        return Choice("torch", in_torch, "torch uses the graphics card")
+        return EngineChoice("torch", in_torch, "torch uses the graphics card")
     if find_spec("openvino") is None:
-        return Choice("torch", in_torch, "torch, since openvino is not installed")
+        return EngineChoice("torch", in_torch, "torch, since openvino is not installed")
     if precision == "bf16" or (precision == AUTO and multiplies_bf16()):
-        return Choice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
-    return Choice("openvino", "fp32", "openvino, the fastest in fp32")
+        return EngineChoice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
+    return EngineChoice("openvino", "fp32", "openvino, the fastest in fp32")
 
 
 def uses_gpu(device: str) -> bool:
@@ -68,7 +68,7 @@ def uses_gpu(device: str) -> bool:
     return device.startswith("cuda")
 
 
-def agreeing_choice(document: FunctionDocument, payload: Path) -> Choice:
+def agreeing_choice(document: FunctionDocument, payload: Path) -> EngineChoice:
     """Choose the fastest engine whose answer to a picture differs from the reference's by at most `TOLERANCE`, in fp32.
 
     The reference is torch, and onnxruntime for ONNX files, which torch does not read. An engine that is not installed or cannot
@@ -93,9 +93,11 @@ def agreeing_choice(document: FunctionDocument, payload: Path) -> Choice:
             complaints.append(f"{engine} does not run it here ({error})")
             continue
         if answer.shape == expected.shape and np.abs(answer - expected).max() <= TOLERANCE:
-            return Choice(engine, "fp32", f"{engine}, the fastest whose logits agree with {reference} to {TOLERANCE:g}")
+            return EngineChoice(
+                engine, "fp32", f"{engine}, the fastest whose logits agree with {reference} to {TOLERANCE:g}"
+            )
         complaints.append(f"{engine} differs from it by more than {TOLERANCE:g}")
-    return Choice(reference, "fp32", f"{reference}, the reference: {'; '.join(complaints)}")
+    return EngineChoice(reference, "fp32", f"{reference}, the reference: {'; '.join(complaints)}")
 
 
 def _answer(document: FunctionDocument, payload: Path, engine: str) -> NDArray[Any]:

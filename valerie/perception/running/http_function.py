@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InferenceError, InvalidInput
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents.addresses import Target, allowed_target, parse_allowed
+from valerie.perception.documents.addresses import Endpoint, allowed_target, parse_allowed
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import HttpOptions
 from valerie.perception.running.label_png import decode_labels, encode_png, max_label_bytes
@@ -83,7 +83,7 @@ class HttpFunction:
     def close(self) -> None:
         """Do nothing: no connection is kept between pictures."""
 
-    def _ask(self, target: Target, body: bytes, limit: int) -> bytes:
+    def _ask(self, target: Endpoint, body: bytes, limit: int) -> bytes:
         connection = _Connection(target, self._options.timeout_s)
         late = threading.Event()
 
@@ -107,7 +107,7 @@ class HttpFunction:
             timer.cancel()
             connection.close()
 
-    def _exchange(self, connection: http.client.HTTPConnection, target: Target, body: bytes, limit: int) -> bytes:
+    def _exchange(self, connection: http.client.HTTPConnection, target: Endpoint, body: bytes, limit: int) -> bytes:
         headers = {
             "Content-Type": "image/png",
             "Accept": "image/png",
@@ -137,7 +137,7 @@ class HttpFunction:
 class _Connection(http.client.HTTPConnection):
     """A connection to the allowed address, with a check of the named host's certificate."""
 
-    def __init__(self, target: Target, timeout_s: float) -> None:
+    def __init__(self, target: Endpoint, timeout_s: float) -> None:
         super().__init__(target.host, target.port, timeout=timeout_s)
         self._target = target
 

@@ -13,7 +13,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.quiet import silence_libraries
 
 if TYPE_CHECKING:
-    from valerie.perception.running.engines.base import Engine
+    from valerie.perception.running.engines.base import InferenceEngine
 
 
 def open_function(
@@ -67,7 +67,9 @@ def open_function(
         raise _missing(error) from error
 
 
-def open_engine(document: FunctionDocument, payload: Path, *, threads: int = 1, device: str = "auto") -> Engine:
+def open_engine(
+    document: FunctionDocument, payload: Path, *, threads: int = 1, device: str = "auto"
+) -> InferenceEngine:
     """Load a network into its document's engine.
 
     Raises:
@@ -85,7 +87,7 @@ def _missing(error: ModuleNotFoundError) -> MissingDependency:
     return MissingDependency(f"{error.name} is not installed; install it with: pip install 'valerie[{extra}]'")
 
 
-def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> Engine:
+def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> InferenceEngine:
     if document.engine == "torch":
         from valerie.perception.running.engines.modules import open_module
         from valerie.perception.running.engines.torch_engine import TorchEngine

@@ -114,7 +114,7 @@ def train(
     Args:
         settings: of the training.
         frames: to train on.
-        held_out: to validate on; from streets that ``frames`` does not show.
+        held_out: to validate on; from sites that ``frames`` does not show.
         progress: called after every step.
         checkpoint: file that is written every ``checkpoint_every`` steps and at the end. If it exists, training resumes
             from it and ends with the same weights as without the interruption.
@@ -124,7 +124,7 @@ def train(
             only.
 
     Raises:
-        InvalidInput: no frames, a street in both sets, a checkpoint of another run, a file of another architecture.
+        InvalidInput: no frames, a site in both sets, a checkpoint of another run, a file of another architecture.
         UnknownName: the architecture.
     """
     _require_apart(frames, held_out)
@@ -269,12 +269,12 @@ def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingF
         raise InvalidInput("no frames to train on", field="frames", limit="at least one")
     both = _seeds(frames) & _seeds(held_out)
     if both:
-        raise InvalidInput("streets in training and held-out frames", field="held_out", value=sorted(both)[:5])
+        raise InvalidInput("sites in training and held-out frames", field="held_out", value=sorted(both)[:5])
 
 
 def _seeds(frames: Sequence[TrainingFrame]) -> frozenset[int]:
-    known: frozenset[int] | None = getattr(frames, "street_seeds", None)  # a folder knows without reading frames
-    return known if known is not None else frozenset(frame.street_seed for frame in frames)
+    known: frozenset[int] | None = getattr(frames, "site_seeds", None)  # a folder knows without reading frames
+    return known if known is not None else frozenset(frame.site_seed for frame in frames)
 
 
 def _round_as_stored(network: nn.Module) -> None:

@@ -30,7 +30,7 @@ BLOCK_PRODUCTS: Final = 4_000
 BLOCK_VARIANTS: Final = 1_000
 
 
-class Fed(NamedTuple):
+class WrittenBlock(NamedTuple):
     """A written block.
 
     Attributes:
@@ -69,7 +69,7 @@ class Feeder:
         self._resolved, self._pins = stored.resolved, stored.pins
         self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
-    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> Fed:
+    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> WrittenBlock:
         """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
 
         Args:
@@ -83,7 +83,7 @@ class Feeder:
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
             if run.next_index != first or run.state is not RunState.RUNNING:
-                return Fed(0, [])
+                return WrittenBlock(0, [])
             insert_rows(connection, Variant, _VARIANT, rows.variants)
             present = products.present_turn(connection)
             turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
@@ -95,7 +95,7 @@ class Feeder:
             rejected = run.rejected_count + rows.rejected
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)
-        return Fed(len(rows.wanted), ready)
+        return WrittenBlock(len(rows.wanted), ready)
 
     def _rows(self, first: int, limit: float) -> _Rows:
         run_id, resolved = self._run_id, self._resolved

@@ -23,7 +23,7 @@ from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, 
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pins import Choice, choose_pins
+from valerie.pipeline.base.pins import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding
 from valerie.pipeline.control.lifecycle import resume
@@ -142,7 +142,7 @@ class ControlLoop:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
             offers = processes.offers(connection, now=now) if waiting else []
         for run in waiting:
-            pins, reason = self._pins(run, offers) if run.pins is None else Choice(run.pins, None)
+            pins, reason = self._pins(run, offers) if run.pins is None else PinChoice(run.pins, None)
             with writing(self._context.engine) as connection:
                 if pins is None:
                     if reason != run.reason:
@@ -157,7 +157,7 @@ class ControlLoop:
                         started_at=run.started_at or runs.now_utc(),
                     )
 
-    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> Choice:
+    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
         """Choose pins; a run whose function was removed before it could start fails, since it would wait for ever."""
         names = run.spec.functions
         try:
@@ -168,7 +168,7 @@ class ControlLoop:
             raise
         except ValerieError as error:
             self._fail(run.id, str(error), expected=RunState.SUBMITTED)
-            return Choice(None, str(error))
+            return PinChoice(None, str(error))
         return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:

@@ -34,6 +34,7 @@ from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.states import Priority, ProductKind, RunState
 from valerie.runs.resolving.spec import parse
@@ -157,7 +158,7 @@ class _Frames:
                     look = looks[int(function)]
                     self._infer.make(Job(look.prediction, ProductKind.PREDICTION, 1, frame, look))
                     prediction = look.prediction
-                pixels = painter.paint(kind, capture=capture, prediction=prediction)
+                pixels = painter.paint(PictureKind(kind), capture=capture, prediction=prediction)
             except ValerieError as error:
                 yield ReplayedPicture(file, f"cannot be made here: {error}")
                 continue

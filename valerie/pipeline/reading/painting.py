@@ -14,17 +14,9 @@ from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
 from valerie.pipeline.reading.annotation_pictures import paint_boxes, paint_flow, paint_joints, paint_normals
 from valerie.pipeline.reading.capture import Capture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth
+from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
-#: Kinds of picture that every frame has, and those that show a prediction.
-FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
-FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-#: Kinds of picture that a frame has where its run asked for the annotation. A scan shows in the picture of its sensor.
-ANNOTATION_KINDS: Final = tuple(
-    kind.value for kind in AnnotationKind if kind.stored and kind is not AnnotationKind.SCAN
-)
-KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1
 
@@ -43,7 +35,7 @@ class FramePainter:
 
     def paint(
         self,
-        kind: str,
+        kind: PictureKind,
         *,
         capture: Capture,
         prediction: str | None,
@@ -52,7 +44,7 @@ class FramePainter:
         """Paint a picture: (H, W, 3) uint8 sRGB.
 
         Args:
-            kind: one of `KINDS`.
+            kind: what to show.
             capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
             prediction, annotation: digests of finished products.
 
@@ -63,34 +55,34 @@ class FramePainter:
         known = FRAME_KINDS + (FUNCTION_KINDS if prediction else ()) + (ANNOTATION_KINDS if annotation else ())
         if kind not in known:
             raise UnknownName("kind of picture", kind, known, field="kind")
-        if kind == "truth":
+        if kind is PictureKind.TRUTH:
             return colorize(capture.seen_truth(self._reader).class_map)
-        if kind == "instances":
+        if kind is PictureKind.INSTANCES:
             return _instances(capture.seen_truth(self._reader))
-        if kind == "depth":
+        if kind is PictureKind.DEPTH:
             return _depth(capture.seen_truth(self._reader).depth)
-        if kind == AnnotationKind.NORMALS and annotation is not None:
+        if kind is PictureKind.NORMALS and annotation is not None:
             return capture.seen_map(paint_normals(self._reader.normals(annotation)))
-        if kind == AnnotationKind.FLOW and annotation is not None:
+        if kind is PictureKind.FLOW and annotation is not None:
             return capture.seen_map(paint_flow(self._reader.flow(annotation)))
-        if kind == AnnotationKind.VELOCITY and annotation is not None:
+        if kind is PictureKind.VELOCITY and annotation is not None:
             return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
-        if kind == "prediction" and prediction is not None:
+        if kind is PictureKind.PREDICTION and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
-        if kind in (AnnotationKind.BOXES, AnnotationKind.JOINTS) and annotation is not None:
+        if kind in (PictureKind.BOXES, PictureKind.JOINTS) and annotation is not None:
             height, width = picture.shape[:2]
-            if kind == AnnotationKind.BOXES:
+            if kind is PictureKind.BOXES:
                 lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
             return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
-        if kind == "truth-overlay":
+        if kind is PictureKind.TRUTH_OVERLAY:
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
-        if kind == "picture" or prediction is None:
+        if kind is PictureKind.PICTURE or prediction is None:
             return picture
         predicted = self._reader.prediction(prediction)
-        if kind == "overlay":
+        if kind is PictureKind.OVERLAY:
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
         return _errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
 

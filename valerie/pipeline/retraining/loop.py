@@ -1,6 +1,6 @@
 """The loop back to training: from the region where a function is weak (`weakness`) to a new version of it.
 
-Scenes are drawn on streets that neither the run nor the function has seen, until enough of them lie in the region; training
+Scenes are drawn on sites that neither the run nor the function has seen, until enough of them lie in the region; training
 goes on from the function's weights. The result is a function file; registered, it is the function's next version.
 `valerie.pipeline.retraining.comparison` compares the two.
 """
@@ -42,20 +42,20 @@ class RetrainSettings(BaseModel):
     """Size of the training set and length of the training.
 
     Attributes:
-        frames: to render, at least; rounded up to whole streets.
-        streets: to spread them over.
+        frames: to render, at least; rounded up to whole sites.
+        sites: to spread them over.
         broad_share: share of the frames that are drawn anywhere, so that the function forgets nothing.
         width, height: of the frames, pixels.
         held_out_frames: for the figures on the function's card; 0 leaves them out.
         steps, learning_rate, batch, seed: of the training; everything else stays as in the training before.
-        first_seed: first street seed; None: after those that the function has seen.
+        first_seed: first site seed; None: after those that the function has seen.
         targeted: False draws all frames anywhere: the control that a targeted set is measured against.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frames: Annotated[int, Field(ge=1, le=100_000)] = 120
-    streets: Annotated[int, Field(ge=1, le=1000)] = 8
+    sites: Annotated[int, Field(ge=1, le=1000)] = 8
     broad_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
@@ -70,8 +70,8 @@ class RetrainSettings(BaseModel):
     def frame_settings(self, weakness: Weakness) -> FrameSettings:
         """Return the settings of `render_frames`."""
         return FrameSettings(
-            streets=self.streets,
-            per_street=-(-self.frames // self.streets),
+            sites=self.sites,
+            per_site=-(-self.frames // self.sites),
             width=self.width,
             height=self.height,
             asset=weakness.asset,
@@ -83,7 +83,7 @@ class RetrainSettings(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Resources:
+class TrainingResources:
     """The part of this machine that a training may use.
 
     Attributes:
@@ -100,11 +100,11 @@ class Watcher:
     """Functions that follow a training.
 
     Attributes:
-        on_street: called after every rendered street.
+        on_site: called after every rendered site.
         on_step: called after every training step.
     """
 
-    on_street: Callable[[Shard], None] = lambda _: None
+    on_site: Callable[[Shard], None] = lambda _: None
     on_step: Callable[[TrainingProgress], None] = lambda _: None
 
 
@@ -120,7 +120,7 @@ class Retrained:
         drawn: scenes that were drawn for them.
         steps: training steps.
         curve: picture of loss and held-out figures over the steps.
-        street_seeds: of the training frames, first and last.
+        site_seeds: of the training frames, first and last.
     """
 
     file: Path
@@ -130,7 +130,7 @@ class Retrained:
     drawn: int
     steps: int
     curve: Path
-    street_seeds: tuple[int, int]
+    site_seeds: tuple[int, int]
 
 
 def retrain(
@@ -139,7 +139,7 @@ def retrain(
     settings: RetrainSettings,
     *,
     folder: Path,
-    resources: Resources = Resources(),
+    resources: TrainingResources = TrainingResources(),
     watcher: Watcher = Watcher(),
 ) -> Retrained:
     """Render a training set for a weakness and train a new version of the function.
@@ -151,7 +151,7 @@ def retrain(
         folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
             is used.
         resources: of this machine.
-        watcher: is notified of streets and steps.
+        watcher: is notified of sites and steps.
 
     Raises:
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
@@ -164,7 +164,7 @@ def retrain(
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
     start.write_bytes(start_file(weakness.document, weakness.file))
-    frames = _frames(folder / "frames", frame_settings, resources.processes, watcher.on_street)
+    frames = _frames(folder / "frames", frame_settings, resources.processes, watcher.on_site)
     held_out = _held_out(folder / "held-out", settings, frame_settings, resources.processes)
     curve = TrainingCurve(folder / "curve.json")
 
@@ -202,7 +202,7 @@ def retrain(
         drawn=drawn,
         steps=model.steps,
         curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
-        street_seeds=(seeds[0], seeds[-1]),
+        site_seeds=(seeds[0], seeds[-1]),
     )
 
 
@@ -276,14 +276,14 @@ def _frames(
 def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, processes: int) -> FrameFolder | None:
     if not settings.held_out_frames:
         return None
-    streets = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
+    sites = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
     return _frames(
         folder,
         frames.model_copy(
             update={
                 "split": "held-out",
-                "streets": streets,
-                "per_street": -(-settings.held_out_frames // streets),
+                "sites": sites,
+                "per_site": -(-settings.held_out_frames // sites),
                 "first_seed": None,
                 "region": None,
                 "broad_share": 0.0,

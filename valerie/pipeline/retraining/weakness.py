@@ -13,7 +13,7 @@ from valerie.errors import InvalidInput
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.shipped import FUNCTIONS
 from valerie.perception.training.frame_folder import SEEDS
-from valerie.perception.training.provenance import streets_seen
+from valerie.perception.training.provenance import sites_seen
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
@@ -23,7 +23,7 @@ from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import PACKS, AssetArguments, is_generated, pack_settings, parse_reference
 
-#: First street seed for functions whose training streets are unknown.
+#: First site seed for functions whose training sites are unknown.
 _UNSEEN_SEED: Final = 50_000
 
 
@@ -53,8 +53,8 @@ class Weakness:
     file: Path
 
     def first_seed(self) -> int:
-        """Return the first street seed that neither the function's training nor the run used."""
-        first = max((seeds[-1] for seeds in streets_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
+        """Return the first site seed that neither the function's training nor the run used."""
+        first = max((seeds[-1] for seeds in sites_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
         return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
 
     @property
@@ -155,13 +155,13 @@ def _generated(resolved: ResolvedRun) -> tuple[str, AssetArguments, int]:
     """Return name, other arguments and seed of the run's asset.
 
     Raises:
-        InvalidInput: it is not generated from a seed, so there are no fresh streets.
+        InvalidInput: it is not generated from a seed, so there are no fresh sites.
     """
     name, arguments = parse_reference(resolved.spec.asset)
     seed = getattr(pack_settings(name, arguments), "seed", None) if is_generated(name) else None
     if seed is None:
         raise InvalidInput(
-            "new frames need fresh streets: an asset that is generated from a seed",
+            "new frames need fresh sites: an asset that is generated from a seed",
             field="asset",
             value=name,
             limit=", ".join(PACKS.names()),

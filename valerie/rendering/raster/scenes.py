@@ -67,7 +67,7 @@ class Prepared:
 
     def table(self) -> NDArray[np.float32]:
         """Return the material table, (N, 5, 4) float32."""
-        # A street has hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
+        # The statics have hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
         count = len(self.statics.materials)
         if len(self.materials) == count:
             return self.statics.table

@@ -133,7 +133,7 @@ class RunSpec(Document):
         schema_version: of this document.
         name: for people; need not be unique.
         description: for people.
-        asset: name of an asset, or ``{name: urban-street, seed: 7}`` with the arguments of a generator.
+        asset: name of an asset, or a mapping of name and arguments of its pack, such as its seed.
         seed: of all random designs; 0 is a valid seed.
         parameters: this spec's names for the asset's parameters; without them ``vary`` uses the asset's names.
         blocks: the parts of the run, in order; the run is their union.
@@ -210,7 +210,7 @@ class RunSpec(Document):
             if name in names[:i]
         ]
         if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
-            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="as urban-street"))
+            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="{name: …}"))
         if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
             problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
         for i, requirement in enumerate(self.requirements):
@@ -265,7 +265,8 @@ class RunSpec(Document):
         """Digest of the whole document, the same for both notations."""
         document = self.model_dump(mode="json")
         if self.infer_backgrounds is None:
-            del document["infer_backgrounds"]  # specs from before this field keep their digest
+            # The report that docs/experiment keeps names its spec by the digest without an undecided field.
+            del document["infer_backgrounds"]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 

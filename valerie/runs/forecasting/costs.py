@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from valerie.runs.products.states import ProductKind
 
 
-class Basis(StrEnum):
+class CostBasis(StrEnum):
     """The source of a cost."""
 
     #: Products of the same kind, maker and resolution that this installation made.
@@ -64,17 +64,17 @@ class CostTable:
     ) -> None:
         self._recorded, self._few = dict(recorded or {}), dict(few or {})
 
-    def cost(self, key: CostKey) -> tuple[Cost, Basis]:
+    def cost(self, key: CostKey) -> tuple[Cost, CostBasis]:
         """Return the cost of one product and its source."""
         if key in self._recorded:
-            return self._recorded[key], Basis.RECORDED
+            return self._recorded[key], CostBasis.RECORDED
         megapixels = key.width * key.height / 1e6
         makers = _shipped().costs[key.kind]
         if key.maker in makers:
-            return makers[key.maker].at(megapixels), Basis.SHIPPED
+            return makers[key.maker].at(megapixels), CostBasis.SHIPPED
         if key in self._few:
-            return self._few[key], Basis.RECORDED
-        return max(line.at(megapixels) for line in makers.values()), Basis.GUESSED
+            return self._few[key], CostBasis.RECORDED
+        return max(line.at(megapixels) for line in makers.values()), CostBasis.GUESSED
 
     def statics(self, width: int, height: int) -> Cost:
         """Return the cost of the truth of the statics, which the truths of one camera share."""

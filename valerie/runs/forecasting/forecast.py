@@ -22,7 +22,7 @@ from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
 from valerie.runs.document.documents import RunSpec
-from valerie.runs.forecasting.costs import Basis, CostKey, CostTable
+from valerie.runs.forecasting.costs import CostBasis, CostKey, CostTable
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import FunctionPin, Offer, Pins
 from valerie.runs.products.states import ProductKind, Stage
@@ -64,7 +64,7 @@ class ProductPlan(BaseModel):
     present: int | None
     cpu_seconds: float
     bytes: int
-    basis: Basis
+    basis: CostBasis
     empty: bool = False
 
     @property
@@ -416,13 +416,13 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, dict[str, None]] = {}
+    by_basis: dict[CostBasis, dict[str, None]] = {}
     for product in products:
         if product.needed:
             by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
-        Basis.RECORDED: "recorded here: {}",
-        Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
-        Basis.GUESSED: "guessed, since nothing is known about them: {}",
+        CostBasis.RECORDED: "recorded here: {}",
+        CostBasis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
+        CostBasis.GUESSED: "guessed, since nothing is known about them: {}",
     }
     return "; ".join(texts[basis].format(", ".join(names)) for basis, names in sorted(by_basis.items()))

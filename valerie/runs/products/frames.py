@@ -8,9 +8,9 @@ from typing import Final
 
 from valerie.errors import InvalidInput
 
-#: The id of a run and of a frame, as regular expressions.
-RUN_ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$"
-FRAME_ID: Final = RUN_ID.removesuffix("$") + r"\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$"
+#: The id of a run or a study, and that of a frame, as regular expressions.
+ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$"
+FRAME_ID: Final = ID.removesuffix("$") + r"\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$"
 
 
 @dataclass(frozen=True, slots=True, order=True)

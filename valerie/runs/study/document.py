@@ -7,19 +7,18 @@ operational domain, the rest of the spec is that of every run that the study mak
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import yaml
-from pydantic import Field, JsonValue, ValidationError, field_validator, model_validator
+from pydantic import Field, JsonValue, ValidationError, model_validator
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.plain import Written
 from valerie.runs.document.documents import RunSpec
-from valerie.runs.moments import in_utc
+from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
 from valerie.runs.values import Document, Scalar, Text
@@ -174,12 +173,7 @@ class Budget(Document):
 
     variants: Annotated[int, Field(strict=True, ge=8, le=1_000_000)]
     cpu_hours: Annotated[float, Field(gt=0, le=1e6)] | None = None
-    deadline: datetime | None = None
-
-    @field_validator("deadline")
-    @classmethod
-    def _zone(cls, moment: datetime | None) -> datetime | None:
-        return None if moment is None else in_utc(moment)
+    deadline: Moment | None = None
 
 
 class StopRule(Document):

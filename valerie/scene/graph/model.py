@@ -1,6 +1,6 @@
 """The scene: an immutable value, independent of any engine.
 
-Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
+Frames (docs/conventions.md): right-handed world in metres, z up, x to the right, y ahead. A camera looks along
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
 A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
@@ -275,7 +275,7 @@ class Sun:
     """A directional light with a disc.
 
     Attributes:
-        azimuth: radians, clockwise from north seen from above; the street's bearing (of +y) is in `Environment`.
+        azimuth: radians, clockwise from north seen from above; the bearing of +y is in `Environment`.
         elevation: radians above the horizon.
         irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0: clear noon).
         angular_diameter: radians; sets the softness of shadows.

@@ -11,12 +11,13 @@ import yaml
 
 from valerie.analysis.analyze import analyze
 from valerie.analysis.findings.effects import level_means, strongest_pair
-from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.report import build_report, data_url
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, PooledClass
 from valerie.measures import measure_of
 from valerie.perception.base import FunctionCard
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.resolving.spec import parse
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
@@ -60,7 +61,7 @@ class Page(HTMLParser):
 
 def picture(_frame, kind, *, sensor, function):
     assert sensor == "default"
-    assert (function is None) == (kind is not PictureKind.PREDICTION)
+    assert (function is None) == (kind is not PictureKind.OVERLAY)
     return PICTURE
 
 

@@ -24,7 +24,7 @@ from rocrate.rocrate import ROCrate
 
 from tests.planted_tables import planted_finding
 from tests.world.blank import Pipeline, completed_run
-from valerie.analysis.findings.findings import View
+from valerie.analysis.findings.findings import ScoredPerson
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.run_artifacts import SUMMARY
 from valerie.pipeline.evidence import manifest as limits
@@ -45,7 +45,7 @@ def name_frames(pipeline: Pipeline, run_id: str) -> None:
     """Let the findings of a run name two of its frames: the blank engine gives no cause for a finding."""
     key = run_key(run_id, SUMMARY)
     summary = json.loads(pipeline.context.store.get(key))
-    views = [View(f"{run_id}.{place}", "default", "blank", 24001, 0.0) for place in ("5.1.0", "3.0.0")]
+    views = [ScoredPerson(f"{run_id}.{place}", "default", "blank", 24001, 0.0) for place in ("5.1.0", "3.0.0")]
     summary["findings"]["items"] = [asdict(planted_finding(*views))]
     pipeline.context.store.put(key, json.dumps(summary).encode(), replace=True)
 

@@ -14,7 +14,7 @@ from valerie.perception.running.adaptation import Size
 Compiled = TypeVar("Compiled")
 
 
-class Engine(Protocol):
+class InferenceEngine(Protocol):
     """A network that is ready to run.
 
     The engine does everything between 8-bit pixels and ids: channel order, normalisation, network, upsampling of the logits,

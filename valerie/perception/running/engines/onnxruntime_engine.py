@@ -19,7 +19,7 @@ from valerie.perception.running.engines.processor import instruction_set
 
 
 class OnnxRuntimeEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
     Args:
         document: of the function.

@@ -28,7 +28,7 @@ _DEVICE: Final = "CPU"
 
 
 class OpenVinoEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
     Args:
         document: of the function; states the precision.

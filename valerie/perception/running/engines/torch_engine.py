@@ -24,7 +24,7 @@ _GPU_BATCH_BYTES: Final = 12 << 30
 
 
 class TorchEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
     torch chooses kernels by instruction set and number of threads, on a GPU by the batch. All of these are part of the numeric
     class, and a GPU's batch is always full, so that a label never depends on the other pictures.

@@ -1,8 +1,8 @@
 """The class of every pixel from logits of a coarser grid, without logits at full size.
 
 Bilinear interpolation mixes the four logits around a pixel with weights that are not negative. Where one class is the largest in
-all four, it is the largest in every mixture, so only pixels between different classes have to be interpolated. In pictures of
-streets that is one in nine.
+all four, it is the largest in every mixture, so only pixels between different classes have to be interpolated. In traffic
+scenes that is one in nine.
 """
 
 from __future__ import annotations

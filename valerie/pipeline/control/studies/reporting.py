@@ -18,6 +18,7 @@ from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy
@@ -110,7 +111,9 @@ def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -
             key = FrameKey(batch.run_id, index, camera)
             for function, score in zip(functions, scores, strict=True):
                 try:
-                    picture = jpeg(paint_picture(context, find_picture(context, key, kind="errors", function=function)))
+                    picture = jpeg(
+                        paint_picture(context, find_picture(context, key, kind=PictureKind.ERRORS, function=function))
+                    )
                 except ValerieError as error:
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
