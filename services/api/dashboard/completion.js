@@ -83,12 +83,12 @@ function distributions(parameter) {
   ];
 }
 
-// A range to begin with: around the default, within the declared one, in about four round steps.
+// A range to begin with: around the default, within the declared one, in four or more round steps.
 export function reach({ minimum, maximum, default: usual, type }) {
   const first = minimum ?? Math.min(0, usual), last = maximum ?? Math.max(usual * 2, first + 10);
   const raw = (last - first) / 4;
   const power = 10 ** Math.floor(Math.log10(raw || 1));
-  const round = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= raw) ?? raw;
+  const round = [5, 2, 1].map((n) => n * power).find((n) => n <= raw) ?? raw;
   return { first, last, step: type === "INT" ? Math.max(1, Math.round(round)) : Number(round.toPrecision(3)) };
 }
 

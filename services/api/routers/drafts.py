@@ -75,6 +75,7 @@ def preview(
     camera: Annotated[
         str | None, Query(max_length=200, description="by default the first of the spec", examples=["camera-1"])
     ] = None,
+    accepted: Annotated[bool, Query(description="take the nearest accepted variant for a rejected one")] = False,
 ) -> list[PreviewRead]:
     previews: Previews = request.app.state.previews
     return [
@@ -82,5 +83,5 @@ def preview(
             variant=one.variant,
             picture=None if one.picture is None else base64.b64encode(one.picture).decode(),
         )
-        for one in previews.render(spec, variant, camera=camera)
+        for one in previews.render(spec, variant, camera=camera, accepted=accepted)
     ]

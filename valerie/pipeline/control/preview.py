@@ -24,6 +24,8 @@ from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 
 #: Longer side of a picture, pixels.
 SIDE: Final = 480
+#: Distance from an index up to which an accepted variant is looked for.
+_NEAR: Final = 500
 #: Longest time for all pictures of a request: loading a street takes ten seconds on a busy machine.
 _SECONDS: Final = 90.0
 #: Longest time that a request waits for another one.
@@ -59,13 +61,16 @@ class Previews:
         self._child: subprocess.Popen[bytes] | None = None
         self._lock = Lock()
 
-    def render(self, spec: RunSpec, variants: Sequence[int], *, camera: str | None = None) -> list[Preview]:
+    def render(
+        self, spec: RunSpec, variants: Sequence[int], *, camera: str | None = None, accepted: bool = False
+    ) -> list[Preview]:
         """Return pictures of variants by the first sensor of a spec, at the first moment of a sequence.
 
         Args:
             spec: of a run; nothing is stored.
             variants: their indexes.
             camera: None takes the first of the spec.
+            accepted: True takes the nearest accepted variant for a rejected one, where one is near.
 
         Raises:
             InvalidInput: the spec, an index or the camera, with field, value and limit.
@@ -85,9 +90,11 @@ class Previews:
                 raise InvalidInput(
                     "no such variant", field="variant", value=index, limit=f"0…{resolved.space.size - 1}"
                 )
+        if accepted:
+            variants = list(dict.fromkeys(_nearest_accepted(resolved, index) for index in variants))
         planned = planned_variants(resolved, variants)
-        accepted = [variant.index for variant in planned if variant.rejection is None]
-        pictures = dict(zip(accepted, self._pictures(_job(self._context, resolved, camera, accepted)), strict=True))
+        legal = [variant.index for variant in planned if variant.rejection is None]
+        pictures = dict(zip(legal, self._pictures(_job(self._context, resolved, camera, legal)), strict=True))
         return [Preview(variant, pictures.get(variant.index)) for variant in planned]
 
     def close(self) -> None:
@@ -139,6 +146,13 @@ class Previews:
         if child is not None:
             child.kill()
             child.communicate()
+
+
+def _nearest_accepted(resolved: ResolvedRun, index: int) -> int:
+    """Return the accepted variant next to an index, or the index itself where all around it are rejected."""
+    near = (index + sign * distance for distance in range(_NEAR) for sign in (1, -1))
+    inside = (one for one in near if 0 <= one < resolved.space.size)
+    return next((one for one in inside if resolved.rejection(resolved.space[one].values) is None), index)
 
 
 def _job(context: Context, resolved: ResolvedRun, camera: str, variants: Sequence[int]) -> PreviewJob:

@@ -95,7 +95,6 @@ def main() -> None:
     """Answer jobs until the parent ends or nobody asks any more."""
     end_with_parent()
     limit_memory(_MEMORY_MB)
-    os.nice(5)  # workers come first
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a driver prints is no answer
     studio = _Studio()

@@ -71,6 +71,17 @@ def test_a_rejected_variant_has_a_reason_and_no_picture(api: httpx.Client) -> No
 
 
 @pytest.mark.gl
+def test_the_nearest_accepted_variant_is_taken_once(api: httpx.Client) -> None:
+    document = spec("n")
+    variants = {"variant": [23, 22], "accepted": True}
+    (answer,) = api.post("/v1/preview", params=variants, json=document, timeout=120).json()
+    legal = {one["index"] for one in (api.post("/v1/plan", json=document).json()["first"])}
+    assert answer["picture"]
+    assert answer["variant"]["rejection"] is None
+    assert answer["variant"]["index"] not in legal, "the nearest is not among the first"
+
+
+@pytest.mark.gl
 def test_a_preview_is_the_small_picture_of_its_variant(api: httpx.Client, drawn: DrawnRuns) -> None:
     document = spec("n", width=960, height=540)
     answer = api.post("/v1/preview", params={"variant": [0, 1], "camera": "camera-2"}, json=document, timeout=120)
