@@ -33,7 +33,7 @@ from valerie.runs.resolving.spec import RunSpec, parse
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-_SPEC_BODY: Final = document_body(
+SPEC_BODY: Final = document_body(
     "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.", example=SPEC, yaml=_YAML
 )
 #: The plan of `SPEC`.
@@ -85,7 +85,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 
 @router.post(
     "/plan",
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
@@ -96,7 +96,7 @@ def plan(spec: Spec, context: ContextDependency) -> Plan:
 @router.post(
     "/runs",
     status_code=status.HTTP_202_ACCEPTED,
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses=problems(404, 409, 413, 422, 507),
     summary="Submit a run",
     response_description="accepted; Location names the run",
