@@ -17,7 +17,6 @@ from typing import Final
 
 from pydantic import ValidationError
 
-import valerie
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.loading import load_document
 from valerie.perception.documents.function import PAYLOADS, FunctionDocument, parse_function
@@ -189,7 +188,7 @@ def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
         MissingDependency: a library is not installed here.
     """
     answer_file = job.folder / "answer.json"
-    source = str(Path(valerie.__path__[0]).parent)
+    source = str(Path(__file__).parents[3])
     environment = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
     environment |= {
         "PYTHONPATH": os.pathsep.join(filter(None, [source, environment.get("PYTHONPATH")])),
