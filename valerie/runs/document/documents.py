@@ -16,13 +16,13 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
-from valerie.plain import Written
+from valerie.plain import JsonObject, Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.document.varied import Varied
 from valerie.runs.statistic import parse_statistic
 from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.settings import METERING, SensorSetting
 from valerie.statistics.units import LISTED
 
 
@@ -147,7 +147,8 @@ class RunSpec(Document):
         annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
             a rolling shutter requests ``scan``.
         labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
-        sensors: sensor settings; each frame has one picture for each of them.
+        sensors: sensor settings; each frame has one picture for each of them. By default one camera that meters; a setting
+            meters if it has ``auto_exposure: true``.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
         infer_backgrounds: true: functions also see each background without movables, which gives ``pacc_empty``; false:
             they do not; by default they do where a run has at most a tenth as many backgrounds as frames.
@@ -175,7 +176,7 @@ class RunSpec(Document):
     renderer: Name | dict[str, Scalar] = "raster"
     annotations: tuple[AnnotationKind, ...] = ()
     labels: LabelPolicy = LabelPolicy.EXACT
-    sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
+    sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (METERING,)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     infer_backgrounds: bool | None = None
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
@@ -270,9 +271,16 @@ class RunSpec(Document):
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
+    def short(self) -> JsonObject:
+        """Return the document without defaults; each sensor says if it meters, as a spec without sensors does."""
+        document = self.model_dump(mode="json", exclude_defaults=True)
+        for sensor in document.get("sensors", ()):
+            sensor.setdefault("auto_exposure", False)
+        return document
+
     def to_yaml(self) -> str:
         """Return the document as YAML that reads back as an equal spec; defaults are left out."""
-        document = {"schema_version": self.schema_version, **self.model_dump(mode="json", exclude_defaults=True)}
+        document = {"schema_version": self.schema_version, **self.short()}
         return str(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
 
     def field(self, place: str) -> str:

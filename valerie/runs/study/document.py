@@ -263,7 +263,7 @@ class StudyDocument(Document):
     def to_yaml(self) -> str:
         """Return the document as the text of a file."""
         own = self.model_dump(mode="json", exclude={"spec"}, exclude_defaults=True)
-        spec = self.spec.model_dump(mode="json", exclude_defaults=True, exclude={"blocks"})
+        spec = {name: part for name, part in self.spec.short().items() if name != "blocks"}
         block = self.spec.blocks[0].model_dump(mode="json", exclude_defaults=True, include={"vary"})
         document = {
             "schema_version": 1,
