@@ -78,6 +78,7 @@ class Pair:
     sensor_there: str
     function: str
     function_there: str
+    instance_id: int
     here: float
     there: float
 
@@ -298,6 +299,7 @@ def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> Pair:
         there["sensor"],
         here["function"],
         there["function"],
+        here["instance_id"],
         here["pacc"],
         there["pacc"],
     )

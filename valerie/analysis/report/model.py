@@ -11,6 +11,7 @@ from typing import Protocol
 from valerie.analysis.claims.claims import Claims
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.report.odd import OddCoverage
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.trends.trends import Trends
@@ -23,19 +24,23 @@ class PictureKind(StrEnum):
     PICTURE = "picture"
     TRUTH = "truth"
     PREDICTION = "prediction"
+    CLOSE_UP = "close-up"
 
 
 class PictureSource(Protocol):
     """Reads the pictures of the gallery, for example from the artifact store."""
 
-    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
+    def __call__(
+        self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
+    ) -> bytes | None:
         """Return a JPEG, PNG or WebP file; None where its products are gone.
 
         Args:
             frame_id: id of the frame in the table.
-            kind: the plain picture, or the picture under an overlay of truth or prediction.
+            kind: the plain picture, the picture under an overlay of truth or prediction, or a person from near.
             sensor: name of the sensor setting.
-            function: name of the function for a prediction; None for the other kinds.
+            function: name of the function for a prediction and a close-up; None for the other kinds.
+            person: instance id of the person for a close-up; None for the other kinds.
         """
         ...
 
@@ -107,6 +112,7 @@ class ReportInput:
         picture: reads the gallery's pictures; None for a report without gallery.
         claims: a document whose claims, numbers and pictures stand beside those of the run.
         beside: another run of the same scenes.
+        odd: coverage of the operational design domain; None where nobody asked.
     """
 
     document: JsonObject
@@ -123,3 +129,4 @@ class ReportInput:
     picture: PictureSource | None = None
     claims: Claims | None = None
     beside: Beside | None = None
+    odd: OddCoverage | None = None

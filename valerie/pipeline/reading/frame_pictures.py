@@ -111,6 +111,24 @@ def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
     )
 
 
+def paint_close_up(context: Context, source: PictureSource, person: int) -> NDArray[np.uint8]:
+    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of a kind that shows a prediction.
+        person: instance id.
+
+    Raises:
+        UnknownName: no function looked at the frame.
+        MissingInput: an object is gone.
+    """
+    if source.prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    painter = FramePainter(ProductReader(context.store))
+    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
+
+
 def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
     """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
     if kind in ("prediction", AnnotationKind.NORMALS):
