@@ -143,7 +143,7 @@ def _parameters() -> JsonObject:
         "type": {"enum": types},
         **dict.fromkeys(("minimum", "maximum", "from", "to"), quantity),
         "choices": {"type": "array", "items": {"type": "string"}},
-        "odd": {"enum": [attribute.value for attribute in OddAttribute]},
+        "odd": {"enum": [*(attribute.value for attribute in OddAttribute), None]},
         "source": {"type": "string", "maxLength": 1000},
     }
     entry = {
