@@ -23,7 +23,6 @@ from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, Varia
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
 from valerie.db.engine import reading
-from valerie.errors import UnknownName
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
 from valerie.pipeline.reading.frame_details import frame_details

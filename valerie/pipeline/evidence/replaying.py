@@ -146,19 +146,22 @@ class _Frames:
         try:
             self._make_frame(frame, digests)
         except ValerieError as error:
-            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for file in entry.files.values())
+            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for _, _, _, file in entry.pictures)
             return
         capture = capture_of(self._run.resolved, frame, entry.sensor)
         painter = FramePainter(self._reader)
-        for shown, file in entry.files.items():
-            kind, _, function = shown.partition("-")
+        for kind, function, person, file in entry.pictures:
             try:
                 prediction = None
-                if function:
-                    look = looks[int(function)]
+                if function is not None:
+                    look = looks[function]
                     self._infer.make(Job(look.prediction, ProductKind.PREDICTION, 1, frame, look))
                     prediction = look.prediction
-                pixels = painter.paint(PictureKind(kind), capture=capture, prediction=prediction)
+                pixels = (
+                    painter.paint(PictureKind(kind), capture=capture, prediction=prediction)
+                    if person is None or prediction is None
+                    else painter.close_up(capture=capture, prediction=prediction, person=person)
+                )
             except ValerieError as error:
                 yield ReplayedPicture(file, f"cannot be made here: {error}")
                 continue

@@ -107,7 +107,7 @@ def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     )
 
 
-def label_map(context: Context, source: PictureSource) -> NDArray[np.uint8]:
+def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     """Return the label ids that a picture of kind ``truth`` or ``prediction`` shows in colours: (H, W) uint8.
 
     Raises:
@@ -120,6 +120,24 @@ def label_map(context: Context, source: PictureSource) -> NDArray[np.uint8]:
     if source.prediction is None:
         raise UnknownName("kind of labels", source.kind, ("truth",), field="kind")
     return to_label_ids(reader.prediction(source.prediction))
+
+
+def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDArray[np.uint8]:
+    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of a kind that shows a prediction.
+        person: instance id.
+
+    Raises:
+        UnknownName: no function looked at the frame.
+        MissingInput: an object is gone.
+    """
+    if source.prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    painter = FramePainter(ProductReader(context.store))
+    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
 
 
 def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:

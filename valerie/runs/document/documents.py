@@ -16,6 +16,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
+from valerie.parameters.odd import OddAttribute
 from valerie.plain import JsonObject, Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
@@ -35,6 +36,8 @@ class DeclaredParameter(Document):
         type: must equal the asset's.
         minimum, maximum: within the asset's declared range; None takes the asset's.
         choices: some of the asset's choices; empty takes all.
+        odd: attribute of an operational design domain that it stands for, in the terms of ISO 34503; by default the asset's.
+        source: where its range comes from: a standard, a measurement, a paper; by default the asset's.
     """
 
     name: Name
@@ -43,6 +46,8 @@ class DeclaredParameter(Document):
     minimum: Quantity | None = None
     maximum: Quantity | None = None
     choices: tuple[Name, ...] = ()
+    odd: OddAttribute | None = None
+    source: Annotated[Text, Field(max_length=1000)] = ""
 
 
 class BlockDocument(Document):
@@ -268,6 +273,10 @@ class RunSpec(Document):
         if self.infer_backgrounds is None:
             # The report that docs/experiment keeps names its spec by the digest without an undecided field.
             del document["infer_backgrounds"]
+        for parameter in document["parameters"]:  # as do those without these
+            for name in ("odd", "source"):
+                if not parameter[name]:
+                    del parameter[name]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
