@@ -90,13 +90,13 @@ def train(
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.loop import (
         Resources,
-        RetrainSettings,
         Watcher,
         register_retrained,
         retrain,
         training_folder,
     )
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
+    from valerie.runs.study.retraining import RetrainSettings
 
     settings = RetrainSettings(
         frames=frames,
@@ -124,7 +124,7 @@ def train(
             settings,
             folder=folder,
             resources=Resources(processes, threads),
-            watcher=Watcher(_say_street, _Steps()),
+            watcher=Watcher(say_street, Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
     _say_retrained(retrained, folder)
@@ -224,7 +224,8 @@ def _say_weakness(weakness: Weakness) -> None:
     say(f"region: {weakness.region}")
 
 
-def _say_street(shard: Shard) -> None:
+def say_street(shard: Shard) -> None:
+    """Tell that a street is rendered."""
     drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
     say(f"street {shard.street_seed}: {len(shard.sizes)} frames{drawn}")
 
@@ -237,7 +238,7 @@ def _say_retrained(retrained: Retrained, folder: Path) -> None:
     )
 
 
-class _Steps:
+class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
