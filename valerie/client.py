@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
 from valerie.runs.moments import Moment
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.runs.forecasting.forecast import Plan
@@ -375,6 +376,10 @@ class Client:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
         self._http.close()
 
     def plan(self, spec: bytes) -> Plan:
@@ -383,10 +388,11 @@ class Client:
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
-    def submit(self, spec: bytes, *, idempotency_key: str | None = None) -> Run:
+    def submit(self, spec: bytes, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
         headers = {**_SPEC, **({"Idempotency-Key": idempotency_key} if idempotency_key else {})}
-        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers)
+        query = {"priority": priority.value}
+        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
     def runs(self, *, limit: int = 20) -> Iterator[Run]:
         """Yield runs, newest first."""
@@ -421,6 +427,11 @@ class Client:
     def evaluations(self, run_id: str) -> bytes:
         """Return the long table of a run, as Parquet."""
         return self._send("GET", f"/v1/runs/{run_id}/evaluations", params={"format": "parquet"}).content
+
+    def rows(self, run_id: str, where: str = "") -> bytes:
+        """Return the rows of a run for which an expression holds, as an Arrow stream; empty: all."""
+        parameters = {"run": run_id, "where": where, "format": "arrow"}
+        return self._send("GET", "/v1/explore/rows", params=parameters).content
 
     def report(self, run_id: str) -> bytes:
         """Return the self-contained HTML report of an ended run."""
@@ -531,6 +542,11 @@ class Client:
         """Return the picture of a frame as PNG."""
         parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
+
+    def labels(self, frame_id: str, *, function: str | None = None, sensor: str | None = None) -> bytes:
+        """Return the label ids of a frame as PNG of 8 bits: the truth, or the prediction of a function."""
+        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        return self._send("GET", f"/v1/frames/{frame_id}/labels", params=parameters).content
 
     def annotation(self, frame_id: str, kind: str) -> bytes:
         """Return an annotation of a frame as a file for ``numpy.load``."""

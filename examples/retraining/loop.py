@@ -24,8 +24,9 @@ from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
 from valerie.pipeline.retraining.comparison import Grouping, compare_versions
-from valerie.pipeline.retraining.loop import RetrainSettings, TrainingResources, Watcher, register_retrained, retrain
+from valerie.pipeline.retraining.loop import TrainingResources, Watcher, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness
+from valerie.runs.study.retraining import RetrainSettings
 from valerie.settings import load_settings
 
 HERE = Path(__file__).parent

@@ -27,6 +27,7 @@ from valerie.cli.shell import (
 )
 from valerie.cli.specs import Functions, require_resolvable, spec_text
 from valerie.errors import InvalidInput
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.analysis.claims.claims import Claims
@@ -121,6 +122,9 @@ def submit(
         str | None,
         typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
+    priority: Annotated[
+        Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
+    ] = Priority.NORMAL,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -132,7 +136,7 @@ def submit(
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         with own_assets(settings, client):
-            run = client.submit(text, idempotency_key=key)
+            run = client.submit(text, idempotency_key=key, priority=priority)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")

@@ -82,8 +82,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
         return text
     from valerie.runs.resolving.spec import parse
 
-    document = parse(text).model_dump(mode="json", exclude_defaults=True)
-    return parse({**document, "functions": functions_named(functions, opening)}).to_yaml().encode()
+    return parse({**parse(text).short(), "functions": functions_named(functions, opening)}).to_yaml().encode()
 
 
 def require_resolvable(text: bytes, settings: Settings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,14 +93,27 @@ def run(
         Path | None,
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
     ] = None,
+    retrain: Annotated[
+        bool,
+        typer.Option("--retrain", help="Where the requirement is not met: find failures, train on them, verify again."),
+    ] = False,
+    until_met: Annotated[
+        bool, typer.Option("--until-met", help="With --retrain: as often as `rounds` and the budget allow.")
+    ] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
     """Pursue a study on this machine to its end, and write its report.
 
     Uses the server that runs on the data folder, or starts one that ends with this command. After Ctrl-C,
-    `valerie study run STUDY` with the id of the study, or `valerie up`, continues it.
+    `valerie study run STUDY` with the id of the study, or `valerie up`, continues it. With --retrain, the same
+    command continues.
     """
+    if until_met and not retrain:
+        raise InvalidInput("without a new version, the verdict stays", field="--until-met", limit="with --retrain")
+    if retrain:
+        _go_round(file, once=not until_met, report=report, as_json=as_json, data_dir=data_dir)
+        return
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
     from valerie.runs.study.document import StudyState, parse_study
@@ -131,6 +145,44 @@ def run(
     write_output(path, page)
     _show(study, as_json=as_json)
     if study.state != "finished":
+        raise typer.Exit(Exit.NOT_COMPLETED)
+
+
+def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, data_dir: Path | None) -> None:
+    """Verify, find, train and verify again; rewrite the report after every stage."""
+    from valerie.cli.connecting import own_assets, system_of
+    from valerie.cli.deployment import context_of
+    from valerie.cli.training import Steps, say_site
+    from valerie.pipeline.retraining.loop import Watcher
+    from valerie.pipeline.rounds.flow import Ending, Surroundings, check_flow, until_met
+    from valerie.pipeline.rounds.reporting import flow_report
+    from valerie.runs.study.document import parse_study
+    from valerie.spelling import plain_name
+
+    settings = settings_of(data_dir)
+    document = parse_study(read_spec(file))
+    if once:
+        document = document.model_copy(update={"rounds": document.rounds.model_copy(update={"most": 1})})
+    check_flow(document)
+    folder = settings.data_dir.parent
+    path = report or folder / "reports" / f"{plain_name(document.name, longest=60).lower() or 'flow'}-flow.html"
+    with system_of(settings) as system, own_assets(settings, system.client), context_of(data_dir) as context:
+
+        def wait(study_id: str) -> None:
+            say(f"study {study_id}: {system.client.url}/v1/studies/{study_id}")
+            _follow(system, study_id, quiet=as_json)
+
+        around = Surroundings(wait, folder / "training", watcher=Watcher(say_site, Steps()))
+        for flow in until_met(context, document, around):
+            write_output(path, flow_report(context, flow).encode())
+    if as_json:
+        rounds = [
+            (each.function, None if each.verification is None else each.verification.outcome) for each in flow.rounds
+        ]
+        typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
+    else:
+        say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
+    if flow.ending is not Ending.MET:
         raise typer.Exit(Exit.NOT_COMPLETED)
 
 

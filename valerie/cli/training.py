@@ -89,7 +89,6 @@ def train(
         raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.loop import (
-        RetrainSettings,
         TrainingResources,
         Watcher,
         register_retrained,
@@ -97,6 +96,7 @@ def train(
         training_folder,
     )
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
+    from valerie.runs.study.retraining import RetrainSettings
 
     settings = RetrainSettings(
         frames=frames,
@@ -124,7 +124,7 @@ def train(
             settings,
             folder=folder,
             resources=TrainingResources(processes, threads),
-            watcher=Watcher(_say_site, _Steps()),
+            watcher=Watcher(say_site, Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
     _say_retrained(retrained, folder)
@@ -224,7 +224,8 @@ def _say_weakness(weakness: Weakness) -> None:
     say(f"region: {weakness.region}")
 
 
-def _say_site(shard: Shard) -> None:
+def say_site(shard: Shard) -> None:
+    """Report that the frames of a site are rendered."""
     drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
     say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
 
@@ -237,7 +238,7 @@ def _say_retrained(retrained: Retrained, folder: Path) -> None:
     )
 
 
-class _Steps:
+class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:

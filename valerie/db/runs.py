@@ -16,7 +16,7 @@ from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState
+from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductState, RunState
 from valerie.runs.resolving.spec import RunSpec
 
 #: States of runs that have not ended.
@@ -38,6 +38,7 @@ class SubmittedRun:
     parent_run: str | None
     iteration: int
     variant_count: int
+    priority: Priority
     created_at: datetime
 
 
@@ -46,6 +47,7 @@ class RunRow(SubmittedRun):
     """A stored run."""
 
     next_index: int
+    turn: float
     rejected_count: int
     progress: Progress | None
     started_at: datetime | None
@@ -59,6 +61,7 @@ class RunValues(TypedDict, total=False):
     reason: str | None
     next_index: int
     rejected_count: int
+    turn: float
     progress: Progress
     started_at: datetime
     finished_at: datetime | None
@@ -71,11 +74,13 @@ class Fed(NamedTuple):
         state: of the run.
         next_index: variants before this one have rows.
         rejected_count: those of them of which no frame is made.
+        turn: of the next product.
     """
 
     state: RunState
     next_index: int
     rejected_count: int
+    turn: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +163,8 @@ def fed(connection: Connection, run_id: str) -> Fed:
     Raises:
         NotFound: no such run.
     """
-    row = connection.execute(select(Run.state, Run.next_index, Run.rejected_count).where(Run.id == run_id)).first()
+    columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
+    row = connection.execute(select(*columns).where(Run.id == run_id)).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)

@@ -104,6 +104,12 @@ def page(connection: Connection, *, limit: int, before: Seen | None = None) -> l
     return read_all(connection, newest_first(_STUDY, StudyTable, limit=limit, before=before), StudyRow)
 
 
+def named(connection: Connection, name: str) -> list[StudyRow]:
+    """Return the studies with a name, oldest first."""
+    query = _STUDY.where(StudyTable.name == name).order_by(StudyTable.created_at, StudyTable.id)
+    return read_all(connection, query, StudyRow)
+
+
 def running(connection: Connection) -> list[StudyRow]:
     """Return the studies that go on by themselves, oldest first."""
     query = _STUDY.where(StudyTable.state == StudyState.RUNNING).order_by(StudyTable.created_at, StudyTable.id)

@@ -27,13 +27,13 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse
 
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-_SPEC_BODY: Final = document_body(
+SPEC_BODY: Final = document_body(
     "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.", example=SPEC, yaml=_YAML
 )
 #: The plan of `SPEC`.
@@ -85,7 +85,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 
 @router.post(
     "/plan",
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
@@ -96,7 +96,7 @@ def plan(spec: Spec, context: ContextDependency) -> Plan:
 @router.post(
     "/runs",
     status_code=status.HTTP_202_ACCEPTED,
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses=problems(404, 409, 413, 422, 507),
     summary="Submit a run",
     response_description="accepted; Location names the run",
@@ -114,8 +114,11 @@ def create(
             examples=["4be1f0d2-first-run"],
         ),
     ] = None,
+    priority: Annotated[
+        Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
+    ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)

@@ -15,7 +15,7 @@ from tests.world.drawn import DrawnWorld, spec
 from tests.world.training import DRAWS, class_here, draw_frames
 from tests.world.world import settings_of
 from valerie.perception.importing.function_file import read_header
-from valerie.pipeline.retraining.loop import RetrainSettings
+from valerie.runs.study.retraining import RetrainSettings
 from valerie.storage.keys import run_key
 
 WEAK = "pacc < 0.9 and distance_m > 25"

@@ -77,6 +77,7 @@ class SharedPerson:
     sensor_there: str
     function: str
     function_there: str
+    instance_id: int
     here: float
     there: float
 
@@ -297,6 +298,7 @@ def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> SharedPerso
         there["sensor"],
         here["function"],
         there["function"],
+        here["instance_id"],
         here["pacc"],
         there["pacc"],
     )

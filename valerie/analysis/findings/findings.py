@@ -43,6 +43,21 @@ class Inequality:
 
 
 @dataclass(frozen=True, slots=True)
+class PictureFault:
+    """Pictures that show nothing and carry a finding: without them, less than half of its effect is left.
+
+    Attributes:
+        fault: black, white or constant: the most frequent one.
+        share: of the views behind the finding that have a faulty picture, 0…1.
+        left: the effect without them; None where nothing is left to compare.
+    """
+
+    fault: str
+    share: float
+    left: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """A difference of mean pACC with its evidence.
 
@@ -60,6 +75,7 @@ class Finding:
             number would.
         examples: views before and after the (first) step, all else equal, that differ most in the direction of the effect.
         unequal: measured quantities in which the sides differ strongly, so that the effect may be theirs.
+        picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty where the spec of the run is unknown.
     """
 
@@ -76,6 +92,7 @@ class Finding:
     places_needed: int | None
     examples: tuple[tuple[ScoredPerson, ScoredPerson], ...] = ()
     unequal: tuple[Inequality, ...] = ()
+    picture_fault: PictureFault | None = None
     spec: str = ""
 
 

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.child_specs import child_spec
-from valerie.analysis.findings.findings import Finding, Findings, Inequality, ScoredPerson, Step
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, ScoredPerson, Step
 from valerie.analysis.findings.wording import false_positives_sentence, finding_sentence, incomparable_sentence
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
+from valerie.analysis.rows.picture_faults import picture_faults
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.runs.document.documents import RunSpec
 from valerie.statistics.confirmation import Confirmation, find, named
-from valerie.statistics.contrasts import Change, Matching, largest_flips
+from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
 
@@ -177,6 +178,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
             for factor, change, step in zip(factors, contrast.changes, steps, strict=True)
             for inequality in _unequal(table, family.observations.rows, factor, change, step)
         ),
+        picture_fault=_picture_fault(table, family, contrast),
         spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
     )
     return replace(finding, sentence=finding_sentence(finding))
@@ -185,6 +187,27 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
 def _view(table: EvaluationTable, row: int) -> ScoredPerson:
     columns = table.arrow.slice(row, 1).select(["frame_id", "sensor", "function", "instance_id", "pacc"])
     return ScoredPerson(**columns.to_pylist()[0])
+
+
+def _picture_fault(table: EvaluationTable, family: _Family, contrast: Contrast) -> PictureFault | None:
+    """Return the faulty pictures without which less than half of a contrast is left; None where more is."""
+    faults, observations = picture_faults(table), family.observations
+    behind = np.zeros(len(table), np.bool_)
+    behind[observations.rows] = True
+    for change in contrast.changes:
+        behind &= np.isin(family.factors[change.factor].codes, (change.before, change.after))
+    counts = {fault: int(np.count_nonzero(behind & rows)) for fault, rows in faults.items()}
+    if not any(counts.values()):
+        return None
+    values = np.full(len(table), np.nan)
+    values[observations.rows] = observations.values
+    values[np.logical_or.reduce(list(faults.values()))] = np.nan
+    sound = observe(values, table.places, {name: factor.codes for name, factor in family.factors.items()})
+    left = next((item.estimate for item in contrasts(sound, only=(contrast.changes,))), None)
+    if left is not None and left * np.sign(contrast.estimate) >= abs(contrast.estimate) / 2:
+        return None
+    share = sum(counts.values()) / int(np.count_nonzero(behind))
+    return PictureFault(max(counts, key=lambda fault: counts[fault]), share, left)
 
 
 def _unequal(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
 from valerie.analysis.wording import percent
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
@@ -39,7 +39,16 @@ def finding_sentence(finding: Finding) -> str:
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
         counted.insert(0, f"joint 95 % interval {low} to {high}")
-    return f"{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+    fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
+    return f"{fault}{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+
+
+def picture_fault_sentence(fault: PictureFault) -> str:
+    """Return that faulty pictures carry a finding, and what is left without them."""
+    left = (
+        "nothing is left to compare" if fault.left is None else f"the difference is {100 * abs(fault.left):.1f} points"
+    )
+    return f"A fault of the picture: {percent(fault.share)} % of these views are {fault.fault}; without faulty ones {left}."
 
 
 def _after(step: Step) -> str:

@@ -19,7 +19,7 @@ class Example:
 
     Attributes:
         title: reason for the choice.
-        frame_id, sensor, camera, character: the person and the frame.
+        frame_id, sensor, camera, instance_id, character: the person and the frame.
         measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
         pacc: per function, 0…1.
     """
@@ -28,6 +28,7 @@ class Example:
     frame_id: str
     sensor: str
     camera: str
+    instance_id: int
     character: str
     measures: dict[str, float]
     pacc: dict[str, float]
@@ -83,6 +84,7 @@ def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Exa
         frame_id=person["frame_id"],
         sensor=person["sensor"],
         camera=person["camera"],
+        instance_id=person["instance_id"],
         character=person["character"] or "",
         measures={name: person[name] for name in shown if person[name] is not None},
         pacc={row["function"]: row["pacc"] for row in people},

@@ -10,6 +10,7 @@ from typing import Protocol
 from valerie.analysis.claims.claims import Claims, LedgerEntry
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.report.odd import OddCoverage
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.trends.trends import Trends
@@ -22,14 +23,17 @@ from valerie.runs.products.pictures import PictureKind
 class PictureSource(Protocol):
     """Reads the pictures of the gallery, for example from the artifact store."""
 
-    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
+    def __call__(
+        self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
+    ) -> bytes | None:
         """Return a JPEG, PNG or WebP file; None where its products are gone.
 
         Args:
             frame_id: id of the frame in the table.
-            kind: the plain picture, or the picture under one of the overlays.
+            kind: the plain picture, the picture under an overlay of truth or prediction, or the errors at a person from near.
             sensor: name of the sensor setting.
-            function: name of the function for a prediction; None for the other kinds.
+            function: name of the function for a prediction and a close-up; None for the other kinds.
+            person: instance id of the person for a close-up; None for the other kinds.
         """
         ...
 
@@ -102,6 +106,7 @@ class ReportInput:
         claims: a document whose claims, numbers and pictures stand beside those of the run.
         ledger: the answers to its claims.
         beside: another run of the same scenes.
+        odd: coverage of the operational design domain; None where nobody asked.
     """
 
     document: JsonObject
@@ -119,3 +124,4 @@ class ReportInput:
     claims: Claims | None = None
     ledger: tuple[LedgerEntry, ...] = ()
     beside: Beside | None = None
+    odd: OddCoverage | None = None

@@ -34,6 +34,7 @@ from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.pages import page_environment
 from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
+from valerie.analysis.report.register import register
 from valerie.analysis.report.seeing import seeing
 from valerie.analysis.rows.frame_counts import ALL, Group, characters, settings
 from valerie.analysis.summary.all_classes import AllClasses
@@ -114,6 +115,7 @@ def build_report(source: ReportInput) -> str:
             by_occlusion=list(_by_occlusion(source)),
             flips=list(_flips(source, source.beside)),
             limits=limits(source.summary, source.findings),
+            register=register(source.findings),
             certainty=certainty_sentences(source.summary.rows),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
@@ -222,7 +224,7 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
-    """Yield the pairs of frames in which two runs differ most, with their pictures."""
+    """Yield the persons in whom two runs differ most, from near."""
     for one in beside.functions if beside is not None else ():
         pairs: tuple[tuple[str, SharedPerson], ...] = (
             *(("fell", pair) for pair in one.fell),
@@ -230,17 +232,23 @@ def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, li
         )
         for word, pair in pairs:
             title = f"{one.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
-            here = _picture(source, pair.frame_here, pair.sensor, pair.function)
-            there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there)
+            here = _picture(source, pair.frame_here, pair.sensor, pair.function, pair.instance_id)
+            there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there, pair.instance_id)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]
 
 
-def _picture(source: ReportInput, frame_id: str, sensor: str, function: str | None) -> str | None:
-    """Return the data URL of a picture, or of a prediction over it; None where it is gone or there are no pictures."""
+def _picture(
+    source: ReportInput, frame_id: str, sensor: str, function: str | None, person: int | None = None
+) -> str | None:
+    """Return the data URL of a picture, of a prediction over it, or of a person from near.
+
+    None where it is gone, or there are no pictures.
+    """
     if source.picture is None:
         return None
-    kind = PictureKind.PICTURE if function is None else PictureKind.OVERLAY
-    data = source.picture(frame_id, kind, sensor=sensor, function=function)
+    of_frame = PictureKind.PICTURE if function is None else PictureKind.OVERLAY
+    kind = of_frame if person is None else PictureKind.ERRORS
+    data = source.picture(frame_id, kind, sensor=sensor, function=function, person=person)
     return None if data is None else data_url(data)
 
 
@@ -265,20 +273,22 @@ def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, st
         for function, pacc in sorted(example.pacc.items()):
             caption = f"{function}: pACC {wording.percent(pacc)} %"
             shots.append((caption, picture(PictureKind.OVERLAY, function=function)))
+            near = picture(PictureKind.ERRORS, function=function, person=example.instance_id)
+            shots.append((f"{function}, from near", near))
         yield example, [(caption, None if data is None else data_url(data)) for caption, data in shots]
 
 
 def _pair(source: ReportInput, finding: Finding) -> list[tuple[str, str | None]]:
-    """Return (caption, data URL) of the predictions in the two views that differ most, before and after."""
+    """Return (caption, data URL) of the two views that differ most, before and after: the persons from near, then the frames."""
     if source.picture is None or not finding.examples:
         return []
-    shots = []
+    near, frames = [], []
     step = finding.steps[0]
     for level, view in zip((step.before, step.after), finding.examples[0], strict=True):
-        data = source.picture(view.frame_id, PictureKind.OVERLAY, sensor=view.sensor, function=view.function)
-        caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} % · frame {view.frame_id}"
-        shots.append((caption, None if data is None else data_url(data)))
-    return shots
+        caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} %"
+        near.append((caption, _picture(source, view.frame_id, view.sensor, view.function, view.instance_id)))
+        frames.append((f"frame {view.frame_id}", _picture(source, view.frame_id, view.sensor, view.function)))
+    return [*near, *frames]
 
 
 def _shade(mean: float) -> str:

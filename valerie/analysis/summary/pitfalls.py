@@ -6,16 +6,11 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valerie.analysis.rows.frame_counts import frame_counts
+from valerie.analysis.rows.picture_faults import picture_faults
 from valerie.analysis.rows.table import EvaluationTable
 
-#: Mean grey level below which a picture is black, and above which it is white, of 255.
-BLACK: Final = 2.0
-WHITE: Final = 253.0
-#: Standard deviation of the grey levels below which a picture is constant.
-CONSTANT: Final = 1.0
 #: Largest number of frames that a warning lists.
 _LISTED: Final = 3
 
@@ -43,7 +38,7 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
     measured = np.isfinite(table.numbers("picture_mean"))
     pictures = frames.index * max(len(sensors.names), 1) + sensors.index
     total = len(np.unique(pictures[measured]))
-    for fault, rows in _faults(table):
+    for fault, rows in picture_faults(table).items():
         _, first = np.unique(pictures[measured & rows], return_index=True)
         faulty = np.flatnonzero(measured & rows)[first]
         if len(faulty):
@@ -51,12 +46,3 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
             more = ", …" if len(faulty) > _LISTED else ""
             verb = "is" if len(faulty) == 1 else "are"
             yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more})."
-
-
-def _faults(table: EvaluationTable) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield each fault of pictures, and (N,) bool: the rows with such a picture."""
-    mean = table.numbers("picture_mean")
-    black, white = mean < BLACK, mean > WHITE
-    yield "black", black
-    yield "white", white
-    yield "constant", (table.numbers("picture_deviation") < CONSTANT) & ~black & ~white

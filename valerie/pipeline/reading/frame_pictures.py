@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from valerie.db import frames, results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
+from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
@@ -104,6 +105,39 @@ def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     return painter.paint(
         source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
     )
+
+
+def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
+    """Return the label ids that a picture of kind ``truth`` or ``prediction`` shows in colours: (H, W) uint8.
+
+    Raises:
+        UnknownName: the run has no function.
+        MissingInput: an object is gone.
+    """
+    reader = ProductReader(context.store)
+    if source.kind is PictureKind.TRUTH:
+        return source.capture.seen_truth(reader).class_map
+    if source.prediction is None:
+        raise UnknownName("kind of labels", source.kind, ("truth",), field="kind")
+    return to_label_ids(reader.prediction(source.prediction))
+
+
+def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDArray[np.uint8]:
+    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of a kind that shows a prediction.
+        person: instance id.
+
+    Raises:
+        UnknownName: no function looked at the frame.
+        MissingInput: an object is gone.
+    """
+    if source.prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    painter = FramePainter(ProductReader(context.store))
+    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
 
 
 def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:

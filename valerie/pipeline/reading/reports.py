@@ -15,6 +15,7 @@ from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.claims.claims import Claims, LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
+from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -29,7 +30,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import software
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
@@ -234,7 +235,16 @@ def _report_input(context: Context, found: RunResults) -> ReportInput:
         rejections=rejected,
         failures=_grouped(found.failures),
         picture=_Pictures(context),
+        odd=read_odd(resolved, found.table),
     )
+
+
+def read_odd(resolved: ResolvedRun, table: EvaluationTable) -> OddCoverage:
+    """Return how much of an operational design domain a run shows; what follows a trajectory is left out."""
+    motion = resolved.times.motion
+    moved = () if motion is None else motion.moved
+    definitions = [definition for definition in resolved.definitions if definition.path not in moved]
+    return odd_coverage(definitions, table, resolved.space[0].values)
 
 
 class _Pictures:
@@ -243,10 +253,16 @@ class _Pictures:
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
+    def __call__(
+        self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
+    ) -> bytes | None:
         try:
             source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
-            painted = paint_picture(self._context, source)
+            painted = (
+                paint_picture(self._context, source)
+                if person is None
+                else paint_close_up(self._context, source, person)
+            )
         except TransientError:
             raise  # a report without this picture would stay so
         except ValerieError as error:

@@ -11,9 +11,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Final
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import JsonValue
 
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
@@ -29,6 +29,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
 from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
 from valerie.pipeline.retraining.weakness import Weakness
+from valerie.runs.study.retraining import RetrainSettings
 
 if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
@@ -36,50 +37,6 @@ if TYPE_CHECKING:
 
 #: Evaluations of the held-out frames during a training, the last one at its end.
 _VALIDATIONS: Final = 3
-
-
-class RetrainSettings(BaseModel):
-    """Size of the training set and length of the training.
-
-    Attributes:
-        frames: to render, at least; rounded up to whole sites.
-        sites: to spread them over.
-        broad_share: share of the frames that are drawn anywhere, so that the function forgets nothing.
-        width, height: of the frames, pixels.
-        held_out_frames: for the figures on the function's card; 0 leaves them out.
-        steps, learning_rate, batch, seed: of the training; everything else stays as in the training before.
-        first_seed: first site seed; None: after those that the function has seen.
-        targeted: False draws all frames anywhere: the control that a targeted set is measured against.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    frames: Annotated[int, Field(ge=1, le=100_000)] = 120
-    sites: Annotated[int, Field(ge=1, le=1000)] = 8
-    broad_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
-    width: Annotated[int, Field(ge=32, le=8192)] = 960
-    height: Annotated[int, Field(ge=32, le=8192)] = 540
-    held_out_frames: Annotated[int, Field(ge=0, le=10_000)] = 20
-    steps: Annotated[int, Field(ge=1)] = 300
-    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
-    batch: Annotated[int, Field(ge=2)] = 8
-    seed: Annotated[int, Field(ge=0)] = 0
-    first_seed: int | None = None
-    targeted: bool = True
-
-    def frame_settings(self, weakness: Weakness) -> FrameSettings:
-        """Return the settings of `render_frames`."""
-        return FrameSettings(
-            sites=self.sites,
-            per_site=-(-self.frames // self.sites),
-            width=self.width,
-            height=self.height,
-            asset=weakness.asset,
-            arguments=weakness.arguments,
-            first_seed=weakness.first_seed() if self.first_seed is None else self.first_seed,
-            region=weakness.region if self.targeted else None,
-            broad_share=self.broad_share if self.targeted else 0.0,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +117,7 @@ def retrain(
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
 
-    frame_settings = settings.frame_settings(weakness)
+    frame_settings = _frame_settings(weakness, settings)
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
     start.write_bytes(start_file(weakness.document, weakness.file))
@@ -186,7 +143,7 @@ def retrain(
     provenance |= {
         "started-from": _digest(weakness.document),
         "retrained-from-function": weakness.function,
-        "retrained-from-run": weakness.run_id,
+        "retrained-from-run": ", ".join(weakness.runs),
         "retrained-where": weakness.where,
         "retrained-region": weakness.region.model_dump_json() if settings.targeted else "none: drawn anywhere",
         "trained-by": "valerie train --from",
@@ -247,7 +204,7 @@ def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, JsonVal
     """Return the document that is equal for equal trainings."""
     return {
         "start": _digest(weakness.document),
-        "frames": settings.frame_settings(weakness).model_dump(mode="json"),
+        "frames": _frame_settings(weakness, settings).model_dump(mode="json"),
         "wanted": settings.model_dump(mode="json"),
         "training": _training_settings(weakness.document, settings).model_dump(
             mode="json", exclude={"loader_threads", "device"}
@@ -259,6 +216,20 @@ def _digest(document: FunctionDocument) -> str:
     """Return the SHA-256 of a network's weights."""
     assert document.payload is not None, "networks have a file"
     return document.payload.sha256
+
+
+def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
+    return FrameSettings(
+        sites=settings.sites,
+        per_site=-(-settings.frames // settings.sites),
+        width=settings.width,
+        height=settings.height,
+        asset=weakness.asset,
+        arguments=weakness.arguments,
+        first_seed=weakness.first_seed() if settings.first_seed is None else settings.first_seed,
+        region=weakness.region if settings.targeted else None,
+        broad_share=settings.broad_share if settings.targeted else 0.0,
+    )
 
 
 def _frames(

@@ -16,13 +16,14 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
-from valerie.plain import Written
+from valerie.parameters.odd import OddAttribute
+from valerie.plain import JsonObject, Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.document.varied import Varied
 from valerie.runs.statistic import parse_statistic
 from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
-from valerie.sensing.settings import SensorSetting
+from valerie.sensing.settings import METERING, SensorSetting
 from valerie.statistics.units import LISTED
 
 
@@ -35,6 +36,8 @@ class DeclaredParameter(Document):
         type: must equal the asset's.
         minimum, maximum: within the asset's declared range; None takes the asset's.
         choices: some of the asset's choices; empty takes all.
+        odd: attribute of an operational design domain that it stands for, in the terms of ISO 34503; by default the asset's.
+        source: where its range comes from: a standard, a measurement, a paper; by default the asset's.
     """
 
     name: Name
@@ -43,6 +46,8 @@ class DeclaredParameter(Document):
     minimum: Quantity | None = None
     maximum: Quantity | None = None
     choices: tuple[Name, ...] = ()
+    odd: OddAttribute | None = None
+    source: Annotated[Text, Field(max_length=1000)] = ""
 
 
 class BlockDocument(Document):
@@ -147,7 +152,8 @@ class RunSpec(Document):
         annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
             a rolling shutter requests ``scan``.
         labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
-        sensors: sensor settings; each frame has one picture for each of them.
+        sensors: sensor settings; each frame has one picture for each of them. By default one camera that meters; a setting
+            meters if it has ``auto_exposure: true``.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
         infer_backgrounds: true: functions also see each background without movables, which gives ``pacc_empty``; false:
             they do not; by default they do where a run has at most a tenth as many backgrounds as frames.
@@ -175,7 +181,7 @@ class RunSpec(Document):
     renderer: Name | dict[str, Scalar] = "raster"
     annotations: tuple[AnnotationKind, ...] = ()
     labels: LabelPolicy = LabelPolicy.EXACT
-    sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
+    sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (METERING,)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     infer_backgrounds: bool | None = None
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
@@ -267,12 +273,23 @@ class RunSpec(Document):
         if self.infer_backgrounds is None:
             # The report that docs/experiment keeps names its spec by the digest without an undecided field.
             del document["infer_backgrounds"]
+        for parameter in document["parameters"]:  # as do those without these
+            for name in ("odd", "source"):
+                if not parameter[name]:
+                    del parameter[name]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
+    def short(self) -> JsonObject:
+        """Return the document without defaults; each sensor says if it meters, as a spec without sensors does."""
+        document = self.model_dump(mode="json", exclude_defaults=True)
+        for sensor in document.get("sensors", ()):
+            sensor.setdefault("auto_exposure", False)
+        return document
+
     def to_yaml(self) -> str:
         """Return the document as YAML that reads back as an equal spec; defaults are left out."""
-        document = {"schema_version": self.schema_version, **self.model_dump(mode="json", exclude_defaults=True)}
+        document = {"schema_version": self.schema_version, **self.short()}
         return str(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
 
     def field(self, place: str) -> str:

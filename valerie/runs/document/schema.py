@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from valerie import plugins
 from valerie.parameters.definitions import ParameterType
+from valerie.parameters.odd import OddAttribute
 from valerie.plain import JsonObject
 from valerie.runs.document.documents import BlockDocument, RunSpec
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
@@ -142,6 +143,8 @@ def _parameters() -> JsonObject:
         "type": {"enum": types},
         **dict.fromkeys(("minimum", "maximum", "from", "to"), quantity),
         "choices": {"type": "array", "items": {"type": "string"}},
+        "odd": {"enum": [*(attribute.value for attribute in OddAttribute), None]},
+        "source": {"type": "string", "maxLength": 1000},
     }
     entry = {
         "type": "object",

@@ -9,7 +9,7 @@ www.jstor.org/stable/4615964): with f₁ products seen once and f₂ seen twice 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -182,8 +182,8 @@ def plan(
     )
     products = forecast.products()
     start = 0.0 if workers_known or not frames else forecast.costs.start_seconds
-    first = _shown(resolved, range(min(SHOWN, size)))
-    last = _shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
+    first = planned_variants(resolved, range(min(SHOWN, size)))
+    last = planned_variants(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
     units = {d.name: d.unit for d in resolved.definitions}
     if indexes is not None:
         warnings.append(
@@ -389,7 +389,8 @@ def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
     return min(round(distinct + once * (once - 1) / (2 * (twice + 1))), round(total * scale))
 
 
-def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
+def planned_variants(resolved: ResolvedRun, indexes: Iterable[int]) -> tuple[PlannedVariant, ...]:
+    """Return variants as people read them, by their indexes in the space."""
     return tuple(
         PlannedVariant(
             index=index,

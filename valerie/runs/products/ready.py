@@ -16,12 +16,14 @@ class Ready(NamedTuple):
         kind: what it is.
         route: queue of the workers that can make it.
         cache_group: products of one group share a warm cache.
+        turn: products of one route, kind, group and turn are taken together (see `valerie.runs.products.turns`).
     """
 
     digest: str
     kind: ProductKind
     route: str
     cache_group: str
+    turn: float
 
 
 class Fault(Document):

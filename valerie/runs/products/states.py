@@ -33,6 +33,19 @@ class RunState(StrEnum):
         return self in (self.COMPLETED, self.COMPLETED_WITH_FAILURES, self.CANCELLED, self.FAILED)
 
 
+class Priority(StrEnum):
+    """Priority of a run beside others that need the same workers."""
+
+    LOW = "low"
+    NORMAL = "normal"
+    HIGH = "high"
+
+    @property
+    def weight(self) -> float:
+        """Share of the workers beside a run of priority *normal*, which has 1."""
+        return {self.LOW: 0.25, self.NORMAL: 1.0, self.HIGH: 4.0}[self]
+
+
 class ProductState(StrEnum):
     """State of a product."""
 

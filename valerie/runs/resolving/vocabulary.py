@@ -84,6 +84,10 @@ class Vocabulary:
 
     def _narrowed(self, parameter: DeclaredParameter, asset: ParameterDefinition, place: str) -> ParameterDefinition:
         changes: Written = {"name": parameter.name}
+        if parameter.odd is not None:
+            changes["odd"] = parameter.odd
+        if parameter.source:
+            changes["source"] = parameter.source
         if parameter.choices:
             for k, choice in enumerate(parameter.choices):
                 asset.check(choice, field=f"{place}.choices.{k}")

@@ -21,6 +21,7 @@ from valerie.runs.document.documents import RunSpec
 from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
+from valerie.runs.study.retraining import Rounds
 from valerie.runs.values import Document, Scalar, Text
 from valerie.validation import problem_of
 
@@ -200,6 +201,7 @@ class StudyDocument(Document):
         stop: when the answer is good enough; by default the budget decides.
         batch: number of variants that are proposed at a time.
         mode: ``automatic``, or ``by hand``: a person accepts each batch.
+        rounds: how a validation flow goes on where ``verify`` ends with a requirement that is not met.
 
     Raises:
         InvalidInputs: every problem, each with its dotted field.
@@ -214,6 +216,7 @@ class StudyDocument(Document):
     stop: StopRule = StopRule()
     batch: Annotated[int, Field(strict=True, ge=1, le=1000)] = 64
     mode: Literal["automatic", "by hand"] = "automatic"
+    rounds: Rounds = Rounds()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -256,14 +259,14 @@ class StudyDocument(Document):
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides its proposals; the mode does not."""
-        document = self.model_dump(mode="json", exclude={"spec", "mode"})
+        """Digest of all that decides its proposals; mode and rounds do not."""
+        document = self.model_dump(mode="json", exclude={"spec", "mode", "rounds"})
         return digest("study", self.spec.digest, document)
 
     def to_yaml(self) -> str:
         """Return the document as the text of a file."""
         own = self.model_dump(mode="json", exclude={"spec"}, exclude_defaults=True)
-        spec = self.spec.model_dump(mode="json", exclude_defaults=True, exclude={"blocks"})
+        spec = {name: part for name, part in self.spec.short().items() if name != "blocks"}
         block = self.spec.blocks[0].model_dump(mode="json", exclude_defaults=True, include={"vary"})
         document = {
             "schema_version": 1,

@@ -24,6 +24,7 @@ from valerie.runs.statistic import Statistic, parse_statistic
 
 _EXTREME: Final = re.compile(r"\s*(min|max)\s*\((\s*[A-Za-z_]+\s*)\)(.*)", re.DOTALL)
 _OVER: Final[dict[str, Callable[..., float]]] = {"min": np.min, "max": np.max, "mean": np.mean}
+_OPPOSITE: Final = {">=": "<", "<=": ">"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,16 @@ class VariantMeasure:
     def at_least(self) -> float:
         """Variants with a score below it fail."""
         return self.statistic.at_least
+
+    @property
+    def missed(self) -> str:
+        """The rows that speak against a variant, as an expression: ``pacc < 0.5``."""
+        if self.statistic.condition is None:
+            return f"{self.column} {_OPPOSITE[self.statistic.sign]} {self.statistic.bound:g}"
+        comparison, threshold = self.statistic.condition
+        if self.statistic.sign == ">=":
+            comparison = _OPPOSITE[comparison]
+        return f"{self.column} {comparison} {threshold:g}"
 
     def score(self, values: ArrayLike) -> float:
         """Return the score of a variant: the higher the better, NaN where it has none.
