@@ -67,7 +67,7 @@ def test_beyond_its_cone_a_lamp_gives_nothing(raster: RasterRenderer) -> None:
     scene, view = floor_below(Light(intensity=1000.0, inner=0.3, outer=0.5), 4.0), View("camera-1", 80, 80)
     row = raster.full(scene, view).pixels[40, 40:, 1].astype(np.float64)
     angle = np.arctan2((np.arange(40) + 0.5) / 80 * 8.0, 4.0)
-    # The rest is light of the night sky, and light that the street reflects.
+    # The rest is light of the night sky, and light that the floor reflects.
     assert row[angle > 0.55].max() < 0.02 * row[angle < 0.3].min()
 
 
@@ -84,7 +84,7 @@ def test_a_dipped_beam_has_the_light_of_its_formula_and_is_dark_above_its_cut_of
     steps = (np.arange(120) + 0.5) / 120 * 8.0 - 4.0  # 36 mm on 36 mm, from 8 m
     x, y = np.meshgrid(steps, -steps)
     expected = 0.5 * 8000.0 * LUX * DIPPED.share(x / 6.0, y / 6.0) * 6.0 / np.sqrt(x**2 + y**2 + 36.0) ** 3
-    # Pixels at the cut-off show both sides of it; night sky and street add a little everywhere.
+    # Pixels at the cut-off show both sides of it; night sky and reflections add a little everywhere.
     clear = np.abs(y - DIPPED.rise * np.maximum(x, 0.0)) > 0.15
     np.testing.assert_allclose(image[clear], expected[clear], rtol=0.03, atol=0.002 * expected.max())
 
@@ -156,7 +156,7 @@ def test_the_strongest_lamps_of_movables_that_reach_the_image_have_shadow_maps()
     head, tail = Light(intensity=12_000.0, outer=0.6), Light(intensity=8.0, outer=1.3)
     behind = moving(
         "car-2", (0, -6, 0.6), replace(head, intensity=50_000.0), heading=180.0
-    )  # shines away from the visible street
+    )  # shines away from what the camera sees
     bulb = moving("car-3", (0, 5, 1.0), Light(intensity=1000.0))  # shines in all directions: no map could hold it
     heads = [moving(f"car-{4 + i}", (i - 2.0, 8.0 + 6 * i, 0.6), head, heading=180.0) for i in range(MOVING_TILES)]
     tails = [moving(f"car-{20 + i}", (i - 2.0, 6.0, 0.6), tail) for i in range(2)]

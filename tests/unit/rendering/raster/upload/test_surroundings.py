@@ -86,7 +86,7 @@ class TestReflected:
     def test_a_wall_receives_half_of_sky_and_ground_and_is_visible_from_its_front(self) -> None:
         sample, albedo = places((0, 0, 1), (1, 0, 0), heights=(0.0, 3.0)), np.stack([GREY, np.full(3, 0.7)])
         light = light_of(sample, open_to_all(sample), albedo, np.ones(2), even_sky())
-        # With 32 directions, not exactly half of the cosines lie in front of a wall.
+        # Sums over the 32 directions differ from the integral by −3.4 to +5.4 % on vertical faces; it is 2.5 % for this one.
         assert light.on_walls == pytest.approx(0.5 + 0.5 * GREY, rel=0.05)
         front = DIRECTIONS[:, 0] < -1e-6
         assert light.hidden[front] == pytest.approx(np.broadcast_to(0.7 * light.on_walls, (front.sum(), 3)))
@@ -97,7 +97,7 @@ class TestReflected:
         sky = even_sky(sun=2.0, toward=(1, 0, 1))
         light = light_of(walls, open_to_all(walls), np.ones((2, 3)), np.ones(2), sky)
         sunny, shady = light.hidden[DIRECTIONS[:, 0] < -0.1], light.hidden[DIRECTIONS[:, 0] > 0.1]
-        # With 32 directions, not exactly half of the cosines lie in front of a wall.
+        # Sums over the 32 directions differ from the integral by −3.4 to +5.4 % on vertical faces; it is 2.5 % for this one.
         assert sunny - shady.mean() == pytest.approx(2.0 * np.sqrt(0.5), rel=0.05)
 
     def test_in_its_own_shadow_a_wall_has_no_sun(self) -> None:
@@ -160,6 +160,8 @@ class TestProminence:
             np.concatenate([below, above]), faces, np.zeros(4, np.uint32), np.zeros(4, np.bool_), LOW, HIGH
         )
         weights = prominence(sample, open_to_all(sample))
+        # 256 of the places stand for all. Between two places the form factor varies by about a third of its mean (it falls
+        # with the fourth power of the cosine, to 1/9 in the corners), so the mean is known to a third of 1/√256: 2 %.
         assert weights.mean() == pytest.approx(0.1998 + 0.01, rel=0.03)
 
     def test_walls_towards_a_street_count_for_more_than_their_backs(self) -> None:
@@ -201,6 +203,7 @@ class TestSample:
         np.testing.assert_allclose(sample.normals, np.broadcast_to([0, 0, 1], (SAMPLE, 3)))
         cells, _, _ = np.histogram2d(sample.points[:, 0], sample.points[:, 1], bins=4, range=[(1, 5), (2, 6)])
         assert cells.sum() == SAMPLE
+        # 256 places are expected in each; independent ones would spread by 16, and 0.7 is nearly five times that below.
         assert cells.min() > 0.7 * SAMPLE / 16
 
     def test_a_thin_sheet_has_two_sides(self) -> None:
