@@ -1,16 +1,16 @@
-"""Units that were drawn at random, and the estimand that follows.
+"""Units that were drawn at random, and the estimand that follows from them.
 
-An interval says how far an estimate may be from the truth because only some units were drawn. What a unit is follows
-from the design alone:
+An interval bounds how far an estimate may be from the truth because only some units were drawn. The design determines
+the unit:
 
-- A *grid* and *points* list their variants. Nothing was drawn, a grid says nothing about positions between its nodes,
+- A *grid* and *points* list their variants. Nothing was drawn: a grid says nothing about positions between its nodes,
   and a mean over it has a spread but no sampling error. Where such a list is repeated on several sites, each generated
-  from a seed, the sites are a sample, and a whole site is a unit: everything listed is *crossed* with it, and what
-  repeats on every site is no further observation.
+  from a seed, the sites are a sample and a whole site is a unit: every listed variant occurs on each site and adds
+  no further observation.
 - A *random* design draws its variants from the box that the spec describes; a variant with all its rows (cameras,
   sensors, persons) is a unit.
-- *Sobol'*, *Halton* and *Latin hypercube* designs draw their points together, so single points are no independent units.
-  Replicates of the design are (`valerie.statistics.replicates`).
+- *Sobol'*, *Halton* and *Latin hypercube* designs draw their points together, so single points are not independent.
+        Replicates of the design are (`valerie.statistics.replicates`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Estimand(StrEnum):
     Attributes:
         LISTED_GRID: the mean over exactly the listed variants.
         DESIGN_BOX: the mean over the box of parameters that the design draws from.
-        SITES: the mean over all sites that the asset generates, at the listed variants.
+        SITES: the mean over the sites of all seeds, at the listed variants.
     """
 
     LISTED_GRID = "listed_grid"
@@ -41,7 +41,7 @@ class Estimand(StrEnum):
 
     @property
     def noun(self) -> str:
-        """The plural of what a unit is called."""
+        """The name of the units, in the plural."""
         return "sites" if self is Estimand.SITES else "variants"
 
 
@@ -70,7 +70,7 @@ class Units:
     replicate: NDArray[np.int64] | None = None
 
     def of(self, rows: NDArray[np.bool_]) -> Units:
-        """Return the units of the ``rows`` ((N,) bool) alone; units without rows are gone."""
+        """Return the units of the selected ``rows`` ((N,) bool), without units that have no rows left."""
         index, kept = dense(self.index[rows])
         replicate = None if self.replicate is None else self.replicate[kept]
         return Units(self.estimand, index, len(kept), replicate)
@@ -89,12 +89,11 @@ def sampling_units(
         design: ``grid``, ``points``, ``random``, ``sobol``, ``halton`` or ``latin_hypercube``.
         variants: (N,) variant of every row; any integers.
         sites: (N,) site seed of every row; None where the site does not vary.
-        replicate: (N,) replicate of every row, for a design whose variants are drawn together; without it, all are of
-            one replicate.
+        replicate: (N,) replicate of every row, for a design whose variants are drawn together; default: one replicate.
 
     Raises:
         UnknownName: there is no such design.
-        InvalidInput: the arrays differ in length, or a variant lies in two replicates.
+        InvalidInput: the arrays differ in length, or a variant belongs to two replicates.
     """
     known = LISTED | INDEPENDENT | EVEN
     if design not in known:
@@ -120,8 +119,8 @@ def sampling_units(
 def places(positions: NDArray[np.float64], sites: NDArray[np.int64] | None = None) -> Units:
     """Return whole places as units: rows with equal positions of all persons on one site.
 
-    Places are what comparisons are paired within. They are no sample of the positions between them, so the estimand is
-    the listed grid.
+    Comparisons are paired within places. Places are no sample of the positions between them, so the estimand is the listed
+    grid.
 
     Args:
         positions: (N, P) coordinates of the persons, metres; equal numbers are equal positions.

@@ -1,9 +1,9 @@
-"""A ledger of claims: each statement of a paper, a data sheet or a colleague beside what a run shows of it.
+"""A ledger of claims: tests each statement of a paper, a data sheet or a colleague on a run.
 
-Claims are documents (`examples/claims/paper.yaml`). A claim says which rows it is about and how it is tested; the ledger
-computes the quantity with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not
-testable here*. Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from
-the band of a curve (`valerie.statistics.curves.departure`).
+Claims are documents (`examples/claims/paper.yaml`). A claim names its rows and its test; the ledger computes the quantity
+with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not testable here*.
+Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from the band of a
+curve (`valerie.statistics.curves.departure`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
 from valerie.validation import problems_of
 
-#: Confidence of every interval of the ledger, each alone.
+#: Confidence of each interval of the ledger, not adjusted for the others.
 LEVEL: Final = 0.95
 
 Text = Annotated[str, Field(min_length=1, max_length=2_000)]
@@ -44,7 +44,7 @@ Statistic = Literal["mean", "minimum", "maximum", "share"]
 
 
 class QuantityTest(_Document):
-    """A number of the rows lies in a range: their mean, smallest or largest value, or the share above a value."""
+    """A statistic of the rows is in a range: their mean, smallest or largest value, or the share above a value."""
 
     of: Name
     statistic: Statistic = "mean"
@@ -62,9 +62,9 @@ class QuantityTest(_Document):
 
 
 class DifferenceTest(_Document):
-    """The score at one level of a factor less that at another, everything else equal.
+    """The score at one level of a factor minus that at another, everything else equal.
 
-    ``sign`` is ``>`` or ``<``, or ``=``: then the interval lies within ± ``within``.
+    ``sign`` is ``>``, ``<`` or ``=``; for ``=`` the interval must be within ± ``within``.
     """
 
     factor: Name
@@ -91,7 +91,7 @@ class TrendTest(_Document):
 
 
 class FlipTest(_Document):
-    """Some pair that differs in one factor alone differs in its score by at least ``at_least``."""
+    """Some pair of rows that differs only in one factor differs in its score by at least ``at_least``."""
 
     factor: Name
     first: Name
@@ -103,14 +103,14 @@ class Claim(_Document):
     """One statement and its test.
 
     Attributes:
-        id: of the claim.
-        source: where it stands, such as ``6.2.2``.
-        says: in the source's words.
-        where: selection of the rows that it is about; empty: all.
-        functions: that it is about; empty: every function of the run.
+        id: identifies the claim.
+        source: place in the source, such as ``6.2.2``.
+        says: the statement in the source's words.
+        where: expression that selects its rows; empty: all.
+        functions: the functions that it is about; empty: every function of the run.
         quantity, difference, departure, trend, flip: the test.
-        untestable: why this run cannot say; instead of a test.
-        slip: why the source cannot mean what it says; instead of a test.
+        untestable: instead of a test, the reason why a run cannot test it.
+        slip: instead of a test, the reason why the statement must be an error of the source.
     """
 
     id: Name
@@ -135,11 +135,11 @@ class Claim(_Document):
 
 
 class Printed(_Document):
-    """A number that the source prints, beside which the report puts that of the run.
+    """A number that the source prints, which the report compares with the run's.
 
     Attributes:
-        source: where it stands, such as ``table 2``.
-        what: in words.
+        source: place in the source, such as ``table 2``.
+        what: description.
         of, statistic, above: the number, as in `Quantity`.
         value: as printed, in the column's unit.
         where, functions: as in `Claim`.
@@ -159,8 +159,8 @@ class Cross(_Document):
     """Pictures of one view under the levels of two factors, everything else equal.
 
     Attributes:
-        source: where the source shows the like.
-        title: in words.
+        source: place in the source that shows such pictures.
+        title: heading.
         down, across: the factors.
         where: selection of the rows that may be shown.
         published: the source's own table, line by line; the first line is the head.
@@ -178,10 +178,10 @@ class Claims(_Document):
     """A document of claims.
 
     Attributes:
-        title: of the source.
-        source: where it is found.
+        title: title of the source.
+        source: reference to the source.
         claims: its statements.
-        numbers: that it prints.
+        numbers: numbers that it prints.
         crosses: pictures like those that it shows.
     """
 
@@ -205,12 +205,12 @@ class LedgerEntry:
     """One line of the ledger.
 
     Attributes:
-        id, source, says: of the claim.
-        function: that was looked at; empty for a claim about frames alone.
+        id, source, says: as in `Claim`.
+        function: the tested function; empty for a claim about frames only.
         outcome: answer.
-        finding: what the run shows, in words.
+        finding: result of the run in words.
         estimate, low, high: the quantity and its interval; None where there is none.
-        rows, places: that it rests on.
+        rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """
 
@@ -301,7 +301,7 @@ _NUMBERS: Final = {
 
 
 def is_score(column: str) -> bool:
-    """Return True if a function's look decides the value of a column."""
+    """Return True if the values of a column depend on the function under test."""
     return bool(compile_where(f"{column} == {column}").scored)
 
 
@@ -421,7 +421,7 @@ def _flip(
 def _contrast(
     test: DifferenceTest | FlipTest, table: EvaluationTable, rows: NDArray[np.bool_], field: str
 ) -> tuple[Contrast | None, Observations]:
-    """Return the contrast of the first level to the second, and the rows that it was made of."""
+    """Return the contrast of the first level to the second, and the rows that it was computed from."""
     factors = {factor.name: factor for factor in factors_of(table)}
     if test.factor not in factors:
         raise UnknownName("factor of the run", test.factor, factors, field=f"{field}.factor")
@@ -488,7 +488,7 @@ def _trend(
     first, last = curve.y[0], curve.y[-1]
     opposite = {Shape.RISING: Shape.FALLING, Shape.FALLING: Shape.RISING}
     claimed = Shape(test.shape)
-    # A level is what is left where nothing else is seen: it shows no level.
+    # The fit falls back to a level where it detects nothing else, so its shape alone does not prove one.
     if (curve.shape is claimed and claimed is not Shape.LEVEL) or (
         claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1
     ):

@@ -1,7 +1,7 @@
-"""Several versions of a function on the same frames: scores side by side, and what became better or worse.
+"""Several versions of a function on the same frames: scores side by side, and their improvements and regressions.
 
-All versions looked at the same frames, so rows are paired and judged by whole places, all groups together
-(`valerie.statistics.gates`). Every score is given as frame mean and pooled.
+All versions were evaluated on the same frames, so rows are paired and judged by whole places, all groups together
+(`valerie.statistics.gates`). Every score is computed as frame mean and pooled.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class VersionScores:
     """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
 
     Attributes:
-        pacc_mean, pacc_pooled: over the group's persons; in the mean every person has the same weight, pooled every pixel.
+        pacc_mean, pacc_pooled: over the group's persons; the mean weighs persons equally, the pooled score pixels.
         detected: share of persons with pACC ≥ the threshold.
         precision_mean, precision_pooled, iou_mean, iou_pooled: of the frames that show the group's persons.
         false_pixels: pixels of these frames that are called person and belong to none.
@@ -54,9 +54,9 @@ class GroupDifference:
 
     Attributes:
         mean: mean over places of the mean difference of their persons.
-        low, high: 95 % interval of it alone, by place; None with fewer than two places.
+        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than two places.
         places: number of places.
-        lost, gained: persons that were detected and now are not; that were not and now are.
+        lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
     """
 
@@ -90,13 +90,13 @@ class GroupComparison:
 
 @dataclass(frozen=True, slots=True)
 class VersionChange:
-    """One thing that a later version does better or worse than the first.
+    """One score that a later version improves or worsens.
 
     Attributes:
         kind: ``group`` of persons (mean pACC), ``class`` (pooled IoU), or ``score`` of the class person (pooled).
-        name: of the group, the class or the score.
-        before, after: of the first and the later version, in [0, 1].
-        step: their difference; above 0 the later version is better.
+        name: name of the group, the class or the score.
+        before, after: value of the first and of the later version, in [0, 1].
+        step: after − before; above 0 the later version is better. For a group, the mean difference by place.
         difference: by place, with its interval; groups only.
     """
 
@@ -116,8 +116,8 @@ class VersionComparison:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
-        numeric_classes: in which the versions ran, in their order; empty where unknown.
-        judged_by: names of the classes that ``classes`` and ``overall`` are over; all 19 unless a version knows fewer.
+        numeric_classes: numeric class of each version, in their order; empty where unknown.
+        judged_by: names of the classes that ``classes`` and ``overall`` cover; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
         overall: score over all classes to (frame mean, pooled) per version.
     """
@@ -136,10 +136,10 @@ class VersionComparison:
         return len(set(self.numeric_classes)) < 2
 
     def changes(self, version: int) -> tuple[VersionChange, ...]:
-        """Return what became better or worse with one later version, the largest change first.
+        """Return the changes of one later version, the largest first.
 
-        A group changed where it is judged so; a class or a score of the class person changed where it moved by a
-        percentage point or more.
+        A group counts if it is judged better or worse; a class or a score of the class person if it moved by a percentage
+        point or more.
         """
         changes = [
             VersionChange("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
@@ -187,7 +187,7 @@ def compare(
     Args:
         versions: name to long table (one function, one sensor setting) and scores; the first is "before". The rows come
             from `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
-        numeric_classes: in which the versions ran, in their order.
+        numeric_classes: numeric class of each version, in their order.
         more_groups: name to (N,) bool over the first table's rows; added to the groups by distance, occlusion, character
             and camera.
         threshold: of the detection rate.
@@ -233,7 +233,7 @@ def compare(
 def differences_of(
     masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
 ) -> dict[str, GroupDifference]:
-    """Return the difference of a later version to the first in each group of rows, which are the same in both tables."""
+    """Return the difference of a later version to the first in each group of rows; both tables have the same rows."""
     before, after = first.numbers("pacc"), later.numbers("pacc")
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:

@@ -1,4 +1,4 @@
-"""The words of comparisons."""
+"""Sentences about comparisons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def change_sentence(change: VersionChange) -> str:
 
 
 def span_text(difference: GroupDifference) -> str:
-    """Return the interval of a difference as people read it, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
+    """Return the interval of a difference as text, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
     if difference.low is None or difference.high is None:
         return ""
     return f", 95 % [{100 * difference.low:+.1f}, {100 * difference.high:+.1f}]"

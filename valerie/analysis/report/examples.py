@@ -1,4 +1,4 @@
-"""Frames that are worth a look: the extremes of a run, one frame each."""
+"""Example frames: the extremes of a run, one frame each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Example:
     Attributes:
         title: reason for the choice.
         frame_id, sensor, camera, instance_id, character: the person and the frame.
-        measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
+        measures: the person's value on each axis of the report, if defined; time only where it varies.
         pacc: per function, 0…1.
     """
 
@@ -35,7 +35,7 @@ class Example:
 
 
 def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
-    """Return the best seen person, the worst in plain sight, the worst of all, the most occluded and the most disputed one.
+    """Return the persons with the best pACC, the worst in plain sight, the worst of all, the most occlusion, the most dispute.
 
     No frame occurs twice, so there may be fewer.
     """

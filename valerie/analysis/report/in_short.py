@@ -1,4 +1,4 @@
-"""Summarise a report in a few sentences."""
+"""Summary of a report in a few sentences."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.analysis.wording import percent, points, setting_labels
 
 
 def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
-    """Return verdicts, scores, findings, claims and the other run in a sentence each."""
+    """Return a sentence each about verdicts, scores, findings, claims and the other run."""
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
@@ -50,6 +50,6 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
 
 
 def _counted(what: str, answers: Sequence[str]) -> str:
-    """Return how often each answer was given; empty where none was."""
+    """Return the number of each answer as a sentence; empty without answers."""
     counts = Counter(answers)
     return f"{what}: {', '.join(f'{answer} {count}' for answer, count in counts.items())}." if counts else ""

@@ -1,7 +1,7 @@
-"""One self-contained HTML file: it opens offline, asks for nothing, and reads well on paper and without scripts.
+"""One self-contained HTML file: it opens offline, loads nothing, and reads well on paper and without scripts.
 
-The page forbids itself every connection and every script but its own two (Content-Security-Policy with hashes). Plots
-are static pictures first; where scripts run, plotly draws the same numbers over them. The markup is in ``templates``.
+Its Content-Security-Policy (with hashes) forbids all connections and all scripts but its own two. Plots are static
+pictures; where scripts run, plotly draws the same numbers over them. The markup is in ``templates``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from valerie.statistics.intervals import Interval
 
 
 class _Plot(NamedTuple):
-    """One panel of a trend section; ``number`` is its place among the page's figures, as in `Panel` what else is drawn."""
+    """One panel of a trend section; ``number`` is its index among the page's figures, the rest as in `Panel`."""
 
     title: str
     number: int
@@ -72,10 +72,10 @@ class _ClassRow(NamedTuple):
 
 
 def build_report(source: ReportInput) -> str:
-    """Write the report.
+    """Return the report.
 
     Args:
-        source: everything that is shown; equal input gives equal bytes.
+        source: its content; equal input gives equal bytes.
 
     Returns:
         A complete HTML document.
@@ -139,7 +139,7 @@ def build_report(source: ReportInput) -> str:
 
 
 def data_url(data: bytes) -> str:
-    """Return a picture file as a data URL; its first bytes tell the type (PNG, JPEG, WebP)."""
+    """Return a picture file (PNG, JPEG, WebP by its first bytes) as a data URL."""
     if data.startswith(b"\x89PNG"):
         kind = "png"
     elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
@@ -196,7 +196,7 @@ def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Ite
 
 
 def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Means]]]]:
-    """Yield the heat maps of pACC over pixel area and occlusion: title, and each pedestrian's map, all together first."""
+    """Yield the heat maps of pACC over pixel area and occlusion: title and maps, that of all pedestrians first."""
     names = characters(source.table)
     labels = wording.setting_labels(settings(source.table))
     down, across = measure_of("occlusion_rate"), measure_of("pixel_area_percent")
@@ -211,7 +211,7 @@ def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Me
 
 
 def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str, list[tuple[str, str | None]]]]]]:
-    """Yield the views that a document of claims asks for: each level with its (caption, data URL), function by function."""
+    """Yield the examples that a document of claims asks for: each level of ``down`` with its (caption, data URL)."""
     if source.claims is None:
         return
     for example in cross_examples(source.claims, source.table):
@@ -224,7 +224,7 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
-    """Yield the persons in whom two runs differ most, from near."""
+    """Yield the persons in whom two runs differ most: title and (caption, data URL) of both."""
     for one in beside.functions if beside is not None else ():
         pairs: tuple[tuple[str, SharedPerson], ...] = (
             *(("fell", pair) for pair in one.fell),
@@ -242,7 +242,7 @@ def _picture(
 ) -> str | None:
     """Return the data URL of a picture, of a prediction over it, or of a person from near.
 
-    None where it is gone, or there are no pictures.
+    None where there is none.
     """
     if source.picture is None:
         return None
@@ -253,7 +253,7 @@ def _picture(
 
 
 def _number(column: str, share: bool, value: float | None) -> str:
-    """Return a number of a column as people read it."""
+    """Return a number of a column as text with its unit."""
     if value is None:
         return wording.DASH
     measure = measure_of(column)
@@ -313,7 +313,7 @@ def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:
 
 
 def _undefined(summary: Summary) -> list[tuple[str, dict[str, int]]]:
-    """Return (function and sensor, reason to number) over all pedestrians together."""
+    """Return (label of function and sensor, reason to number) over all pedestrians together."""
     labels = wording.setting_labels((row.function, row.sensor) for row in summary.rows)
     together = any(row.character == ALL for row in summary.rows)
     rows: Iterable[Any] = (row for row in summary.rows if row.character == ALL or not together)
@@ -325,7 +325,7 @@ def _own(name: str) -> str:
 
 
 def _plotly_source() -> str:
-    """Return plotly.js as the installed package carries it; the package itself is not imported."""
+    """Return plotly.js from the installed package without importing the package."""
     spec = find_spec("plotly")
     if spec is None or spec.origin is None:
         raise MissingDependency("the report needs plotly: install valerie[report]")

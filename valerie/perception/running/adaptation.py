@@ -1,7 +1,7 @@
 """Conversion of frames of any size to the input of a network, and of its labels to the frame's pixels.
 
-A frame becomes one or more *pieces* of one size. The engine answers each piece with a label map. The maps are joined so that
-every pixel of the frame has exactly one label and no padding is left.
+A frame becomes one or more *pieces* of one size. The engine returns a label map for each piece. The maps are joined so that
+every pixel of the frame has exactly one label and no padding remains.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Adaptation:
     Attributes:
         frame: size of the frames.
         piece: size of the network's input.
-        labels: size of the engine's answer to a piece: the piece's, or the frame's if the frame was resized.
-        rows, columns: the tiles; one of each unless the frame is tiled.
+        labels: size of the engine's label map of a piece: the piece's, or the frame's if the frame was resized.
+        rows, columns: tiles along each axis; one of each unless the frame is tiled.
     """
 
     frame: Size
@@ -117,7 +117,7 @@ def _reduced(frame: Size, longest: int, step: int) -> Size:
 
 
 def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:
-    """Return the fewest tiles that keep the overlap, spread evenly; seams lie in the middle of each overlap."""
+    """Return the fewest tiles that keep the overlap, evenly spaced, with a seam in the middle of each overlap."""
     if length <= tile:
         return (Span(0, 0, length),)
     count = math.ceil((length - overlap) / (tile - overlap))

@@ -1,4 +1,4 @@
-"""Choice of the fastest engine: by the machine for shipped functions, by a comparison for registered ones."""
+"""Choice of the fastest engine: by the machine for shipped functions, by comparison for registered ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AUTO: Final = "auto"
 REASON: Final = "engine chosen"
 #: Largest difference of logits between an engine and the reference.
 TOLERANCE: Final = 1e-3
-#: The engines in fp32 on processors, by docs/benchmarks.md.
+#: The engines in fp32 on processors (docs/benchmarks.md).
 _FASTEST_FIRST: Final[tuple[Engine, ...]] = ("openvino", "onnxruntime", "torch")
 #: Height and width of the picture that engines are compared on.
 _SIZE: Final = (128, 256)
@@ -34,7 +34,7 @@ class EngineChoice(NamedTuple):
     reason: str
 
     def applied(self, document: FunctionDocument) -> FunctionDocument:
-        """Return the document with this engine; its provenance holds the reason."""
+        """Return the document with this engine, and with the reason in its provenance."""
         provenance = {**document.provenance, REASON: self.reason}
         return document.model_copy(
             update={"engine": self.engine, "precision": self.precision, "provenance": provenance}
@@ -46,7 +46,7 @@ def local_choice(device: str, precision: str) -> EngineChoice:
 
     Args:
         device: see `valerie.perception.running.opening.open_function`.
-        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 where the processor multiplies it, else fp32.
+        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 if the processor has instructions for it, otherwise fp32.
     """
     in_torch: Precision = "bf16" if precision == "bf16" else "fp32"
     if uses_gpu(device):
@@ -59,7 +59,7 @@ def local_choice(device: str, precision: str) -> EngineChoice:
 
 
 def uses_gpu(device: str) -> bool:
-    """Return whether torch would use a graphics card; torch is not loaded."""
+    """Return True if torch would use a graphics card; torch is not loaded."""
     if device == "auto":
         try:
             return Path("/dev/nvidiactl").exists() and not version("torch").endswith("+cpu")
@@ -69,13 +69,13 @@ def uses_gpu(device: str) -> bool:
 
 
 def agreeing_choice(document: FunctionDocument, payload: Path) -> EngineChoice:
-    """Choose the fastest engine whose answer to a picture differs from the reference's by at most `TOLERANCE`, in fp32.
+    """Choose the fastest engine whose logits of a picture differ from the reference's by at most `TOLERANCE`, in fp32.
 
     The reference is torch, and onnxruntime for ONNX files, which torch does not read. An engine that is not installed or cannot
     run the network is left out, with its reason.
 
     Args:
-        document: of a kind with a payload.
+        document: document of a kind with a payload.
         payload: its file.
 
     Raises:

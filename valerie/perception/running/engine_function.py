@@ -19,12 +19,12 @@ class EngineFunction:
     """A network under test; see `valerie.perception.base.PerceptionFunction`.
 
     Args:
-        document: of the function.
-        engine: with the loaded network.
-        digest: of the function on its card.
+        document: document of the function.
+        engine: engine with the loaded network.
+        digest: digest of the function on its card.
     """
 
-    #: Raised by hand whenever adaptation, normalisation or labelling gives other pixels; part of every prediction's digest.
+    #: Raise it whenever adaptation, normalisation or labelling gives other pixels; part of every prediction's digest.
     revision: ClassVar[int] = 1
 
     def __init__(self, document: FunctionDocument, engine: InferenceEngine, *, digest: str) -> None:

@@ -1,7 +1,7 @@
 """A folder of training frames: pictures with their label maps, compressed, with random access.
 
-A *shard* is one safetensors file with the frames of one site; each map in it is one zstd frame, so one training
-frame can be read without the rest. ``frames.json`` lists the shards with their digests; its own digest stands for the data set.
+A *shard* is one safetensors file with the frames of one site; each map in it is one zstd frame, so one training frame can be
+read without the rest. ``frames.json`` lists the shards with their digests; its own digest identifies the data set.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class TrainingFrame:
     Attributes:
         picture: (H, W, 3) uint8 sRGB.
         train_ids: (H, W) uint8, 0…18 or 255 (void).
-        site_seed: of its site; training and held-out frames share no site.
+        site_seed: seed of its site; training and held-out frames share no site.
     """
 
     picture: NDArray[np.uint8]
@@ -62,10 +62,10 @@ class Shard(BaseModel):
 
     Attributes:
         file: name of the file.
-        site_seed: of all its frames.
+        site_seed: street seed of all its frames.
         sizes: (height, width) of each frame.
-        sha256: of the file.
-        drawn: scenes that were drawn to get these frames; None if every draw was taken.
+        sha256: digest of the file.
+        drawn: number of scenes that were drawn to get these frames; None if every draw was used.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -81,7 +81,7 @@ class FrameIndex(BaseModel):
     """The contents of ``frames.json``.
 
     Attributes:
-        shards: by ascending site seed.
+        shards: shards by ascending site seed.
         provenance: origin of the frames: asset, seeds, revisions.
     """
 
@@ -116,7 +116,7 @@ def write_shard(folder: Path, site_seed: int, frames: Iterable[TrainingFrame]) -
 
 
 def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, str]) -> None:
-    """List the shards; from then on the folder is complete and can be read."""
+    """Write the index of the shards, which makes the folder complete and readable."""
     ordered = tuple(sorted(shards, key=lambda shard: shard.site_seed))
     index = FrameIndex(format=FORMAT, shards=ordered, provenance=dict(sorted(provenance.items())))
     (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(exclude_none=True), indent=1) + "\n")
@@ -127,7 +127,7 @@ class Frames(Sequence[TrainingFrame]):
 
     @abstractmethod
     def _frame(self, number: int) -> TrainingFrame:
-        """Return a frame by its number, −`len` to `len` − 1; raise IndexError beyond."""
+        """Return a frame by its number, −`len` to `len` − 1; raise IndexError outside."""
 
     @overload
     def __getitem__(self, index: int) -> TrainingFrame: ...
@@ -146,7 +146,7 @@ class FrameFolder(Frames):
 
     Raises:
         NotFound: there is no ``frames.json``: not a folder of frames, or rendering was interrupted.
-        InvalidInput: ``frames.json`` is not what `write_index` writes.
+        InvalidInput: ``frames.json`` was not written by `write_index`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -159,7 +159,7 @@ class FrameFolder(Frames):
             self.listing = FrameIndex.model_validate_json(text)
         except ValidationError as error:
             raise InvalidInput(f"not an index of training frames ({error})", field=INDEX_NAME) from error
-        #: SHA-256 of the index, which holds the digests of the shards: it stands for every pixel.
+        #: SHA-256 of the index, which contains the digests of the shards, so it covers every pixel.
         self.digest = hashlib.sha256(text).hexdigest()
         self._places = [(shard, number) for shard in self.listing.shards for number in range(len(shard.sizes))]
         self._open = threading.local()  # threads must not share a file handle

@@ -40,7 +40,7 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
 
 
 def sites_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
-    """Return the site seeds that a network and its predecessors learned from; none if the provenance states none."""
+    """Return the site seeds that a network and its predecessors were trained on; empty if the provenance states none."""
     ranges = SEPARATOR.join(provenance.get(name, "") for name in (SEEDS, SEEDS_BEFORE))
     pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", ranges)})
     return tuple(range(first, last + 1) for first, last in pairs)

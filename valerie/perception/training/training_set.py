@@ -11,21 +11,21 @@ from typing import Final
 from valerie.errors import InvalidInput
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Frames, TrainingFrame
 
-#: Separates the entries of one folder from those of the next.
+#: Separator between the entries of two folders.
 SEPARATOR: Final = "; "
 _UNSTATED: Final = "unstated"
 
 
 class TrainingSet(Frames):
-    """The frames of several folders in a row. A folder that counts n times is repeated n times.
+    """The concatenated frames of several folders. A folder that counts n times is repeated n times.
 
     Args:
-        folders: to learn from, each listed as often as it counts. Folders with the same frames are one. They keep the order of
-            their first appearance.
+        folders: folders to learn from, each listed as often as it counts. Folders with equal frames are the same folder. They
+            keep the order of their first appearance.
 
     Attributes:
-        digest: stands for every pixel and its count; a single folder that counts once has its own digest.
-        site_seeds: of all sites.
+        digest: digest of every pixel and its count; that of the folder if a single one counts once.
+        site_seeds: seeds of all sites.
 
     Raises:
         InvalidInput: there is no folder, a site is kept apart from training, or sites belong to different assets, whose
@@ -47,7 +47,7 @@ class TrainingSet(Frames):
         _require_one_asset(folder for folder, _ in self._counted)
 
     def provenance(self) -> dict[str, str]:
-        """Return the provenance of the folders: one value where they agree, else one part per folder, in their order.
+        """Return the provenance of the folders: one value where they agree, otherwise one part per folder, in their order.
 
         Several folders, or one that counts more than once, add frames, count and digest of each.
         """

@@ -78,7 +78,7 @@ class FlowPass:
         """Return the image velocity of each pixel's surface point, from its position shortly after.
 
         The difference is forward, so that an object that starts at this moment already moves. Bodies move rigidly: a walk has
-        only a few poses per cycle, and the jump from one to the next is no velocity.
+        only a few poses per cycle, and the jump from one to the next is not a velocity.
 
         Args:
             now, after: the same asset at two moments.

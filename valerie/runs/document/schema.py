@@ -154,7 +154,7 @@ def _parameters() -> JsonObject:
         "oneOf": [{"required": ["path"]}, {"required": ["scene_graph_ref"]}],
     }
     return {
-        "description": "this spec's names for parameters: [name, scene_graph_ref, type, minimum, maximum]; ranges lie within "
+        "description": "this spec's names for parameters: [name, scene_graph_ref, type, minimum, maximum]; ranges are within "
         "the asset's",
         "anyOf": [
             {"type": "object", "additionalProperties": entry},
@@ -193,7 +193,7 @@ def _trajectories(definitions: JsonObject) -> JsonObject:
     listed = {"type": "array", "minItems": 1, "items": numbers}
     in_a_list = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
     return {
-        "description": "how objects move, by keyframes, in addition to or instead of the asset's trajectories",
+        "description": "movements of objects by keyframes, in addition to or instead of the asset's trajectories",
         "anyOf": [
             {"type": "object", "additionalProperties": {"anyOf": [named, listed]}},
             {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/TrajectoryDocument"}, in_a_list]}},

@@ -1,6 +1,6 @@
-"""The cost of a product in CPU seconds and bytes: recorded here, or else from a table that ships with the package.
+"""Cost of a product in CPU seconds and bytes: recorded by this installation, or from a table that ships with the package.
 
-The shipped table (``costs.json``) was measured and names the machine. Costs grow linearly with the number of pixels:
+The shipped table (``costs.json``) contains measurements and names the machine. Costs are linear in the number of pixels:
 ``fixed + per_megapixel · megapixels``.
 """
 
@@ -20,7 +20,7 @@ from valerie.runs.products.states import ProductKind
 class CostBasis(StrEnum):
     """The source of a cost."""
 
-    #: Products of the same kind, maker and resolution that this installation made.
+    #: Products of the same kind, maker and resolution that this installation computed.
     RECORDED = "recorded"
     #: The table that ships with the package, measured on another machine.
     SHIPPED = "shipped"
@@ -32,9 +32,9 @@ class CostKey(NamedTuple):
     """The properties of a product that its cost depends on.
 
     Attributes:
-        kind: of the product.
-        maker: engine of backgrounds and layers, function of predictions; empty for truth and evaluation.
-        width, height: pixels.
+        kind: kind of the product.
+        maker: engine of backgrounds and layers, function of predictions; otherwise empty.
+        width, height: resolution in pixels.
     """
 
     kind: ProductKind
@@ -54,9 +54,9 @@ class CostTable:
     """Costs by key.
 
     Args:
-        recorded: means over the products that this installation made.
-        few: means over so few products that the shipped table takes precedence, since the first product of a worker
-            includes loading.
+        recorded: means over the products that this installation computed.
+        few: means over too few products, which apply only where the shipped table has no entry: the first product of a
+            worker includes loading.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class CostTable:
 
     @property
     def start_seconds(self) -> float:
-        """CPU seconds of a run on one machine besides its products: to start, to load the asset, to write results."""
+        """CPU seconds of a run on one machine for starting, loading the asset and writing results."""
         return _shipped().start.cpu_seconds
 
     @property

@@ -173,7 +173,7 @@ def parse_reference(reference: AssetReference) -> tuple[str, AssetArguments]:
     arguments = dict(reference)
     name = arguments.pop("name", None)
     if not isinstance(name, str):
-        raise InvalidInput("an asset mapping has a name", field="asset.name", value=name, limit="{name: …}")
+        raise InvalidInput("an asset mapping needs a name", field="asset.name", value=name, limit="{name: …}")
     return name, arguments
 
 

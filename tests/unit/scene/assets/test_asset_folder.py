@@ -163,7 +163,7 @@ def test_cloth_that_two_persons_share_cannot_vary_for_one(folder: Path) -> None:
         for path, node in base.nodes.items()
     }
     save_gltf(Scene(nodes, base.materials, base.textures, base.cameras, base.sun), folder / "simple.glb")
-    with pytest.raises(InvalidInput, match="one of its own"):
+    with pytest.raises(InvalidInput, match="give it a separate one"):
         load_asset(str(folder))
 
 
@@ -240,7 +240,7 @@ def test_one_file_placed_twice_has_materials_of_its_own_each_time(folder: Path) 
 
 def test_a_placed_camera_that_a_file_has_too_is_refused(folder: Path) -> None:
     write_manifest(folder, placed_cameras=[{"name": "camera-1", "position": [0, 0, 1.5]}])
-    with pytest.raises(InvalidInput, match="a camera of this name is in a file"):
+    with pytest.raises(InvalidInput, match="a file already has a camera with this name"):
         load_asset(str(folder))
 
 

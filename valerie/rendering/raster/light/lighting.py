@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.upload.context import GraphicsContext
     from valerie.rendering.raster.upload.scenes import Statics
 
-#: Features of the shading pass beside sun and sky, as symbols of its shader.
+#: Features of the shading pass besides sun and sky, as symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 

@@ -145,11 +145,11 @@ def _places(first: Points, second: Points, third: Points, low: Points, high: Poi
 def prominence(sample: SurfaceSample, openness: NDArray[np.bool_]) -> Points:
     """Return the weight of each place, (N,), in the view of other places.
 
-    Form factors are reciprocal: others see as much of a place as it sees of them. The weight is therefore the share of a place's
-    view that other places fill (form factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for
-    progressive radiosity"), estimated from some of them and without occlusion. Walls that face others thus count for more than
-    the backs of houses, roofs and surfaces that face outwards. Places without an open direction (in rooms, under the road) count
-    for nothing.
+    Form factors are reciprocal: other places see as much of a place as it sees of them. The weight is therefore the share of a
+    place's view that other places fill (form factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for
+    progressive radiosity"), estimated from some of them and without occlusion. Walls that face others thus count for more
+    than the backs of houses, roofs and surfaces that face outwards. Places without an open direction (in rooms, under the road)
+    count for nothing.
 
     Args:
         sample: the places.
