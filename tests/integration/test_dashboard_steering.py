@@ -13,7 +13,7 @@ import pytest
 import structlog
 
 from services.api.app import create_app
-from tests.world.drawn import ASSET, DrawnWorld, layer_of_variant_4, spec
+from tests.world.drawn import ASSET, CHARACTERS, DrawnWorld, layer_of_variant_4, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
 
@@ -25,10 +25,10 @@ pytestmark = [pytest.mark.processes, pytest.mark.gl, pytest.mark.timeout(600)]
 PREVIEW_MS = 120_000
 
 
-@pytest.fixture
-def api(tmp_path: Path) -> Iterator[httpx.Client]:
+@pytest.fixture(scope="module")
+def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """A server with a finished run and one with failures; what is submitted is worked off by a thread."""
-    settings = settings_of(tmp_path, log_level="error")
+    settings = settings_of(tmp_path_factory.mktemp("steering"), log_level="error")
     world = DrawnWorld(settings)
     world.work(spec("finished"))
     world.work(spec("lost a layer", constants={"sun-1.elevation": 12}), broken=layer_of_variant_4)
@@ -87,7 +87,7 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     page.click("a:has-text('New run')")
     page.wait_for_selector(".facts.plan")
     page.select_option("#f-asset", ASSET)
-    page.wait_for_selector("#f-cameras-camera-2")
+    page.wait_for_selector("#f-cameras-camera-3", state="detached")
     page.uncheck("#f-cameras-camera-2")
     for name, text in (("width", "96"), ("height", "54")):
         page.fill(f"[id='f-resolution.{name}']", text)
@@ -97,8 +97,7 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     page.wait_for_selector("[id='p-person-1.pos.y-minimum']")
     for part, text in (("minimum", "5 m"), ("maximum", "35"), ("step", "10")):
         page.fill(f"[id='p-person-1.pos.y-{part}']", text)
-        page.keyboard.press("Tab")
-        page.wait_for_function("text => document.querySelector('#spec').value.includes(text)", arg=f": {text}")
+        page.keyboard.press("Tab")  # at once: no change may be lost while another is on its way
     page.fill("#f-name", "from the form")
     page.keyboard.press("Tab")
     page.wait_for_selector(".facts.plan dd:text-is('8')", timeout=30_000)
@@ -112,6 +111,7 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     assert submitted["resolution"] == {"width": 96, "height": 54}
     (varied,) = submitted["blocks"][0]["vary"]
     assert varied["minimum"] == "5 m"
+    page.wait_for_selector("a:text-is('Report')")
     with page.expect_download() as report:
         page.evaluate("document.querySelector('a[href$=\"/report\"]').setAttribute('download', 'report.html')")
         page.click("a:text-is('Report')")
@@ -146,9 +146,7 @@ def test_text_and_form_are_one_document_and_comments_stay(page: Page) -> None:
 def test_a_problem_is_shown_at_its_line_and_at_its_field_and_nothing_can_be_submitted(page: Page) -> None:
     begin(page, f"name: one\nasset: {ASSET}\nconstants:\n  sun-1.elevation: 2000 deg\nrenderer: rastr\n")
     page.wait_for_selector(".problems li >> nth=1")
-    assert page.locator(".problems button").all_inner_texts() == ["Line 5", "Line 4"] or sorted(
-        page.locator(".problems button").all_inner_texts()
-    ) == ["Line 4", "Line 5"]
+    assert sorted(page.locator(".problems button").all_inner_texts()) == ["Line 4", "Line 5"]
     assert "did you mean raster?" in page.locator(".field", has_text="Render engine").inner_text()
     assert page.locator("[id='p-sun-1.elevation-value']").get_attribute("aria-invalid") == "true"
     assert page.locator(".numbers .bad").all_inner_texts() == ["4\n", "5\n"]
@@ -174,9 +172,7 @@ def test_keys_parameters_and_values_are_completed(page: Page) -> None:
     page.keyboard.press("Control+Space")
     page.wait_for_selector("#proposals:visible")
     page.keyboard.press("Enter")
-    assert page.input_value("#spec").endswith("person-1.character: {choice: [red-coat, blue-coat, absent]}") or (
-        "{choice: [" in page.input_value("#spec")
-    )
+    assert page.input_value("#spec").endswith(f"person-1.character: {{choice: [{', '.join(CHARACTERS)}, absent]}}")
     page.keyboard.press("Control+z")
     assert page.input_value("#spec").endswith("person-1.character: "), "undo takes a completion back"
 
@@ -212,7 +208,7 @@ def test_a_cloned_run_has_the_same_spec_and_no_parent(page: Page, api: httpx.Cli
     page.wait_for_selector("button.primary:not([disabled])")
     page.click("text=Submit run")
     page.wait_for_selector("h1:text-is('finished')")
-    first, second = [run for run in api.get("/v1/runs").json()["items"] if run["name"] == "finished"]
+    first, second, *_ = [run for run in api.get("/v1/runs").json()["items"] if run["name"] == "finished"]
     assert first["spec_digest"] == second["spec_digest"]
     assert first["parent_run"] is None
 
@@ -257,7 +253,7 @@ def test_tags_and_notes_are_edited_and_runs_filtered_by_them(page: Page, api: ht
     page.click(".runs .tag:has-text('for Anna')")
     page.wait_for_function("() => document.querySelectorAll('.runs tbody tr').length === 1")
     page.click("[aria-current]:has-text('for Anna')")
-    page.wait_for_function("() => document.querySelectorAll('.runs tbody tr').length === 2")
+    page.wait_for_function("() => document.querySelectorAll('.runs tbody tr').length > 1")
 
 
 def test_workers_show_costs_failures_and_the_space_left(page: Page) -> None:

@@ -59,7 +59,7 @@ function ask({ tags, note }, what) {
         h("div", { class: "row" },
           h("button", { type: "button", on: { click: () => dialog.close() } }, "Back"),
           h("button", { type: "button", class: "primary", on: { click: save } }, "Save"))));
-    words.addEventListener("keydown", (event) => { if (event.key === "Enter") save(); });
+    words.addEventListener("keydown", (event) => { if (event.key === "Enter") { event.preventDefault(); save(); } }); // else it would press the button that gets the focus back
     document.body.append(dialog);
     dialog.showModal();
   });
