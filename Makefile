@@ -75,6 +75,10 @@ TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
 test: setup-dev ## Run the tests (about 12 minutes on two quiet cores)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
+.PHONY: test-browser
+test-browser: setup-dev ## Test the dashboard in Chromium, with axe-core on every page (minutes)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/integration/test_dashboard*.py $(PYTEST_OPTIONS)
+
 # Seeds are spread over two processes. A failing one prints the command that repeats it.
 SCHEDULES ?= 10000
 .PHONY: test-simulation

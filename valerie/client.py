@@ -101,9 +101,24 @@ class Run(_Read):
     reason: str | None = None
     variant_count: int
     rejected_count: int
+    tags: tuple[str, ...] = ()
     created_at: Moment
     started_at: Moment | None = None
     finished_at: Moment | None = None
+
+
+class Mark(_Read):
+    """Tags and note of a run, a frame or a finding.
+
+    Attributes:
+        kind: run, frame or finding.
+        name: of a frame ``variant.camera.time``, of a finding its sentence; empty for the run.
+    """
+
+    kind: str
+    name: str
+    tags: tuple[str, ...]
+    note: str
 
 
 class Frame(_Read):
@@ -394,10 +409,20 @@ class Client:
         query = {"priority": priority.value}
         return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
-    def runs(self, *, limit: int = 20) -> Iterator[Run]:
-        """Yield runs, newest first."""
-        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100)), limit):
+    def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:
+        """Yield runs, newest first; with ``tag`` only those that carry it."""
+        filters = {} if tag is None else {"tag": tag}
+        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
             yield _validated(Run, item)
+
+    def marks(self, run_id: str) -> list[Mark]:
+        """Return the tags and notes on a run, its frames and its findings."""
+        return [_validated(Mark, one) for one in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+
+    def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
+        """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
+        body = mark.model_dump(mode="json")
+        return [_validated(Mark, one) for one in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -564,11 +589,11 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._send(method, path, **options).json())
 
-    def _pages(self, path: str, *, page_size: int) -> Iterator[object]:
+    def _pages(self, path: str, *, page_size: int, **filters: str) -> Iterator[object]:
         """Yield the items of all pages. A page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
-            parameters: dict[str, str | int] = {"limit": page_size, **({"cursor": cursor} if cursor else {})}
+            parameters: dict[str, str | int] = {"limit": page_size, **filters, **({"cursor": cursor} if cursor else {})}
             page = self._read(_Page, "GET", path, params=parameters)
             yield from page.items
             cursor = page.next

@@ -168,6 +168,28 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_workers")),
     )
     op.create_table(
+        "notes",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("name", sa.String(length=1000), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("changed_at", sa.DateTime(timezone=True), nullable=False),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_notes_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "kind", "name", name=op.f("pk_notes")),
+    )
+    op.create_table(
+        "tags",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("name", sa.String(length=1000), nullable=False),
+        sa.Column("tag", sa.String(length=40), nullable=False),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_tags_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "kind", "name", "tag", name=op.f("pk_tags")),
+    )
+    with op.batch_alter_table("tags", schema=None) as batch_op:
+        batch_op.create_index("ix_tags_tag", ["tag"], unique=False)
+
+    op.create_table(
         "blocks",
         sa.Column("run_id", sa.String(length=32), nullable=False),
         sa.Column("number", sa.Integer(), nullable=False),
@@ -394,6 +416,11 @@ def downgrade() -> None:
     op.drop_table("person_scores")
     op.drop_table("person_lights")
     op.drop_table("blocks")
+    with op.batch_alter_table("tags", schema=None) as batch_op:
+        batch_op.drop_index("ix_tags_tag")
+
+    op.drop_table("tags")
+    op.drop_table("notes")
     op.drop_table("workers")
     with op.batch_alter_table("runs", schema=None) as batch_op:
         batch_op.drop_index("ix_runs_state")

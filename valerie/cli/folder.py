@@ -9,6 +9,8 @@ from valerie.client import Failure, Progress, Run, RunSummary, Study, StudyBatch
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from valerie.db.runs import RunRow
     from valerie.db.studies import BatchRow, StudyRow
     from valerie.pipeline.base.context import Context
@@ -30,13 +32,15 @@ class Folder:
         self._context = context
         self._up = up
 
-    def runs(self, *, limit: int = 20) -> list[Run]:
-        """Return runs, newest first."""
-        from valerie.db import runs
+    def runs(self, *, limit: int = 20, tag: str | None = None) -> list[Run]:
+        """Return runs, newest first; with ``tag`` only those that carry it."""
+        from valerie.db import marks, runs
         from valerie.db.engine import reading
 
         with reading(self._context.engine) as connection:
-            return [_run(row) for row in runs.page(connection, limit=limit)]
+            rows = runs.page(connection, limit=limit, tag=tag)
+            tags = marks.tags_of_runs(connection, [row.id for row in rows])
+        return [_run(row, tags.get(row.id, ())) for row in rows]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -107,7 +111,7 @@ class Folder:
         return self._context.store.get(artifact_key(self._context, run_id, name))
 
 
-def _run(row: RunRow) -> Run:
+def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
     return Run(
         id=row.id,
         name=row.name,
@@ -115,6 +119,7 @@ def _run(row: RunRow) -> Run:
         reason=row.reason,
         variant_count=row.variant_count,
         rejected_count=row.rejected_count,
+        tags=tuple(tags),
         created_at=row.created_at,
         started_at=row.started_at,
         finished_at=row.finished_at,

@@ -151,6 +151,7 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
+    tag: Annotated[str | None, typer.Option("--tag", help="Only runs that carry this tag.")] = None,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -173,7 +174,7 @@ def status(
             raise typer.Exit(exit_code(progress.state))
     with source_of(data_dir, url) as source:
         if run_id is None:
-            _list(list(source.runs()), as_json=json_lines)
+            _list(list(source.runs(tag=tag)), as_json=json_lines)
             return
         run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
@@ -312,6 +313,54 @@ def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     say(f"run {run_id} is deleted; `{gc}` removes products that no other run needs")
 
 
+def mark(
+    target: Annotated[str, typer.Argument(metavar="RUN|FRAME", help="Id of a run or of a frame.")],
+    finding: Annotated[
+        int | None, typer.Option("--finding", metavar="N", help="A finding of the run, by its number.")
+    ] = None,
+    tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
+    untag: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,
+    note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Put tags and a note on a run, a frame or a finding; without options, show those of the run.
+
+    They are for people: no spec, digest or result contains them. They go when the run is deleted.
+    """
+    from valerie.client import Mark
+
+    run_id, _, name = target.partition(".")
+    with _client(url, data_dir) as client:
+        marks = client.marks(run_id)
+        kind = "frame" if name else "run"
+        if finding is not None:
+            kind, name = "finding", _sentence(client, run_id, finding)
+        if tags or untag or note is not None:
+            present = next((one for one in marks if (one.kind, one.name) == (kind, name)), None)
+            kept = set(present.tags if present else ()) - set(untag or ()) | set(tags or ())
+            text = note if note is not None else present.note if present else ""
+            marks = client.put_mark(run_id, Mark(kind=kind, name=name, tags=tuple(sorted(kept)), note=text))
+    for one in marks:
+        if as_json:
+            typer.echo(one.model_dump_json())
+        else:
+            subject = run_id if one.kind == "run" else f"{run_id}.{one.name}" if one.kind == "frame" else one.name
+            typer.echo(": ".join(part for part in (subject, ", ".join(one.tags), one.note) if part))
+
+
+def _sentence(client: Client, run_id: str, number: int) -> str:
+    """Return the sentence of a finding by its number, from 1."""
+    items = client.summary(run_id).findings["items"]
+    assert isinstance(items, list), "the server lists its findings"
+    if not 1 <= number <= len(items):
+        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1…{len(items)}")
+    item = items[number - 1]
+    assert isinstance(item, dict), "a finding is an object"
+    return str(item["sentence"])
+
+
 def _client(url: str | None, data_dir: Path | None) -> Client:
     from valerie.cli.connecting import client_of
 
@@ -413,9 +462,10 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
+    table.add_column("tags", overflow="fold")
     for run in runs:
         created = moment_text(run.created_at)
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created)
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, ", ".join(run.tags))
     out = console()
     out.print(table)
     for run in runs:

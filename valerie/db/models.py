@@ -34,6 +34,7 @@ from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.marks import MarkKind
 from valerie.runs.products.pins import AnyOffer, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import ProductError
@@ -79,6 +80,7 @@ class Base(DeclarativeBase):
         AnnotationKind: words(AnnotationKind, 16),
         Stage: words(Stage, 16),
         StudyState: words(StudyState, 16),
+        MarkKind: words(MarkKind, 16),
     }
 
 
@@ -426,6 +428,32 @@ class SavedSelection(Base):
     #: The query of the page's address.
     view: Mapped[str] = mapped_column(Text)
     created_at: Mapped[datetime]
+
+
+class Note(Base):
+    """A mark: what people wrote about a run or a part of it, empty where there are only tags. It goes with the run."""
+
+    __tablename__ = "notes"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    kind: Mapped[MarkKind] = mapped_column(primary_key=True)
+    #: See `valerie.runs.marks.Subject`.
+    name: Mapped[str] = mapped_column(String(1000), primary_key=True)
+    text: Mapped[str] = mapped_column(Text)
+    changed_at: Mapped[datetime]
+
+
+class MarkTag(Base):
+    """A tag of a mark."""
+
+    __tablename__ = "tags"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    kind: Mapped[MarkKind] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(1000), primary_key=True)
+    tag: Mapped[str] = mapped_column(String(40), primary_key=True)
+
+    __table_args__ = (Index("ix_tags_tag", "tag"),)
 
 
 class Worker(Base):

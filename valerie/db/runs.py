@@ -10,7 +10,8 @@ from typing import Final, NamedTuple, TypedDict, Unpack
 from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
-from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
+from valerie.db import marks
+from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, StudyBatch, Variant
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
@@ -93,6 +94,24 @@ class VariantRow:
     rejection: str | None
 
 
+@dataclass(frozen=True, slots=True)
+class Relative:
+    """A run among those that descend from each other.
+
+    Attributes:
+        id, name, state, parent_run, iteration, created_at: see `valerie.db.models.Run`.
+        study: id of the study that made it as a batch; None for other runs.
+    """
+
+    id: str
+    name: str
+    state: RunState
+    parent_run: str | None
+    iteration: int
+    created_at: datetime
+    study: str | None
+
+
 _RUN = select(*columns_of(RunRow, Run))
 
 
@@ -171,7 +190,12 @@ def fed(connection: Connection, run_id: str) -> Fed:
 
 
 def page(
-    connection: Connection, *, limit: int, before: Seen | None = None, state: RunState | None = None
+    connection: Connection,
+    *,
+    limit: int,
+    before: Seen | None = None,
+    state: RunState | None = None,
+    tag: str | None = None,
 ) -> list[RunRow]:
     """Return runs, newest first.
 
@@ -180,11 +204,47 @@ def page(
         limit: most runs.
         before: the last run of the page before.
         state: only runs in this state.
+        tag: only runs that carry it.
     """
     query = newest_first(_RUN, Run, limit=limit, before=before)
     if state is not None:
         query = query.where(Run.state == state)
+    if tag is not None:
+        query = query.where(marks.tagged(tag))
     return read_all(connection, query, RunRow)
+
+
+def lineage(connection: Connection, run_id: str, *, most: int = 300) -> list[Relative]:
+    """Return a run, the runs that it descends from, and all that descend from the oldest of these, oldest first.
+
+    Args:
+        connection: to read with.
+        run_id: of an existing run.
+        most: runs; of more descendants the nearest generations are returned.
+
+    Raises:
+        NotFound: no such run.
+    """
+    oldest, path = get(connection, run_id), {run_id}
+    while oldest.parent_run is not None and oldest.parent_run not in path and len(path) < most:
+        path.add(oldest.parent_run)
+        oldest = get(connection, oldest.parent_run)
+    relatives: dict[str, Relative] = {}
+    generation = Run.id.in_(path)
+    while len(relatives) < most:
+        query = (
+            select(*columns_of(Relative, Run, study=StudyBatch.study_id))
+            .outerjoin(StudyBatch, StudyBatch.run_id == Run.id)
+            .where(generation)
+            .order_by(Run.created_at, Run.id)
+            .limit(most)
+        )
+        found = [one for one in read_all(connection, query, Relative) if one.id not in relatives]
+        if not found:
+            break
+        relatives |= {one.id: one for one in found[: most - len(relatives)]}
+        generation = Run.parent_run.in_([one.id for one in found])
+    return sorted(relatives.values(), key=lambda one: (one.created_at, one.id))
 
 
 def in_states(connection: Connection, states: Collection[RunState]) -> list[RunRow]:
@@ -224,9 +284,10 @@ def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues])
 
 
 def remove(connection: Connection, run_id: str) -> None:
-    """Delete a run with its variants, frames and links; its products stay until `gc` finds that no run links them."""
+    """Delete a run with its variants, frames, links and marks; its products stay until `gc` finds that no run links them."""
     for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
         connection.execute(delete(table).where(table.run_id == run_id))
+    marks.remove_all(connection, run_id)
     connection.execute(delete(Run).where(Run.id == run_id))
 
 

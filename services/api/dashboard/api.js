@@ -52,6 +52,7 @@ export async function post(path, document, { signal } = {}) {
 }
 // A spec as its author wrote it.
 export const postSpec = async (path, text, { signal, headers } = {}) => (await send(path, { method: "POST", signal, body: text, headers: { ...headers, "Content-Type": "application/yaml" } })).json();
+export const replace = async (path, document) => (await send(path, { method: "PUT", body: JSON.stringify(document), headers: { "Content-Type": "application/json" } })).json();
 export async function remove(path) { await send(path, { method: "DELETE" }); }
 
 // Recent pictures, which show at once on the way back and forth.

@@ -48,7 +48,7 @@ export function editor({ changed, known, label }) {
     const lines = area.value.slice(0, area.selectionStart).split("\n");
     const width = parseFloat(style.fontSize) * 0.602; // of a character of this monospaced type
     list.style.setProperty("top", `${Math.min(area.clientHeight - 20, lines.length * parseFloat(style.lineHeight) + parseFloat(style.paddingTop) - area.scrollTop + 4)}px`);
-    list.style.setProperty("left", `${Math.min(element.clientWidth - 260, numbers.offsetWidth + Math.max(0, (lines.pop().length - place.word.length) * width - area.scrollLeft))}px`);
+    list.style.setProperty("left", `${Math.max(2, Math.min(element.clientWidth - list.offsetWidth - 4, numbers.offsetWidth + Math.max(0, (lines.pop().length - place.word.length) * width - area.scrollLeft)))}px`);
     choose(0);
   };
 

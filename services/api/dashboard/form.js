@@ -28,6 +28,8 @@ export function specForm({ change, catalog }) {
     h("section", { class: "card" }, h("h2", {}, "Run"), general),
     h("section", { class: "card" }, h("h2", {}, "Parameters"), blocks, rows, adding));
   let shown = null; // the draft and the asset
+  let edited = null; // the field in which somebody types; it must not be replaced meanwhile
+  let later = null; // what is to be shown when that ends
   let used = new Set();
 
   const offer = () => {
@@ -43,10 +45,16 @@ export function specForm({ change, catalog }) {
     change([{ kind: "parameter", parameter: parameter.name, ...begun(parameter, parameter.choices.length || parameter.type === "BOOL" ? "CHOICE" : "HOMOGENEOUS") }]);
   };
 
-  return {
+  element.addEventListener("input", ({ target }) => { if (target.type === "text") edited = target; });
+  element.addEventListener("change", () => { edited = later = null; }, { capture: true }); // its answer comes
+  element.addEventListener("focusout", () => { edited = null; setTimeout(() => { if (later) form.show(...later); }); });
+
+  const form = {
     element,
     // The draft, the asset that it names (null if unknown), and problems by place.
     show(draft, asset, problems) {
+      later = edited ? [draft, asset, problems] : null;
+      if (later) return;
       shown = { draft, asset };
       const focused = document.activeElement?.id;
       const { fields } = draft;
@@ -60,6 +68,7 @@ export function specForm({ change, catalog }) {
       if (focused && document.activeElement?.id !== focused) element.querySelector(`#${CSS.escape(focused)}`)?.focus({ preventScroll: true });
     },
   };
+  return form;
 }
 
 // Varied and constant parameters, with what the asset declares of each.
@@ -85,7 +94,8 @@ function begun(parameter, way) {
 function parameterRow({ name, place, way, document: entry, parameter }, change, problems) {
   const id = (part) => `p-${name}-${part}`;
   const set = (treatment) => change([{ kind: "parameter", parameter: name, ...treatment }]);
-  const vary = (more) => set({ vary: { ...entry, parameter: undefined, ...more } });
+  // Kept in the entry, too: the next change may come before the answer to this one.
+  const vary = (more) => set({ vary: { ...Object.assign(entry, more), parameter: undefined } });
   const wrong = [...problems].filter(([field]) => field === place || field.startsWith(`${place}.`)).map(([, text]) => text);
   const mark = wrong.length ? { "aria-invalid": "true", "aria-describedby": id("problem") } : {};
   const input = (key, label, value, take, more = {}) => h("label", { for: id(key) }, label,
@@ -96,8 +106,8 @@ function parameterRow({ name, place, way, document: entry, parameter }, change, 
   if (INPUTS[way]) inputs = INPUTS[way].map(([key, label]) => input(key, label, entry[key], (value) => vary({ [key]: value })));
   else if (way === "CHOICE" && choices.length) {
     inputs = h("fieldset", {}, h("legend", { class: "hidden" }, `Choices of ${name}`), choices.map((one) => h("label", { class: "inline" },
-      h("input", { type: "checkbox", id: id(one), checked: entry.values.includes(one), on: { change: (event) => vary({ values: choices.filter((other) => (other === one ? event.target.checked : entry.values.includes(other))) }) } }), String(one))));
-  } else if (way === "CHOICE") inputs = input("values", "values", entry.values.join(", "), () => {}, { on: { change: (event) => vary({ values: event.target.value.split(",").map(read).filter((one) => one !== null) }) } });
+      h("input", { type: "checkbox", id: id(one), checked: (entry.values ?? []).includes(one), on: { change: (event) => vary({ values: choices.filter((other) => (other === one ? event.target.checked : (entry.values ?? []).includes(other))) }) } }), String(one))));
+  } else if (way === "CHOICE") inputs = input("values", "values", (entry.values ?? []).join(", "), () => {}, { on: { change: (event) => vary({ values: event.target.value.split(",").map(read).filter((one) => one !== null) }) } });
   else if (choices.length) inputs = h("label", { for: id("value") }, "value", h("select", { id: id("value"), ...mark, on: { change: (event) => set({ constant: choices[event.target.selectedIndex] }) } }, choices.map((one) => h("option", { selected: one === entry.value }, String(one)))));
   else inputs = input("value", "value", entry.value, (value) => set({ constant: value }));
   return h("div", { class: `parameter${wrong.length ? " wrong" : ""}`, role: "group", "aria-label": name },
@@ -126,17 +136,18 @@ function generalFields(fields, asset, catalog, change, problems) {
   const several = (name, options, chosen, whole) => h("fieldset", { id: `f-${name}`, class: "several" }, h("legend", {}, name[0].toUpperCase() + name.slice(1)), options.map((one) => h("label", { class: "inline" },
     h("input", { type: "checkbox", id: `f-${name}-${one}`, checked: chosen.includes(one), on: { change: (event) => {
       const next = options.filter((other) => (other === one ? event.target.checked : chosen.includes(other)));
+      chosen = next;
       change([fieldChange(name, whole && next.length === options.length ? null : next)]);
     } } }), one)), problem(name).map((wrong) => h("p", { class: "problem small" }, wrong)));
   const cameras = asset?.cameras ?? [];
   const functions = Array.isArray(fields.functions) ? fields.functions : [];
-  const size = typeof fields.resolution === "object" && fields.resolution ? fields.resolution : {};
-  const pixels = (name, usual) => field(`resolution.${name}`, name === "width" ? "Width" : "Height", h("input", { type: "text", inputmode: "numeric", id: `f-resolution.${name}`, value: size[name] ?? usual,
-    on: { change: (event) => change([fieldChange("resolution", { width: size.width ?? 960, height: size.height ?? 540, [name]: read(event.target.value) })]) } }));
+  const size = { width: 960, height: 540, ...(typeof fields.resolution === "object" ? fields.resolution : {}) };
+  const pixels = (name) => field(`resolution.${name}`, name === "width" ? "Width" : "Height", h("input", { type: "text", inputmode: "numeric", id: `f-resolution.${name}`, value: size[name],
+    on: { change: (event) => change([fieldChange("resolution", Object.assign(size, { [name]: read(event.target.value) }))]) } }));
   const design = fields.design ?? "grid";
   return [
     h("div", { class: "grid" }, field("name", "Name", text("name")), field("asset", "Asset", select("asset", catalog.assets)), field("renderer", "Render engine", select("renderer", catalog.engines, "raster"))),
-    h("div", { class: "grid" }, pixels("width", 960), pixels("height", 540),
+    h("div", { class: "grid" }, pixels("width"), pixels("height"),
       field("design", "Design", select("design", DESIGNS, "grid")),
       DRAWN.has(design) || fields.count ? field("count", "Variants", text("count", { inputmode: "numeric" })) : null,
       field("seed", "Seed", text("seed", { inputmode: "numeric", placeholder: "0" }))),

@@ -26,6 +26,7 @@ export async function newView({ main, parameters, signal }) {
   let draft = null;
   let sure = false; // the plan of this very text has no problem
   let round = null; // the present round of questions; a newer one ends it
+  let pending = []; // changes of the form that the text does not have yet
   let timer = null;
 
   const problems = h("div", { id: "problems", class: "slot", "aria-live": "polite" });
@@ -35,7 +36,7 @@ export async function newView({ main, parameters, signal }) {
   const text = editor({
     label: "Spec as YAML",
     known: () => ({ schema, names: { ...catalog, cameras: asset?.cameras ?? [], parameters: asset?.parameters ?? [] } }),
-    changed: () => { sure = false; submit.disabled = true; later(); },
+    changed: () => { sure = false; submit.disabled = true; round?.abort(); later(); },
   });
   const form = specForm({ catalog, change: (changes) => refresh(changes) });
 
@@ -44,12 +45,15 @@ export async function newView({ main, parameters, signal }) {
   const refresh = async (changes = []) => {
     clearTimeout(timer);
     round?.abort();
+    pending.push(...changes);
+    const sent = pending.length;
     const mine = round = new AbortController();
     const options = { signal: AbortSignal.any([signal, mine.signal]) };
     sure = false;
     submit.disabled = true;
     try {
-      draft = await post("/v1/draft", { text: text.text, changes }, options);
+      draft = await post("/v1/draft", { text: text.text, changes: pending }, options);
+      pending = pending.slice(sent);
       text.text = draft.text;
       keep();
       asset = await assetOf(draft.fields.asset).catch(() => null);
@@ -57,9 +61,10 @@ export async function newView({ main, parameters, signal }) {
       show([], plan);
       sure = true;
       submit.disabled = false;
-      pictures.soon(draft.text, plan);
+      pictures.soon(draft, plan);
     } catch (error) {
       if (error.name === "AbortError") return;
+      pending = [];
       keep();
       show(error.errors?.length ? error.errors : [{ field: "", message: error.message }], null);
     }
@@ -161,7 +166,7 @@ function previewSection({ signal }) {
     clearTimeout(timer);
     if (!wanted || asking || signal.aborted) return; // the present request asks again when it ends
     asking = true;
-    const { text, plan } = wanted;
+    const { text, plan, varied } = wanted;
     const looked = `${text} ${camera.value} ${chance}`;
     const indexes = [...new Set([0, Math.floor(chance * plan.variants), plan.variants - 1])];
     figures.setAttribute("aria-busy", "true");
@@ -169,7 +174,7 @@ function previewSection({ signal }) {
     try {
       const query = new URLSearchParams([...indexes.map((one) => ["variant", one]), ["accepted", true], ...(camera.value ? [["camera", camera.value]] : [])]);
       const answer = await postSpec(`/v1/preview?${query}`, text, { signal });
-      figures.replaceChildren(...answer.map((one) => figure(one, plan)));
+      figures.replaceChildren(...answer.map((one) => figure(one, plan.units, varied)));
       state.textContent = "Rendered by the engine raster at a small size, through the first sensor.";
     } catch (error) {
       if (error.name === "AbortError") return;
@@ -182,8 +187,8 @@ function previewSection({ signal }) {
   };
   return {
     element,
-    soon(text, plan) {
-      wanted = { text, plan };
+    soon({ text, vary, several_blocks: several }, plan) {
+      wanted = { text, plan, varied: several ? null : new Set(vary.map((one) => one.document.parameter)) };
       const names = plan.cameras.join(" ");
       if (names !== cameras) {
         cameras = names;
@@ -197,8 +202,9 @@ function previewSection({ signal }) {
   };
 }
 
-function figure({ variant, picture }, { units }) {
-  const values = Object.entries(variant.values).map(([name, one]) => `${name} ${value(one)}${units[name] ? ` ${units[name]}` : ""}`).join(", ");
+// A picture with the values of the varied parameters, or of all where ``varied`` is null.
+function figure({ variant, picture }, units, varied) {
+  const values = Object.entries(variant.values).filter(([name]) => varied?.has(name) ?? true).map(([name, one]) => `${name} ${value(one)}${units[name] ? ` ${units[name]}` : ""}`).join(", ");
   const image = picture ? h("img", { alt: `Variant ${variant.index}: ${values}` }) : h("div", { class: "rejected small" }, `rejected: ${variant.rejection}`);
   if (picture) {
     const address = URL.createObjectURL(new Blob([Uint8Array.from(atob(picture), (one) => one.charCodeAt(0))], { type: "image/png" }));

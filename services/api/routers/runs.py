@@ -17,9 +17,9 @@ from services.api.dependencies import (
 )
 from services.api.openapi import document_body, example, problems
 from services.api.schemas.base import CAMERAS, DIGEST
-from services.api.schemas.runs import SPEC, Failure, Progress, RunDetail, RunPage, RunRead
+from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
-from valerie.db import results, runs
+from valerie.db import marks, results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
@@ -131,11 +131,17 @@ def list_runs(
     limit: Limit = 50,
     seen: SeenDependency = None,
     state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
+    tag: Annotated[
+        str | None,
+        Query(max_length=40, pattern=r"^[^\x00]*$", description="only runs that carry it", examples=["night"]),
+    ] = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
     with reading(context.engine) as connection:
-        rows = runs.page(connection, limit=limit + 1, before=seen, state=state)
-    page = RunPage(items=[_run(row) for row in rows[:limit]], next=next_page(rows, limit))
+        earlier = None if before is None else (before[0], before[1])
+        rows = runs.page(connection, limit=limit + 1, before=earlier, state=state, tag=tag)
+        tags = marks.tags_of_runs(connection, [row.id for row in rows])
+    page = RunPage(items=[_run(row, tags.get(row.id, [])) for row in rows[:limit]], next=next_page(rows, limit))
     return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 
 
@@ -143,7 +149,8 @@ def list_runs(
 def read(run_id: RunId, context: ContextDependency) -> RunDetail:
     with reading(context.engine) as connection:
         row = runs.get(connection, run_id)
-    return RunDetail(**_run(row).model_dump(), spec=row.spec.model_dump(mode="json"))
+        tags = marks.tags_of_runs(connection, [run_id])
+    return RunDetail(**_run(row, tags.get(run_id, [])).model_dump(), spec=row.spec.model_dump(mode="json"))
 
 
 @router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="Progress of a run; cheap to poll")
@@ -185,6 +192,16 @@ def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
         return runs.rejections(connection, run_id)
 
 
+@router.get(
+    "/runs/{run_id}/lineage",
+    responses=_OF_RUN,
+    summary="The runs that this one descends from, and all that descend from the oldest of them, oldest first",
+)
+def lineage(run_id: RunId, context: ContextDependency) -> list[RelativeRead]:
+    with reading(context.engine) as connection:
+        return [RelativeRead.model_validate(one) for one in runs.lineage(connection, run_id)]
+
+
 @router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")
 def cancel(run_id: RunId, context: ContextDependency) -> RunRead:
     lifecycle.cancel(context, run_id)
@@ -217,8 +234,9 @@ def delete(run_id: RunId, context: ContextDependency) -> None:
 
 def _read(context: Context, run_id: str) -> RunRead:
     with reading(context.engine) as connection:
-        return _run(runs.get(connection, run_id))
+        return _run(runs.get(connection, run_id), marks.tags_of_runs(connection, [run_id]).get(run_id, []))
 
 
-def _run(row: runs.RunRow) -> RunRead:
-    return RunRead.model_validate(vars(row) | {"stages": {} if row.progress is None else row.progress.stages})
+def _run(row: runs.RunRow, tags: list[str]) -> RunRead:
+    stages = {} if row.progress is None else row.progress.stages
+    return RunRead.model_validate(vars(row) | {"stages": stages, "tags": tags})

@@ -75,6 +75,7 @@ class RunRead(Read):
         examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],
     )
     stages: dict[Stage, StageProgress] = Field(description="at the latest count; empty before the first")
+    tags: list[str] = Field(description="that people put on it", examples=[["night"]])
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     started_at: Moment | None = Field(examples=["2026-11-21T02:43:09Z"])
     finished_at: Moment | None
@@ -87,6 +88,16 @@ class RunDetail(RunRead):
 class RunPage(Read):
     items: list[RunRead]
     next: NextCursor
+
+
+class RelativeRead(Read):
+    id: str = Field(examples=[RUN_ID])
+    name: str = Field(examples=["two lists of the paper"])
+    state: RunState = Field(examples=["completed"])
+    parent_run: str | None = Field(description="the run that it goes on from")
+    iteration: int = Field(examples=[0])
+    created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
+    study: str | None = Field(description="id of the study that made it as a batch")
 
 
 class Failure(Read):
