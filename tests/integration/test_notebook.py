@@ -30,4 +30,6 @@ def test_the_notebook_runs_and_shows_what_its_page_shows(tmp_path: Path) -> None
     assert "32 variants, 24 frames, 48 evaluations" in text
     assert "'completed'" in text
     # Scores differ in last digits between processors; what is counted does not.
-    assert [line for line in kept.splitlines() if "```" in line] == [line for line in text.splitlines() if "```" in line]
+    assert [line for line in kept.splitlines() if "```" in line] == [
+        line for line in text.splitlines() if "```" in line
+    ]
