@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field
 from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
 from valerie.measures import Cell
+from valerie.pipeline.exploring.confusion import Confusion
 from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
@@ -136,6 +137,23 @@ class SwingsRead(Read):
         ]
     )
     rows: dict[int, dict[str, Cell | bool]] = Field(description="rows by their number", examples=[{5: _ROW, 35: _ROW}])
+
+
+class ConfusionRead(Read):
+    """Pixels by true and predicted class."""
+
+    confusion: Confusion = Field(
+        examples=[
+            {
+                "function": FUNCTION,
+                "evaluations": 12,
+                "classes": ["road", "sidewalk"],
+                "counts": [[9000, 20, 0], [30, 800, 1]],
+                "frames": [{"row": 5, "pixels": 18}],
+            }
+        ]
+    )
+    rows: dict[int, dict[str, Cell | bool]] = Field(description="rows by their number", examples=[{5: _ROW}])
 
 
 class SpecRead(Read):

@@ -126,5 +126,61 @@ def drawn_spec(
     block = BlockDocument(
         design="sobol" if vary else "grid", count=count if vary else None, vary=tuple(vary), constants=constants
     )
+    return _child(spec, table, block)
+
+
+def similar_spec(
+    table: EvaluationTable,
+    every: EvaluationTable,
+    spec: RunSpec,
+    definitions: Iterable[ParameterDefinition],
+    count: int,
+) -> RunSpec:
+    """Return the spec of a run whose variants resemble those of a selection.
+
+    Each is a selected variant, chosen at random; every number moves by up to half the median gap between its values in the run.
+    So what the selected values have to do with each other stays (the smoothed bootstrap: Efron 1982, section 5.3, ISBN
+    978-0-89871-179-0).
+
+    Args:
+        table: the selected rows, of one run.
+        every: all rows of that run.
+        spec: of the run.
+        definitions: the run's parameters.
+        count: number of variants.
+
+    Raises:
+        InvalidInput: there is no row.
+    """
+    if not len(table):
+        raise InvalidInput("selects no row to look for more like it", field="where")
+    kinds = {definition.path: definition.type for definition in definitions}
+    paths = list(table.parameters)
+    distinct = sorted(
+        {
+            tuple((path, value) for path, value in row.items() if value is not None)
+            for row in table.arrow.select(paths).to_pylist()
+        },
+        key=str,
+    )
+    generator = np.random.default_rng(spec.seed)
+    points: list[dict[str, Scalar]] = [dict(distinct[k]) for k in generator.integers(len(distinct), size=count)]
+    for path in paths:
+        if kinds[path] not in (ParameterType.FLOAT, ParameterType.ANGLE):
+            continue
+        values = np.array(_values(every, path), np.float64)
+        if len(values) < 2:
+            continue
+        half, low, high = float(np.median(np.diff(values))) / 2, values[0], values[-1]
+        for point, move in zip(points, generator.uniform(-half, half, count), strict=True):
+            if path in point:
+                # Reflected at the ends of the run's range, where clipping would pile variants up.
+                place = low + abs(float(point[path]) + move - low)
+                point[path] = round(float(high - abs(high - place)), 4)
+    block = BlockDocument(design="points", points=tuple(points), constants=_common_constants(spec.blocks))
+    return _child(spec, table, block)
+
+
+def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSpec:
     parent = table.codes("run_id").names[0]
     return spec.model_copy(update={"blocks": (block,), "parent_run": parent, "iteration": spec.iteration + 1})
