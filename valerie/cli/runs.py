@@ -25,7 +25,7 @@ from valerie.cli.shell import (
     say,
     settings_of,
 )
-from valerie.cli.specs import Functions, require_resolvable, spec_text
+from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.runs.products.states import Priority
 
@@ -69,7 +69,7 @@ def run(
     statements = None if claims is None else read_claims(claims)
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
-    require_resolvable(text, settings)
+    resolvable(text, settings)
     with system_of(settings) as system:
         with own_assets(settings, system.client):
             run = system.client.submit(text)

@@ -167,6 +167,13 @@ def reset_retries(connection: Connection, study_id: str) -> None:
     )
 
 
+def price(connection: Connection, run_id: str) -> float:
+    """Return the CPU time, seconds, that the products of a run took, whenever they were made."""
+    links = links_of(run_id)
+    query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
+    return float(connection.scalar(query) or 0.0)
+
+
 def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:
     """Write the outcomes of a batch and the CPU time that was spent for it, unless it has ended already."""
     row = connection.execute(

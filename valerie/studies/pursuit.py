@@ -16,8 +16,9 @@ import numpy as np
 from pydantic import JsonValue
 
 from valerie.errors import Conflict, InvalidInput
-from valerie.guided import compare, rank
+from valerie.guided import cascade, compare, rank
 from valerie.guided import map as mapping
+from valerie.guided.cascade import Cascade, TwoEngines
 from valerie.guided.compare import Compare, Difference
 from valerie.guided.estimate import Estimate, FailureRate
 from valerie.guided.explain import MinimalPair
@@ -27,7 +28,9 @@ from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy
 from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
+from valerie.runs.document.documents import RunSpec, engine_name
 from valerie.runs.study.document import (
+    CascadeGoal,
     CompareGoal,
     EstimateGoal,
     ExplainGoal,
@@ -83,6 +86,7 @@ class Pursuit:
         self.asked = self.told = 0
         self._strategy = strategy_of(study)
         self._batches: list[UnitPoints] = []
+        self._levels: list[int] = []
 
     def follow(self, batches: Sequence[StoredBatch], *, everything: bool = False) -> None:
         """Replay the stored batches that the strategy does not know yet.
@@ -114,6 +118,7 @@ class Pursuit:
         self.tell_due(batches)
         proposal = self._strategy.ask(count)
         self._batches.append(proposal.points)
+        self._levels.append(proposal.level)
         self.asked += 1
         return proposal
 
@@ -127,14 +132,21 @@ class Pursuit:
             return False
         return not self.asked or self._batches[-1].tolist() == batches[self.asked - 1].points
 
-    def points(self, number: int) -> UnitPoints:
-        """Return the points of a batch, (n, dimensions)."""
-        return self._batches[number]
+    def spec(self, number: int, *, parent: str | None) -> RunSpec:
+        """Return the spec of the run of a batch.
 
-    def repeats(self, number: int) -> bool:
-        """Return True if a batch repeats a point of an earlier one."""
-        earlier = {point.tobytes() for points in self._batches[:number] for point in points}
-        return any(point.tobytes() in earlier for point in self._batches[number])
+        A point that the same render engine has evaluated before is evaluated under another random seed.
+
+        Args:
+            number: of the batch.
+            parent: id of the run before it.
+        """
+        points, level = self._batches[number], self._levels[number]
+        before = zip(self._batches[:number], self._levels, strict=False)
+        earlier = {point.tobytes() for batch, other in before if other == level for point in batch}
+        again = any(point.tobytes() in earlier for point in points)
+        seed = self.study.document.spec.seed + (number if again else 0)
+        return self.study.spec(points, number, parent=parent, seed=seed, level=level)
 
     @property
     def waits(self) -> bool:
@@ -176,8 +188,10 @@ class Pursuit:
                 second = self.study.document.spec.functions[1]
                 named = [(f"{second} does worse", point) for point in known.falls[: _SHOWN // 2]]
                 named += [(f"{second} does better", point) for point in known.rises[: _SHOWN // 2]]
-        places = [(self._place(point), words) for words, point in named]
-        unique = dict(reversed([(place, words) for place, words in places if place is not None]))
+            case TwoEngines():
+                named = [("The engines disagree", point) for point in known.disagree[: _SHOWN // 2]]
+        places = [(place, words + self._engine(place[0])) for words, point in named for place in self._places(point)]
+        unique = dict(reversed(places))
         return [(*place, words) for place, words in reversed(unique.items())]
 
     def boundary(self) -> BoundarySlice | None:
@@ -187,11 +201,18 @@ class Pursuit:
             return None
         return slice_of(self._strategy, self.study.domain, known.nearest[0])
 
-    def _place(self, point: UnitPoints) -> tuple[int, int] | None:
-        for number, points in enumerate(self._batches):
+    def _engine(self, number: int) -> str:
+        """Return the render engine of a batch as the end of a title; empty where the study has only one."""
+        renderers = self.study.renderers
+        return f", {engine_name(renderers[self._levels[number]])}" if len(renderers) > 1 else ""
+
+    def _places(self, point: UnitPoints) -> list[tuple[int, int]]:
+        """Return the first place of a point, (batch, index), for each render engine."""
+        first: dict[int, tuple[int, int]] = {}
+        for number, (points, level) in enumerate(zip(self._batches, self._levels, strict=True)):
             for index in np.flatnonzero((points == point).all(axis=1)) if len(points) else ():
-                return number, int(index)
-        return None
+                first.setdefault(level, (number, int(index)))
+        return list(first.values())
 
     def _known(self) -> Result | None:
         strategy = self._strategy
@@ -204,6 +225,8 @@ class Pursuit:
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
                 assert batch.outcomes is not None, "a batch is told when it has ended"
+                if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
+                    self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
                 self._strategy.tell(points, batch.outcomes.values)
             self.told += 1
 
@@ -236,6 +259,8 @@ def strategy_of(study: ResolvedStudy) -> Strategy:
             return Compare(domain, within=goal.within, seed=seed, at_least=passes, level=goal.level, names=names)
         case RankGoal():
             return Rank(domain, seed=seed)
+        case CascadeGoal():
+            return Cascade(domain, seed=seed, at_least=at_least if goal.of == "rate" else None)
         case ExplainGoal():
             pair = None
             if goal.failing is not None and goal.passing is not None:
@@ -252,6 +277,10 @@ def _fewest(study: ResolvedStudy) -> int:
             return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
         case CompareGoal():
             return compare.FEWEST
+        case CascadeGoal():
+            # Pairs are drawn from cheap points whose scores are known.
+            batch = study.document.batch
+            return max(LAG, math.ceil(cascade.FEWEST / batch)) * batch + cascade.FEWEST
         case RankGoal():
             return rank.TRAJECTORIES * (study.domain.dimensions + 1)
     return 1

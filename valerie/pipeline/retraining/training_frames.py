@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from valerie.analysis.findings.region import Region
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
+from valerie.parent import end_with_parent
 from valerie.perception.training.frame_folder import (
     SEEDS,
     SITE_SEEDS,
@@ -131,7 +132,7 @@ def render_frames(
     shards: list[Shard] = []
     # Fresh processes: a GL context does not survive a fork.
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max(1, processes), mp_context=spawn) as pool:
+    with ProcessPoolExecutor(max(1, processes), mp_context=spawn, initializer=end_with_parent) as pool:
         waiting = [pool.submit(render_site, folder, seed, settings) for seed in seeds]
         try:
             for future in as_completed(waiting):

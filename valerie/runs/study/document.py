@@ -22,7 +22,7 @@ from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
 from valerie.runs.study.retraining import Rounds
-from valerie.runs.values import Document, Scalar, Text
+from valerie.runs.values import Document, Name, Scalar, Text
 from valerie.validation import problem_of
 
 #: Fields of a spec that a study sets itself.
@@ -148,6 +148,20 @@ class CompareGoal(GoalDocument):
     level: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
 
 
+class CascadeGoal(GoalDocument):
+    """Estimate what a costly render engine says from few of its frames, by `valerie.guided.cascade`.
+
+    Attributes:
+        renderer: the costly engine, as in a spec; that of the spec is the cheap one.
+        of: what is estimated: the ``mean`` score, or the failure ``rate``.
+    """
+
+    question = "What does the costly render engine say?"
+    name: Literal["cascade"] = "cascade"
+    renderer: Name | dict[str, Scalar]
+    of: Literal["mean", "rate"] = "mean"
+
+
 class RankGoal(GoalDocument):
     """Rank the parameters by their effect, by `valerie.guided.rank`."""
 
@@ -157,10 +171,11 @@ class RankGoal(GoalDocument):
 
 
 Goal = Annotated[
-    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal, Field(discriminator="name")
+    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal | CascadeGoal,
+    Field(discriminator="name"),
 ]
 #: Names of the goals.
-GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank")
+GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
 
 
 class Budget(Document):
@@ -238,6 +253,9 @@ class StudyDocument(Document):
             problems.append(InvalidInput(refusal, field="functions", value=functions, limit=self.goal.functions))
         if isinstance(self.goal, RankGoal) and len(self.spec.blocks[0].vary) == 1:
             problems.append(InvalidInput("a ranking needs two parameters", field="vary", value=1, limit=">= 2"))
+        if isinstance(self.goal, CascadeGoal) and self.goal.renderer == self.spec.renderer:
+            refusal = "the costly engine is the cheap one"
+            problems.append(InvalidInput(refusal, field="goal.renderer", value=self.goal.renderer, limit="another"))
         if self.batch > self.budget.variants:
             refusal = "a batch is larger than the budget"
             problems.append(InvalidInput(refusal, field="batch", value=self.batch, limit=self.budget.variants))
@@ -341,11 +359,13 @@ class Outcomes(Document):
         scores: score of each variant; None where a variant has none.
         second: likewise for the second function; empty in a study of one function.
         rejected: indices of the rejected variants. They have no score and do not count in the budget.
+        cpu_seconds: price of all products of the batch, whenever they were made; None where no proposal depends on it.
     """
 
     scores: tuple[float | None, ...]
     second: tuple[float | None, ...] = ()
     rejected: tuple[int, ...] = ()
+    cpu_seconds: float | None = None
 
     @property
     def by_variant(self) -> list[tuple[float | None, ...]]:

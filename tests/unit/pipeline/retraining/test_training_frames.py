@@ -1,6 +1,10 @@
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from valerie.errors import InvalidInput
@@ -32,6 +36,26 @@ def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "precious.txt").write_text("kept")
     with pytest.raises(InvalidInput, match="not empty"):
         render_frames(tmp_path, FrameSettings(sites=1))
+
+
+@pytest.mark.gl
+@pytest.mark.processes
+@pytest.mark.timeout(300)
+def test_a_killed_command_leaves_no_process_that_renders(tmp_path: Path) -> None:
+    """Its folder belongs to the command that continues."""
+    command = [sys.executable, "-m", "valerie", "train", "frames", str(tmp_path / "frames"), "--streets", "50"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as started:
+        parent = psutil.Process(started.pid)
+        rendering: list[psutil.Process] = []
+        while not rendering:
+            assert started.poll() is None
+            time.sleep(0.1)
+            children = parent.children()
+            rendering = [child for child in children if any("moderngl" in m.path for m in child.memory_maps())]
+        started.kill()
+    gone, alive = psutil.wait_procs(rendering, timeout=30)
+    assert gone
+    assert not alive
 
 
 @pytest.mark.gl
