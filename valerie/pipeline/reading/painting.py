@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import Final
 
 import numpy as np
@@ -25,7 +26,7 @@ ANNOTATION_KINDS: Final = tuple(
     kind.value for kind in AnnotationKind if kind.stored and kind is not AnnotationKind.SCAN
 )
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
-#: Pixels of a person's close-up from top to bottom, about; smaller windows are enlarged by a whole number.
+#: Pixels of a person's close-up from top to bottom, at least; smaller windows are enlarged by a whole number.
 _CLOSE_UP: Final = 360
 #: What a close-up shows around the person: this share of the longer side, and at least so many pixels.
 _MARGIN, _LEAST_MARGIN = 0.5, 12
@@ -155,7 +156,7 @@ def _window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
 
 
 def _enlarged(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    factor = max(1, round(_CLOSE_UP / pixels.shape[0]))
+    factor = math.ceil(_CLOSE_UP / pixels.shape[0])
     return pixels.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
