@@ -10,10 +10,21 @@ import json
 import lzma
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
 import yaml
+from PIL import Image
+
+from tools.contact_sheet import captioned, contact_sheet
+from valerie.analysis.report.panels import make_panel
+from valerie.analysis.report.plots import static_figure
+from valerie.analysis.rows.frame_counts import settings
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.trends.trends import find_trends
+from valerie.analysis.wording import setting_labels
+from valerie.measures import measure_of
 
 ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "docs" / "experiment"
@@ -31,8 +42,24 @@ def keep_part() -> None:
 
 
 def keep_light() -> None:
-    """Run a part with the light on each person; keep the rows. The report stays in ``var/``."""
+    """Run a part with the light on each person; keep the rows and pACC over light as a picture. The report stays in ``var/``."""
     _keep_rows(_run(SPECS / "paper-light.yaml", MADE / "paper-light.html"), "paper-light")
+    draw_light(KEPT / "paper-light.parquet", ROOT / "docs" / "images" / "paper-light.png")
+
+
+def draw_light(rows: Path, picture: Path) -> None:
+    """Draw pACC over irradiance, shadow and contrast, a column per function."""
+    table = EvaluationTable.from_parquet(rows)
+    trends = find_trends(table, seed=0, axes=[measure_of(name) for name in ("irradiance", "shadow_share", "contrast")])
+    tiles = []
+    for axis in dict.fromkeys(trend.column for trend in trends.items):
+        for (function, sensor), title in setting_labels(settings(table)).items():
+            panel = make_panel(table, trends, axis, function, sensor, seed=0)
+            drawn = (
+                Image.open(BytesIO(static_figure(panel))).convert("RGB").resize((640, 380), Image.Resampling.LANCZOS)
+            )
+            tiles.append(captioned(drawn, drawn.size, f"{title}, {panel.total:,} persons"))
+    contact_sheet(tiles, columns=2).save(picture, optimize=True)
 
 
 def keep_cycles() -> None:
