@@ -250,13 +250,18 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
 
     Raises:
         InvalidInput, UnknownName: a claim names a column, function or level that the run does not have, with its field.
+            A claim about a factor that the run does not vary is not testable here.
     """
     entries: list[LedgerEntry] = []
+    factors = {factor.name: factor for factor in factors_of(table)}
     for i, claim in enumerate(claims.claims):
         field = f"claims.{i}"
-        if claim.slip or claim.untestable:
+        untestable = claim.untestable
+        if (compared := claim.difference or claim.flip) is not None and compared.factor not in factors:
+            untestable = f"The run does not vary {compared.factor}; it varies {', '.join(factors) or 'nothing'}."
+        if claim.slip or untestable:
             outcome = ClaimOutcome.SLIP if claim.slip else ClaimOutcome.NOT_TESTABLE
-            entries.append(LedgerEntry(claim.id, claim.source, claim.says, "", outcome, claim.slip or claim.untestable))
+            entries.append(LedgerEntry(claim.id, claim.source, claim.says, "", outcome, claim.slip or untestable))
             continue
         rows = rows_where(claim.where, table, f"{field}.where")
         names = table.codes("function").names
@@ -423,8 +428,6 @@ def _contrast(
 ) -> tuple[Contrast | None, Observations]:
     """Return the contrast of the first level to the second, and the rows that it was computed from."""
     factors = {factor.name: factor for factor in factors_of(table)}
-    if test.factor not in factors:
-        raise UnknownName("factor of the run", test.factor, factors, field=f"{field}.factor")
     factor = factors[test.factor]
     before, after = _level(factor, test.second, f"{field}.second"), _level(factor, test.first, f"{field}.first")
     values = np.where(rows, table.numbers("pacc"), np.nan)

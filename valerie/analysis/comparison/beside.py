@@ -341,4 +341,6 @@ def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTabl
         pairs = zip(write_ledger(claims, one, seed=seed), write_ledger(claims, two, seed=seed), strict=True)
     except InvalidInput:
         return []
-    return [Conclusion(kind, here.says, here, there) for here, there in pairs]
+    return [
+        Conclusion(kind, here.says, here, there) for here, there in pairs if here.outcome is not Outcome.NOT_TESTABLE
+    ]

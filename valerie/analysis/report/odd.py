@@ -200,7 +200,7 @@ def _levels(
     if low == high:
         return (_text(low, definition),), np.zeros(len(values), np.int64)
     edges = np.linspace(low, high, PARTS + 1)
-    names = [f"{start:g}…{_text(end, definition)}" for start, end in pairwise(edges.tolist())]
+    names = [f"{start:g}…{_text(end, definition)}".replace("-", "−") for start, end in pairwise(edges.tolist())]
     return tuple(names), np.clip(np.digitize(values, edges) - 1, 0, PARTS - 1).astype(np.int64)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
-#: Pixels of a person's close-up from top to bottom, about; smaller windows are enlarged by a whole number.
+#: Pixels of a person's close-up from top to bottom, at least; smaller windows are enlarged by a whole number.
 _CLOSE_UP: Final = 360
 #: What a close-up shows around the person: this share of the longer side, and at least so many pixels.
 _MARGIN, _LEAST_MARGIN = 0.5, 12
@@ -147,7 +148,7 @@ def _window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
 
 
 def _enlarged(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    factor = max(1, round(_CLOSE_UP / pixels.shape[0]))
+    factor = math.ceil(_CLOSE_UP / pixels.shape[0])
     return pixels.repeat(factor, axis=0).repeat(factor, axis=1)
 
 

@@ -113,6 +113,15 @@ def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
     assert outcomes(table, untestable="the paper's networks are not to be had") == [ClaimOutcome.NOT_TESTABLE]
 
 
+@pytest.mark.parametrize("test", [{"difference": {"sign": "<"}}, {"flip": {"at_least": 0.4}}])
+def test_a_claim_about_a_factor_that_the_run_does_not_vary_is_not_testable_here(table, test):
+    ((kind, rest),) = test.items()
+    (entry,) = answers(table, **{kind: {**COLOURS, "factor": "rain", **rest}})
+    assert entry.outcome is Outcome.NOT_TESTABLE
+    assert "does not vary rain; it varies " in entry.finding
+    assert "person-1.character" in entry.finding
+
+
 @pytest.mark.parametrize(
     ("claim", "error", "words"),
     [
@@ -122,7 +131,6 @@ def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
             r"claims\.0\.functions",
         ),
         ({"difference": {**COLOURS, "first": "red", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.first"),
-        ({"difference": {**COLOURS, "factor": "rain", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.factor"),
         ({"trend": {"over": "distans", "shape": "level"}}, UnknownName, "distance_m"),
         ({"where": "pac > 1", "trend": {"over": "distance_m", "shape": "level"}}, InvalidInput, r"claims\.0\.where"),
     ],

@@ -347,6 +347,10 @@ def test_the_domain_lists_levels_holes_pairs_and_what_was_held(source, html):
     for one in (first, second):
         shown = f"{len(one.levels) - len(one.holes)} of {len(one.levels)}"
         assert f"vulnerable road users dynamic elements {one.parameter} {shown} {'; '.join(one.holes)}".strip() in words
-    assert f"person-1.pos.x × person-1.pos.y {coverage.pairs[0].possible - len(coverage.pairs[0].holes)} of" in words
+    (pair,) = coverage.pairs
+    complete = 0 if pair.holes else 1
+    assert f"Of 1 pairs of parameters, {complete} show every pair" in words
+    for one, other in pair.holes:
+        assert f"{one} with {other}" in words
     assert "Held at one value: 1 parameters vulnerable road users person-2.pos.x 4 m" in words
     assert "No parameter stands for zones, " in words
