@@ -103,7 +103,7 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class OcclusionShare:
-    """Share of person-frames that are occluded; functions do not matter.
+    """Share of occluded person-frames, independent of the function.
 
     Attributes:
         character: name of the pedestrian, or `ALL`.

@@ -21,7 +21,7 @@ _MAX_KEY_BYTES: Final = 16_384
 
 
 def new_key(path: Path) -> str:
-    """Make a key pair: ``path`` (PKCS #8, PEM, readable by its owner only) and ``path.pub`` (PEM); return the key's id.
+    """Create a key pair, ``path`` (PKCS #8, PEM, readable only by its owner) and ``path.pub`` (PEM); return the key's id.
 
     Raises:
         Conflict: one of the files exists.
@@ -51,7 +51,7 @@ def read_private_key(path: Path) -> CryptoSigner:
     """Read the private key of `new_key`.
 
     Raises:
-        InvalidInput: the file cannot be read, or holds no Ed25519 key without a password.
+        InvalidInput: the file cannot be read, or contains no Ed25519 key without a password.
     """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -73,7 +73,7 @@ def read_public_key(path: Path) -> SSlibKey:
     """Read the public key of `new_key`.
 
     Raises:
-        InvalidInput: the file cannot be read, or holds no public Ed25519 key.
+        InvalidInput: the file cannot be read, or contains no public Ed25519 key.
     """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -109,10 +109,10 @@ def sign(payload: bytes, signer: CryptoSigner) -> bytes:
 
 
 def require_envelope(data: bytes, payload: bytes) -> Envelope:
-    """Read an envelope, and refuse one that is not about this payload; its signature is not looked at.
+    """Read an envelope of this payload; its signature is not checked.
 
     Raises:
-        Refused: not an envelope as `sign` writes it, or about something else.
+        Refused: not an envelope that `sign` writes, or one of another payload.
     """
     from securesystemslib.dsse import Envelope
 

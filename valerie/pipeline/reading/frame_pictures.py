@@ -1,4 +1,4 @@
-"""The pictures of one frame: their sources, and painting them."""
+"""The pictures of one frame: sources and painting."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.states import ProductState
 
-#: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
+#: Kinds that show only the ground truth, and only the picture (with or without a prediction).
 _OF_TRUTH: Final = ("truth", "instances", "depth")
 _OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
 
@@ -39,9 +39,9 @@ class PictureSource:
 
     Attributes:
         kind: one of `valerie.pipeline.reading.painting.KINDS`.
-        capture: the frame and the sensor that sees it.
-        prediction: digest; None where no function looked.
-        annotation: digest, of a kind that shows one.
+        capture: the frame and its sensor.
+        prediction: digest of the prediction; None without one.
+        annotation: digest of the annotation, for a kind that shows one.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class PictureSource:
 
     @property
     def tag(self) -> str:
-        """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
+        """Digest of the picture, 32 hexadecimal characters, known before it is painted."""
         shown = self.prediction or self.annotation or ""
         return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
 
@@ -62,15 +62,15 @@ def find_picture(
     """Find the products that a picture shows.
 
     Args:
-        context: of this process.
+        context: context of this process.
         key: the frame.
         kind: one of `valerie.pipeline.reading.painting.KINDS`.
-        function, sensor: as the spec calls them; None: the first.
+        function, sensor: names in the spec; None: the first.
 
     Raises:
         NotFound: no such run or frame.
         UnknownName: no such function, sensor setting or annotation.
-        Conflict: what the picture needs is not made yet.
+        Conflict: a product that the picture needs is not available yet.
     """
     with reading(context.engine) as connection:
         resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
@@ -102,7 +102,7 @@ def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
     """Paint a picture: (H, W, 3) uint8 sRGB.
 
     Raises:
-        UnknownName: no such kind, or it needs a function and the run has none.
+        UnknownName: no such kind, or the kind needs a function and the run has none.
         MissingInput: an object is gone.
     """
     painter = FramePainter(ProductReader(context.store))
@@ -112,7 +112,7 @@ def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
 
 
 def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
-    """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
+    """Return the digests of the products in a kind of picture, besides a prediction and an annotation."""
     if kind in ("prediction", AnnotationKind.NORMALS):
         return ()
     products = capture.products

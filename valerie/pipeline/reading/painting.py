@@ -1,4 +1,4 @@
-"""Pictures for people: the sensor stage's output, truth, predictions and annotations, painted."""
+"""Painted pictures: the sensor stage's output, truth, predictions and annotations."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from valerie.rendering.base import GroundTruth
 #: Kinds of picture that every frame has, and those that show a prediction.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-#: Kinds of picture that a frame has where its run asked for the annotation. A scan shows in the picture of its sensor.
+#: Kinds of picture of a requested annotation. A scan is visible in the picture of its sensor.
 ANNOTATION_KINDS: Final = tuple(
     kind.value for kind in AnnotationKind if kind.stored and kind is not AnnotationKind.SCAN
 )
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
-#: Raised by hand whenever equal products give other pictures for people.
+#: Raise it whenever equal products give other pictures.
 PAINTING_REVISION: Final = 1
 
 _HIT, _MISS, _FALSE = (
@@ -36,7 +36,7 @@ _HIT, _MISS, _FALSE = (
 
 
 class FramePainter:
-    """Paints the frames of one store."""
+    """Painter of the frames in one store."""
 
     def __init__(self, reader: ProductReader) -> None:
         self._reader = reader
@@ -53,7 +53,7 @@ class FramePainter:
 
         Args:
             kind: one of `KINDS`.
-            capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
+            capture: the frame and its sensor, which also distorts the truth.
             prediction, annotation: digests of finished products.
 
         Raises:
@@ -129,7 +129,7 @@ def _blend(
 
 
 def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
-    """Paint every instance in a colour of its own over a darkened class map."""
+    """Paint every instance in its own colour over a darkened class map."""
     painted = colorize(truth.class_map) // 3
     # Python integers, since the products below overflow the type of the map.
     for number in np.unique(truth.instance_map[truth.instance_map > 0]).tolist():

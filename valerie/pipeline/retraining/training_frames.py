@@ -1,4 +1,4 @@
-"""Frames to train on: streets of seeds that no run uses by default, random scenes, exact labels.
+"""Frames to train on: streets with seeds that no run uses by default, random scenes, exact labels.
 
 Training streets have seeds from 1000 on, held-out ones 900 to 999. Seed 0, the default of every run, is in neither.
 """
@@ -49,16 +49,16 @@ class FrameSettings(BaseModel):
     """Number, size and content of frames to render.
 
     Attributes:
-        split: ``train`` or ``held-out``; chooses the seeds.
+        split: ``train`` or ``held-out``; determines the seeds.
         streets: number of streets.
-        per_street: frames of each.
-        width, height: pixels.
+        per_street: number of frames of each street.
+        width, height: size in pixels.
         asset: a generated asset that takes a ``seed``.
-        arguments: of the generator; others than these and the seed are drawn (`training_scenes.draw_arguments`).
+        arguments: arguments of the generator; all others but the seed are drawn (`training_scenes.draw_arguments`).
         first_seed: first street seed; None: that of the split.
         region: None, or the bounds that must hold for at least one person of a frame
             (`valerie.pipeline.retraining.targets`). Scenes are drawn until they do.
-        broad_share: share of the frames that need not lie in the region.
+        broad_share: share of the frames that need not be in the region.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -75,13 +75,13 @@ class FrameSettings(BaseModel):
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
     def is_targeted(self, number: int) -> bool:
-        """Return whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
+        """Return True if frame ``number`` of a street must be in the region; broad frames are spread evenly."""
         if self.region is None:
             return False
         return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
 
     def street(self, seed: int) -> AssetArguments:
-        """Return the asset of one street, as `load_asset` takes it."""
+        """Return the asset of one street, for `load_asset`."""
         return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
@@ -108,24 +108,24 @@ def render_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """Render all streets into a folder; frames depend on settings, seed and number only, not on processes.
+    """Render all streets into a folder; frames depend only on settings, seed and number, not on processes.
 
     Args:
-        folder: created if missing; must be empty.
-        settings: of the frames.
+        folder: folder to write; created if missing; must be empty.
+        settings: settings of the frames.
         processes: number of processes; each has its own GL context.
         progress: called after every street.
 
     Raises:
-        InvalidInput: the folder holds frames already, or the settings cannot be met.
-        RenderingError, MissingDependency: as the raster engine.
+        InvalidInput: the folder is not empty, or the settings cannot be met.
+        RenderingError, MissingDependency: from the raster engine.
     """
     seeds = settings.seeds()
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise InvalidInput("the folder is not empty", field="folder", value=str(folder))
     shards: list[Shard] = []
-    # Fresh processes: a GL context does not survive a fork.
+    # Fresh processes, since a GL context does not survive a fork.
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max(1, processes), mp_context=spawn) as pool:
         waiting = [pool.submit(render_street, folder, seed, settings) for seed in seeds]
@@ -153,7 +153,7 @@ def render_street(folder: Path, seed: int, settings: FrameSettings) -> Shard:
 def _give_back() -> None:
     """Return freed memory to the system.
 
-    Streets come and go in arrays of many sizes. glibc would keep what is free between them: 6 GB after seven streets in full HD.
+    The arrays of streets differ in size, so glibc would keep free memory between them: 6 GB after seven streets in full HD.
     """
     with suppress(AttributeError, OSError):  # another C library
         ctypes.CDLL(None).malloc_trim(0)
@@ -178,14 +178,14 @@ def frames_of(
 
     Args:
         asset: the street.
-        seed: of the street and of all draws.
+        seed: seed of the street and of all draws.
         settings: number and size of frames.
         draws: counts the scenes.
-        most_draws: number of scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
+        most_draws: most scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
 
     Raises:
         RenderingError: no usable image after several draws.
-        InvalidInput: hardly any drawn scene lies in the region.
+        InvalidInput: hardly any drawn scene is in the region.
     """
     from valerie.rendering.ground_truth import TruthPass
     from valerie.rendering.raster.context import process_context
@@ -215,13 +215,13 @@ def frames_of(
                     background = renderer.background(drawn.scene, view)
                     break
                 except RenderingError:
-                    # A camera that sees nothing but sky or a wall; the next attempt draws another scene.
+                    # The camera sees only sky or a wall; the next attempt draws another scene.
                     unusable += 1
                     if unusable == _TRIES:
                         raise
             else:
                 raise InvalidInput(
-                    f"no drawn scene of street {seed} lies in the region", field="region",
+                    f"no drawn scene of street {seed} is in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
             image = renderer.layer(drawn.scene, view).over(background)
