@@ -1,6 +1,6 @@
 """Run examples/paper-part.yaml and keep its report and rows: ``make paper-part`` renews ``docs/experiment/``.
 
-What stays the same is not made again, so an interrupted command goes on where it stopped.
+Finished products are reused, so that an interrupted command continues where it stopped.
 """
 
 from __future__ import annotations

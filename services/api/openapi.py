@@ -113,8 +113,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
 
 def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
     """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
-
-    Examples are written again even where the generator took them over: it drops every null, which the schemas require.
+    Examples that the generator copied are replaced too: it drops every null, which the schemas require.
     """
     for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):
         models = {str(route.status_code or 200): route.response_model}
@@ -133,7 +132,7 @@ def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
     """Build an example of a JSON schema from the examples of its fields; an optional field without one is null.
 
     Args:
-        schema: to build for.
+        schema: the schema.
         models: definitions that it refers to; None: its own.
 
     Raises:

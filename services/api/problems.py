@@ -93,7 +93,7 @@ class ProblemResponse(JSONResponse):
 
 
 def problem(status: int, title: str, detail: str, *, errors: Sequence[FieldProblem] | None = None) -> JSONResponse:
-    """Return one problem document; ``errors`` is a member of it where it is not None."""
+    """Return one problem document; ``errors`` is a member unless it is None."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail}
     return ProblemResponse(document | ({} if errors is None else {"errors": errors}), status_code=int(status))
 
@@ -148,7 +148,7 @@ def _field_problem(error: InvalidInput) -> FieldProblem:
     return FieldProblem(field=error.field, message=error.message, value=_plain(value), limit=_plain(limit))
 
 
-#: Bounds of pydantic to their text.
+#: Bound of pydantic to its text.
 _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length": "at most {} characters or items",
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def renderables(beside: Beside) -> list[RenderableType]:
-    """Return the differences by function, the views that fell furthest, and the conclusions."""
+    """Return the differences by function, the views with the largest drops, and the conclusions."""
     from rich.table import Table
     from rich.text import Text
 

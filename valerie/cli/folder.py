@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
 
 class Folder:
-    """The questions of `valerie.client.Client` about runs, answered from the data folder.
-
+    """The methods of `valerie.client.Client` about runs, reading from the data folder.
     Every method with a run's id may raise `NotFound`; those about results raise `Conflict` for a run that has not ended.
     """
 
@@ -22,8 +21,8 @@ class Folder:
         """Read from an open deployment.
 
         Args:
-            context: of the deployment.
-            up: the command line that starts a server on the folder.
+            context: context of the deployment.
+            up: command line that starts a server on the folder.
         """
         self._context = context
         self._up = up

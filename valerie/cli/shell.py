@@ -170,8 +170,7 @@ class _Stream(io.TextIOWrapper):
 
 def stop_on_signals() -> None:
     """Let SIGINT, SIGTERM and SIGHUP unwind this process; a second signal ends it at once.
-
-    No process stays behind in either case, since the processes of the one-machine mode end with their parent.
+    In either case no process remains, since the processes of the one-machine mode end with their parent.
     """
 
     def stop(signum: int, _frame: object) -> None:
@@ -197,10 +196,10 @@ def command_name() -> str:
 
 
 def write_output(path: Path, content: bytes) -> None:
-    """Write a file that the user asked for, and say so.
+    """Write a file that the user requested, and print its path.
 
     Raises:
-        StorageUnavailable: it cannot be written.
+        StorageUnavailable: the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

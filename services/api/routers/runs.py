@@ -89,7 +89,7 @@ async def body(request: Request) -> bytes:
 
 
 def _spec(body: Annotated[bytes, Depends(body)]) -> RunSpec:
-    # Runs in a thread, so that a large document does not hold up other requests.
+    # Runs in a thread, so that a large document does not delay other requests.
     return parse(body)
 
 

@@ -221,12 +221,12 @@ def _study(row: StudyRow) -> StudyRead:
 
 
 def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | None]:
-    """Return the fields of an answer that follow from a batch; variants with a score below ``bound`` fail."""
+    """Return the fields of an answer that are derived from a batch; variants with a score below ``bound`` fail."""
     return {"legal": batch.legal, "counts": None if batch.outcomes is None else _counts(batch, batch.outcomes, bound)}
 
 
 def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
-    """Count variants; a variant fails if it fails for one of the functions."""
+    """Count variants; a variant fails if it fails for any of the functions."""
     variants = outcomes.by_variant
     failed = sum(any(score is not None and score < bound for score in scores) for scores in variants)
     passed = sum(all(score is not None and score >= bound for score in scores) for scores in variants)
