@@ -88,7 +88,7 @@ def sampling_units(
     Args:
         design: ``grid``, ``points``, ``random``, ``sobol``, ``halton`` or ``latin_hypercube``.
         variants: (N,) variant of every row; any integers.
-        streets: (N,) street seed of every row; None where the street does not vary.
+        streets: (N,) street seed of every row; None if the street does not vary.
         replicate: (N,) replicate of every row, for a design whose variants are drawn together; default: one replicate.
 
     Raises:
@@ -124,7 +124,7 @@ def places(positions: NDArray[np.float64], streets: NDArray[np.int64] | None = N
 
     Args:
         positions: (N, P) coordinates of the persons, metres; equal numbers are equal positions.
-        streets: (N,) street seed of every row; None where the street does not vary.
+        streets: (N,) street seed of every row; None if the street does not vary.
     """
     columns = positions if streets is None else np.column_stack((positions, streets))
     if columns.shape[1] == 0:

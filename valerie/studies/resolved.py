@@ -76,7 +76,7 @@ class ResolvedStudy:
         for row in rows:
             if self.where is not None and not self.where.holds(row):
                 continue
-            if not self.measure.statistic.of_persons:  # count each frame once, however many persons it shows
+            if not self.measure.statistic.of_persons:  # count each frame once, regardless of its number of persons
                 frame = (row["frame_id"], row["sensor"], row["function"])
                 if frame in seen:
                     continue

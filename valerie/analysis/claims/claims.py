@@ -209,7 +209,7 @@ class Entry:
         function: the tested function; empty for a claim about frames only.
         outcome: answer.
         finding: result of the run in words.
-        estimate, low, high: the quantity and its interval; None where there is none.
+        estimate, low, high: the quantity and its interval; None if there is none.
         rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """

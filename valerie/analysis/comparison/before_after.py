@@ -29,7 +29,7 @@ _CLASS_STEP: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class VersionScores:
-    """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
+    """Scores of one version on one group of persons; ratios in [0, 1], None if undefined.
 
     Attributes:
         pacc_mean, pacc_pooled: over the group's persons; the mean weighs persons equally, the pooled score pixels.
@@ -57,7 +57,7 @@ class Difference:
         low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than two places.
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
-        judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
+        judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
     """
 
     mean: float
@@ -116,7 +116,7 @@ class Comparison:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
-        numeric_classes: numeric class of each version, in their order; empty where unknown.
+        numeric_classes: numeric class of each version, in their order; empty if unknown.
         judged_by: names of the classes that ``classes`` and ``overall`` cover; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
         overall: score over all classes to (frame mean, pooled) per version.

@@ -335,7 +335,7 @@ def _of_claims(claims: Claims | None, one: EvaluationTable, two: EvaluationTable
 
 
 def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTable, seed: int) -> list[Conclusion]:
-    """Return the answers of both runs; empty where the shared rows lack a factor, level or function of the claim."""
+    """Return the answers of both runs; empty if the shared rows lack a factor, level or function of the claim."""
     try:
         pairs = zip(write_ledger(claims, one, seed=seed), write_ledger(claims, two, seed=seed), strict=True)
     except InvalidInput:

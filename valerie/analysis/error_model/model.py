@@ -325,7 +325,7 @@ class _Data:
 
     @property
     def refusal(self) -> str:
-        """Reason why these rows are too few; empty where they are enough."""
+        """Reason why these rows are too few; empty if they are enough."""
         count = len(np.unique(self.places))
         if count < MIN_PLACES:
             return f"{count} places are too few: {MIN_PLACES - count} more are needed at least"

@@ -48,7 +48,7 @@ def _after(step: Step) -> str:
 
 
 def unequal_sentence(unequal: Sequence[Inequality]) -> str:
-    """Return the measured differences between the sides of a finding; empty where there are none."""
+    """Return the measured differences between the sides of a finding; empty if there are none."""
     texts = [
         f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
         f"{measure_of(one.column).text(one.before)} with {one.step.before})"

@@ -237,7 +237,7 @@ def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, li
 
 
 def _picture(source: ReportInput, frame_id: str, sensor: str, function: str | None) -> str | None:
-    """Return the data URL of a picture, or of a prediction over it; None where there is none."""
+    """Return the data URL of a picture, or of a prediction over it; None if there is none."""
     if source.picture is None:
         return None
     kind = PictureKind.PICTURE if function is None else PictureKind.PREDICTION
@@ -254,7 +254,7 @@ def _number(column: str, share: bool, value: float | None) -> str:
 
 
 def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, str | None]]]]:
-    """Yield example frames with (caption, data URL) of their pictures; the URL is None where a picture is gone."""
+    """Yield example frames with (caption, data URL) of their pictures; the URL is None if a picture is gone."""
     if source.picture is None:
         return
     for example in choose_examples(source.table):

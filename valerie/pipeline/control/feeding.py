@@ -33,7 +33,7 @@ class Fed(NamedTuple):
     """A written block.
 
     Attributes:
-        products: number of products that it links to; 0 where nothing was written.
+        products: number of products that it links to; 0 if nothing was written.
         ready: products that became ready.
     """
 

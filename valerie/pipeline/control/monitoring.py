@@ -72,7 +72,7 @@ class Queue(NamedTuple):
     Attributes:
         route: its name.
         waiting, ready, running: unfinished products.
-        messages: number of messages in the broker; None where it does not answer.
+        messages: number of messages in the broker; None if it does not answer.
         workers: number of living workers that serve it.
     """
 

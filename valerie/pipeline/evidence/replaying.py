@@ -49,7 +49,7 @@ class ReplayedPicture:
     """A replayed picture of the folder.
 
     Attributes:
-        file: its path; empty where no picture could be made.
+        file: its path; empty if no picture could be made.
         verdict: ``equal``, ``differs``, or the reason why it cannot be made here.
     """
 

@@ -31,7 +31,7 @@ from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
-#: Columns of a person that are empty where the frame has no person.
+#: Columns of a person that are empty if the frame has no person.
 _PIXELS: Final = ("pixel_area", "pixel_area_percent", "pixel_area_amodal")
 
 

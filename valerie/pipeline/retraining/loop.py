@@ -154,7 +154,7 @@ def retrain(
         watcher: callbacks for streets and steps.
 
     Raises:
-        InvalidInput: hardly any scene is in the region, or the folder contains something else.
+        InvalidInput: too few drawn scenes are in the region, or the folder contains something else.
         RenderingError, MissingDependency: from the raster engine and torch.
     """
     from valerie.perception.training.curve import TrainingCurve

@@ -181,11 +181,11 @@ def frames_of(
         seed: seed of the street and of all draws.
         settings: number and size of frames.
         draws: counts the scenes.
-        most_draws: most scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
+        most_draws: largest number of scenes drawn for a frame in the region; a typical draw costs 6 ms of CPU time.
 
     Raises:
         RenderingError: no usable image after several draws.
-        InvalidInput: hardly any drawn scene is in the region.
+        InvalidInput: too few drawn scenes are in the region.
     """
     from valerie.rendering.ground_truth import TruthPass
     from valerie.rendering.raster.context import process_context
