@@ -4,9 +4,10 @@
 
 * ``render``: renders parts of frames into ``--folder``. Resumes after Ctrl-C or a crash. Needs Blender.
 * ``score``: scores all parts rendered so far, into ``var/bench/cycles.json``. Compares layers with full frames, and two seeds
-with each other, in grey levels and pACC. Compares qualities with a reference of many samples: error, pACC, CPU seconds. Needs
-no Blender; the networks may have changed since.
+  with each other, in grey levels and pACC. Compares qualities with a reference of many samples: error, pACC, CPU seconds. Needs
+  no Blender; the networks may have changed since.
 * ``reach``: measures the change of indirect light around a pedestrian by distance in body heights, and the noise.
+
 Without a step, all three run at a small size. The validation in docs/benchmarks.md takes hours; `benchmarks.cycles_frames`
 explains its windows and samples:
 ``render score --width 960 --height 540 --frames 100 --presets 10``.

@@ -72,6 +72,7 @@ class Rows:
 
 def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float = 0.0) -> Rows:
     """Return the rows of a grid: places differ, suns and characters act differently at each, and rows vary randomly.
+
     Args:
         world: function of hidden numbers that no factor changes.
         shape: numbers as in `PAPER_SMALL`.

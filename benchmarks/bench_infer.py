@@ -185,6 +185,7 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
 
 def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.uint8]]:
     """Return a function that runs the network in plain torch: default memory format, fp32 throughout, one operation at a time.
+
     Frames are reduced and padded as the file's document says, as for every engine.
     """
     import torch

@@ -71,6 +71,7 @@ def main() -> None:
 
 def validate(document: Mapping[str, Any], settings: Settings) -> tuple[str, str]:
     """Run a validation with ``valerie run``, which reports its progress; return the run's id and its final state.
+
     Raises:
         SystemExit: the run did not end with results.
     """

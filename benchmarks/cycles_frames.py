@@ -50,6 +50,7 @@ GROUPS: Final = (
 @dataclass(frozen=True, slots=True, eq=False)
 class Planned:
     """One pedestrian in front of one background.
+
     Attributes:
         index: number of the frame, from 0.
         rectangle: rectangle of the layer.
@@ -78,6 +79,7 @@ class Planned:
 
 def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
     """Return the first ``count`` frames: distances uniform in their logarithm, all outfits and headings, two cameras and suns.
+
     Places follow Roberts' low-discrepancy sequence (R₃; *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), so
     that the first frames of any number are spread evenly. Illegal places (inside a car) and places out of view are skipped.
     """

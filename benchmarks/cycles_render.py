@@ -37,6 +37,7 @@ _PERSON: Final = PERSON.id
 
 class Studio:
     """Renderer of the parts that a folder lacks.
+
     Args:
         parts: the folder's parts.
         holder: holder of the Blender process.
@@ -56,6 +57,7 @@ class Studio:
 
     def frame(self, planned: Planned, *, other_seed: bool = True) -> bool:
         """Render all parts that are needed to judge one frame's layer, optionally with a full render of another seed.
+
         Returns:
             True if any part was missing.
         """
@@ -99,6 +101,7 @@ class Studio:
 
     def _check(self, planned: Planned) -> None:
         """Record two differences, at the comparison's resolution, that must be 0 for the method to be valid.
+
         ``border``: the background rendered inside a border, against the same pixels of the whole one. ``layer``: the engine's own
         layer against the denoised crop of the window, as float16.
         """
@@ -176,6 +179,7 @@ def strips_of(where: Rectangle, samples: int, paths: int = STRIP) -> Iterator[Re
 
 def around(group: Group, samples: int, seed: int) -> Iterator[tuple[str, int, int]]:
     """Yield (key, samples, seed) of the backgrounds that surround a window.
+
     A window of up to `SAMPLES` samples gets a background with as many. A window of more samples gets the mean of two backgrounds
     of `SAMPLES` each with different seeds, which looks the same at a fraction of the cost.
     """

@@ -1,4 +1,5 @@
 """Score networks on the composed frames and compute the statistics, the quick half of Cycles' validation.
+
 ``scores.jsonl``, next to the parts, keeps the scores by the network's digest. Scoring another network takes seconds per frame
 and no Blender.
 """
@@ -145,6 +146,7 @@ def image(parts: Parts, key: str) -> LinearImage:
 
 class Scores:
     """Cache of the pACC of every picture and function, in percentage points.
+
     Args:
         parts: the parts.
         folder: the parts' folder.

@@ -243,6 +243,7 @@ def _sobol_bits(size: int) -> NDArray[np.uint32]:
 
 def _sobol(rng: np.random.Generator, repetitions: int, size: int) -> Floats:
     """Return (repetitions, size, dimensions): independent scrambles like scipy's, all at once.
+
     Linear matrix scramble and digital shift (Matoušek 1998, doi:10.1006/jcom.1998.0489): the first ``size`` points have
     few binary digits, so that only these digits' columns of the random matrix are drawn.
     """

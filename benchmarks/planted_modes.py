@@ -49,6 +49,7 @@ class Planted:
     Args:
         family: one of `FAMILIES`.
         seed: seed of all random numbers.
+
     Attributes:
         family: see above.
         dimensions: number of the cube's dimensions, 6 to 12.

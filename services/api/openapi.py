@@ -113,6 +113,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
 
 def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
     """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
+
     Examples that the generator copied are replaced too: it drops every null, which the schemas require.
     """
     for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):

@@ -116,6 +116,7 @@ class Protection:
 
     def _foreign(self, request: Request) -> bool:
         """Return True if the request comes from a page of another origin or was sent to a foreign host name.
+
         A name bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
         """
         if self._token is not None:

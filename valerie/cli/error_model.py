@@ -42,6 +42,7 @@ def error_model(
     data_dir: DataDir = None,
 ) -> None:
     """Fit the probability of a miss and quantiles of pACC, given distance, occlusion, size and light.
+
     Writes ONNX, a table and a card, and stores them for `valerie evidence export`. Each model is tested on
     held-out places. Exits with 3 if a function gets no model: too few places, or a calibration error
     above 2 %.

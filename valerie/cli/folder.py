@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 class Folder:
     """The methods of `valerie.client.Client` about runs, reading from the data folder.
+
     Every method with a run's id may raise `NotFound`; those about results raise `Conflict` for a run that has not ended.
     """
 

@@ -58,6 +58,7 @@ def gate(
     data_dir: DataDir = None,
 ) -> None:
     """Exit with 6 unless a run meets its requirements and is not worse than the baseline in any slice.
+
     Requirements that are not met or undecided fail. The baseline is compared on
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
     expected to be reported by chance.

@@ -178,6 +178,7 @@ def register_file(
 
 def functions_named(value: str, opening: Opening) -> list[str]:
     """Resolve the value of ``--functions``: names of functions and files, separated by commas.
+
     A file is registered, unless it is already, and stands for exactly that version. An item with the suffix of a function's file
     is a file if that exists; an item with a slash is always a file and must exist.
 

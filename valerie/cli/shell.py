@@ -170,6 +170,7 @@ class _Stream(io.TextIOWrapper):
 
 def stop_on_signals() -> None:
     """Let SIGINT, SIGTERM and SIGHUP unwind this process; a second signal ends it at once.
+
     In either case no process remains, since the processes of the one-machine mode end with their parent.
     """
 

@@ -66,6 +66,7 @@ def train(
     data_dir: DataDir = None,
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
+
     The frames are new, on streets that neither the run nor the function's training used. `train frames`
     and `train fit` train from scratch; `train compare` compares versions on a run's frames.
     """

@@ -81,6 +81,7 @@ def _begin_immediate(connection: Connection) -> None:
 
 def database_time(connection: Connection) -> float:
     """Return the current time, Unix seconds, by the clock that all processes share.
+
     All times that processes compare (leases, heartbeats, messages) come from it: their own clocks may be hours apart.
     With Postgres it is the clock of the server's machine; the processes of one SQLite database share a machine anyway.
     """
@@ -106,6 +107,7 @@ def writing(engine: Engine) -> Iterator[Connection]:
 @contextmanager
 def unforked() -> Iterator[None]:
     """Delay forks meanwhile: threads of a process that forks wrap their transactions in it.
+
     SQLite also keeps the locks of its own process in memory. A child forked in the middle of a transaction inherits that
     memory and finds the database locked for its whole life, by a connection that nobody closes.
     """

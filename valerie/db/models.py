@@ -273,6 +273,7 @@ class FrameAnnotation(Base):
 @_measured(Source.PLACE, Source.PIXELS)
 class PersonView(Base):
     """Visibility of one person in one truth product; a row with instance 0 stands for a scene without persons.
+
     If the sensor distorts, ``truth`` is an evaluation product: its rows describe the truth as that sensor sees it.
     """
 

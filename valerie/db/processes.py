@@ -68,6 +68,7 @@ def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
 
 def hold_lease(connection: Connection, name: str, *, owner: str, now: float, seconds: float) -> bool:
     """Take or extend a role; return False if another process holds it.
+
     A lease that ends impossibly late (the clock was set back, or its holder's is ahead) is cut to ``seconds``: a live
     holder extends it, a dead one loses it.
     """

@@ -115,6 +115,7 @@ def promote(connection: Connection, digests: Collection[str], now: float) -> lis
 
 def promote_dependents(connection: Connection, inputs: Collection[str], now: float) -> list[Ready]:
     """Make products ready whose last missing inputs were ``inputs``; return them.
+
     Call it in its own transaction, after the one that finished the inputs: if two workers finish the two inputs of one
     product at the same time, the later one then sees both.
     """
@@ -186,6 +187,7 @@ def tried(connection: Connection, digests: Sequence[str]) -> list[str]:
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
     """Lease the ready products among ``digests``; return them in the order of ``digests``.
+
     A product without a link from a running run is parked instead.
     """
     statement = (

@@ -30,6 +30,7 @@ ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DON
 
 def among(connection: Connection, column: InstrumentedAttribute[Any], digests: Collection[str]) -> ColumnElement[bool]:
     """Return the condition that a column is one of ``digests``.
+
     All digests are one bound value, so that the statement is compiled once.
     """
     values = list(digests)
@@ -57,6 +58,7 @@ def insert_rows(
     on_conflict: str = "",
 ) -> None:
     """Insert tuples in the order of ``columns`` by one prepared statement.
+
     SQLAlchemy's executemany builds a dictionary and calls a type's processor for every value, which takes a third of the time
     of feeding a large run. Values must already have the driver's types: JSON as text, enums as their values.
 

@@ -58,6 +58,7 @@ class RecordedCost:
 
 def unfinished_count(connection: Connection) -> int:
     """Return the number of waiting, ready and running products, which the feeding window limits.
+
     Uploaded predictions and their evaluations are left out: otherwise the frames of a large run would not all be rendered
     before the first label maps arrived.
     """

@@ -69,6 +69,7 @@ class ArtifactStore:
 
     def put(self, key: str, data: bytes, *, replace: bool = False) -> bool:
         """Write an object; without ``replace``, an intact one that exists is kept.
+
         A slow worker that lost its lease may write second, with other bytes if an engine is not deterministic to the bit.
         Results computed from the first object must keep matching the stored one. A compressed object that a power cut damaged
         is replaced.
