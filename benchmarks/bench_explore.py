@@ -96,12 +96,12 @@ def thumbnails(client: httpx.Client, run: str) -> dict[str, float]:
     """Return thumbnails per second, painted for the first time and from the cache."""
     rows = client.get("/v1/explore/rows", params={"run": run, "limit": 64}).json()["items"]
     tiles = [f"{row['frame_id']}:{row['instance_id'] or 0}:{row['function']}:{row['sensor']}" for row in rows][:64]
-    asked: dict[str, Any] = {"tile": tiles, "kind": "errors", "crop": True}
+    parameters: dict[str, Any] = {"tile": tiles, "kind": "errors", "crop": True}
     rates = {}
     for name, rounds in (("first", 1), ("kept", 10)):
         started = time.perf_counter()
         for _ in range(rounds):
-            client.get("/v1/explore/sheet", params=asked).raise_for_status()
+            client.get("/v1/explore/sheet", params=parameters).raise_for_status()
         rates[name] = rounds * len(tiles) / (time.perf_counter() - started)
     return rates
 

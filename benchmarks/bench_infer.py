@@ -196,12 +196,12 @@ def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.
     from valerie.perception.shipped import file_document
 
     torch.set_num_threads(threads)
-    taken = file_document(path.stem, path).input
+    input_document = file_document(path.stem, path).input
     network, header = load_network(path)
     mean, std = torch.tensor(header.mean).view(1, 3, 1, 1), torch.tensor(header.std).view(1, 3, 1, 1)
 
     def predict(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        steps = plan(taken, *picture.shape[:2])
+        steps = plan(input_document, *picture.shape[:2])
         (piece,) = steps.pieces(picture)
         with torch.inference_mode():
             values = torch.from_numpy(piece.copy()).permute(2, 0, 1)[None].contiguous().float().div(255)

@@ -107,7 +107,7 @@ def install(app: FastAPI) -> None:
         deciding: ValerieError = error
         if isinstance(error, InvalidInput):
             problems = error.problems if isinstance(error, InvalidInputs) else (error,)
-            errors = [_field_problem(one) for one in problems]
+            errors = [_field_problem(entry) for entry in problems]
             deciding = problems[0] if len(problems) == 1 else error
         status, title = next((status, title) for kind, status, title in _KINDS if isinstance(deciding, kind))
         return problem(status, title, str(error), errors=errors)
@@ -116,14 +116,14 @@ def install(app: FastAPI) -> None:
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
         errors = [
             FieldProblem(
-                field=".".join(str(part) for part in one["loc"][1:]) or str(one["loc"][0]),
-                message=one["msg"],
-                value=_plain(one.get("input")),
-                limit=_limit(one.get("ctx", {})),
+                field=".".join(str(part) for part in entry["loc"][1:]) or str(entry["loc"][0]),
+                message=entry["msg"],
+                value=_plain(entry.get("input")),
+                limit=_limit(entry.get("ctx", {})),
             )
-            for one in error.errors()
+            for entry in error.errors()
         ]
-        detail = "; ".join(f"{one['field']}: {one['message']}" for one in errors)
+        detail = "; ".join(f"{entry['field']}: {entry['message']}" for entry in errors)
         return problem(HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT, detail, errors=errors)
 
     @app.exception_handler(HTTPException)

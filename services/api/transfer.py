@@ -30,7 +30,7 @@ IfNoneMatch = Annotated[
 
 def _holds(known: str | None, etag: str) -> bool:
     """Return True if ``If-None-Match`` names a version. Weak and strong tags are compared alike."""
-    tags = [] if known is None else [one.strip().removeprefix("W/") for one in known.split(",")]
+    tags = [] if known is None else [tag.strip().removeprefix("W/") for tag in known.split(",")]
     return etag.removeprefix("W/") in tags or tags == ["*"]
 
 

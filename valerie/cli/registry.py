@@ -200,8 +200,8 @@ def functions_named(value: str, opening: Opening) -> list[str]:
             references.append(item)
             continue
         registered, new = register_file(opening, path)
-        what = "registered" if new else "registered already"
-        say(f"{item} is {what} as {registered.reference}; `{command_name()} function show` prints its card")
+        state = "registered" if new else "registered already"
+        say(f"{item} is {state} as {registered.reference}; `{command_name()} function show` prints its card")
         assert registered.reference is not None, "a registered version has a reference"
         references.append(registered.reference)
     return references

@@ -338,12 +338,12 @@ def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
     """Print the steps of a study until it ends or is paused."""
     from valerie.runs.study.document import StudyState
 
-    told: set[str] = set()
+    printed: set[str] = set()
 
     def tell(line: str) -> None:
-        if line not in told and not quiet:
+        if line not in printed and not quiet:
             say(line)
-        told.add(line)
+        printed.add(line)
 
     while True:
         system.check()

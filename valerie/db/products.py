@@ -64,9 +64,9 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
     are tried again.
     """
     links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
-    asked = {digest for digest in links if digest is not None}
+    digests = {digest for digest in links if digest is not None}
     # Locked until the commit (SQLite: no one else writes): a worker must not park what this transaction is about to link.
-    known = select(Product.digest, Product.state).where(among(connection, Product.digest, asked)).with_for_update()
+    known = select(Product.digest, Product.state).where(among(connection, Product.digest, digests)).with_for_update()
     states = {digest: state for digest, state in connection.execute(known)}  # noqa: C416  # mypy reads the types of rows
     done: set[str | None] = {None, *(digest for digest, state in states.items() if state is ProductState.DONE)}
     rows: list[tuple[Any, ...]] = []

@@ -109,13 +109,13 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
         where = compile_where(document.where, run.definitions, choices=choices_of(run.spec, run.cameras))
     resolved = ResolvedStudy(document, run, domain, parse_measure(document.measure), where)
     for name in ("failing", "passing"):
-        given = getattr(document.goal, name, None)
-        if given is None:
+        values = getattr(document.goal, name, None)
+        if values is None:
             continue
         try:
-            reason = resolved.rejection(domain.point(given))
+            reason = resolved.rejection(domain.point(values))
         except InvalidInput as problem:
             raise InvalidInput(problem.message, field=f"goal.{name}.{problem.field}", value=problem.value) from None
         if reason is not None:
-            raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=given)
+            raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=values)
     return resolved

@@ -216,8 +216,8 @@ def _read(context: Context, study_id: str) -> StudyRead:
 def _study(row: StudyRow) -> StudyRead:
     document, goal = row.document, row.document.goal
     own = {"goal": goal.name, "question": goal.question}
-    asked = {"measure": document.measure, "where": document.where, "budget": document.budget}
-    return StudyRead.model_validate(vars(row) | own | asked)
+    terms = {"measure": document.measure, "where": document.where, "budget": document.budget}
+    return StudyRead.model_validate(vars(row) | own | terms)
 
 
 def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | None]:

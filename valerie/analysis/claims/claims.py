@@ -356,14 +356,14 @@ def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArra
         outcome = Outcome.UNDECIDED
     else:
         outcome = Outcome.NOT_REPRODUCED
-    what = test.of if test.above is None else f"{test.of} > {test.above:g}"
+    population = test.of if test.above is None else f"{test.of} > {test.above:g}"
     claimed = " and ".join(
         f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
     )
     return replace(
         entry,
         outcome=outcome,
-        finding=f"{test.statistic}({what}) is {estimate:.4g}; claimed {claimed}",
+        finding=f"{test.statistic}({population}) is {estimate:.4g}; claimed {claimed}",
         estimate=estimate, low=low, high=high,
         rows=int(np.count_nonzero(rows)), places=len(np.unique(table.places[rows])),
     )  # fmt: skip

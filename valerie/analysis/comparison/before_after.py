@@ -152,9 +152,9 @@ class Comparison:
             changes.append(Change("class", name, before, after, after - before))
         whole = self.groups[0].sides
         for name in ("precision", "iou"):
-            one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
-            if one is not None and other is not None:
-                changes.append(Change("score", name, one, other, other - one))
+            first, later = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
+            if first is not None and later is not None:
+                changes.append(Change("score", name, first, later, later - first))
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
@@ -211,17 +211,17 @@ def compare(
     ]
     scores = [scores for _, scores in versions.values()]
     judged = scores[0].judged
-    if any(one.judged != judged for one in scores):
-        raise InvalidInput("scores of other classes", field="versions", value=[list(one.judged) for one in scores])
+    if any(score.judged != judged for score in scores):
+        raise InvalidInput("scores of other classes", field="versions", value=[list(score.judged) for score in scores])
     classes = {
         scores[0].classes[k].label.name: tuple(
-            (one.classes[k].iou.pooled, one.classes[k].pacc.pooled) for one in scores
+            (score.classes[k].iou.pooled, score.classes[k].pacc.pooled) for score in scores
         )
         for k in judged
-        if any(one.classes[k].iou.pooled is not None for one in scores)
+        if any(score.classes[k].iou.pooled is not None for score in scores)
     }
     overall = {
-        name: tuple((one.overall[name].frames.mean, one.overall[name].pooled) for one in scores)
+        name: tuple((score.overall[name].frames.mean, score.overall[name].pooled) for score in scores)
         for name in ("pixel_accuracy", "miou", "macc", "fwiou")
     }
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)

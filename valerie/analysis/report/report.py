@@ -224,13 +224,15 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
     """Yield the pairs of frames in which two runs differ most: title and (caption, data URL) of both."""
-    for one in beside.functions if beside is not None else ():
+    for comparison in beside.functions if beside is not None else ():
         pairs: tuple[tuple[str, Pair], ...] = (
-            *(("fell", pair) for pair in one.fell),
-            *(("rose", pair) for pair in one.rose[:1]),
+            *(("fell", pair) for pair in comparison.fell),
+            *(("rose", pair) for pair in comparison.rose[:1]),
         )
         for word, pair in pairs:
-            title = f"{one.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
+            title = (
+                f"{comparison.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
+            )
             here = _picture(source, pair.frame_here, pair.sensor, pair.function)
             there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]

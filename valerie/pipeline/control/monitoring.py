@@ -46,15 +46,15 @@ def check(context: Context) -> dict[str, str]:
             answers[name] = str(error)
 
     deadline = time.monotonic() + CHECK_SECONDS
-    asked = []
+    threads = []
     for name in checks:
         key = (id(context), name)
         if key in _waiting and _waiting[key].is_alive():  # from an earlier call: a second thread would wait too
             continue
         thread = _waiting[key] = Thread(target=ask, args=(name,), name=f"check-{name}", daemon=True)
         thread.start()
-        asked.append(thread)
-    for thread in asked:
+        threads.append(thread)
+    for thread in threads:
         thread.join(timeout=max(0.0, deadline - time.monotonic()))
     return dict(answers)
 

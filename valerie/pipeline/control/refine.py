@@ -58,7 +58,7 @@ def refine_run(
             )
         return _of_finding(context, run_id, selection.finding)
     names = run.resolved.space.names
-    paths = [[_path(names, name, field) for name in given] for field, given in (("--add", add), ("--drop", drop))]
+    paths = [[_path(names, name, field) for name in entries] for field, entries in (("--add", add), ("--drop", drop))]
     with reading(context.engine) as connection:
         rows = [person.row for person in evaluated_persons(connection, run)]
     selected = _selected(run, selection, rows)

@@ -35,9 +35,9 @@ def new_key(path: Path) -> str:
     public_key = load_pem_private_key(private, None).public_key()
     public = public_key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     public_path = path.with_name(path.name + ".pub")
-    for taken in (path, public_path):
-        if taken.exists() or taken.is_symlink():
-            raise Conflict(f"{taken} exists already; a key is never replaced")
+    for file in (path, public_path):
+        if file.exists() or file.is_symlink():
+            raise Conflict(f"{file} exists already; a key is never replaced")
     for file, data, mode in ((path, private, 0o600), (public_path, public, 0o644)):
         try:
             with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as stream:

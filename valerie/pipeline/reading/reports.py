@@ -107,9 +107,9 @@ def report_with(context: Context, run_id: str, *, claims: Claims | None = None, 
         Conflict: it has not ended, or its asset changed.
         InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene.
     """
-    found = _ended(context, run_id)
-    beside = None if other is None else _compared(context, found, other, claims)
-    return write_report(context, found, claims=claims, beside=beside)
+    here = _ended(context, run_id)
+    beside = None if other is None else _compared(context, here, other, claims)
+    return write_report(context, here, claims=claims, beside=beside)
 
 
 def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
@@ -141,7 +141,8 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
     there = resolve_stored(row, context.settings)
     spec = here.stored.resolved.spec
     before, after = (
-        one.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES}) for one in (spec, there.resolved.spec)
+        document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
+        for document in (spec, there.resolved.spec)
     )
     differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
     return put_beside(

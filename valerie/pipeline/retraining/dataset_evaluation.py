@@ -107,20 +107,20 @@ class DatasetResult:
             "has_instances": self.has_instances,
             "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
             "functions": {
-                one.name: {
-                    "card": asdict(one.card),
-                    "numeric_class": one.numeric_class,
-                    "seconds": round(one.seconds, 3),
-                    "person_pacc": asdict(one.person_pacc),
-                    **one.scores.as_document(),
+                function.name: {
+                    "card": asdict(function.card),
+                    "numeric_class": function.numeric_class,
+                    "seconds": round(function.seconds, 3),
+                    "person_pacc": asdict(function.person_pacc),
+                    **function.scores.as_document(),
                 }
-                for one in self.functions
+                for function in self.functions
             },
         }
 
     def table(self) -> EvaluationTable:
         """Return the long table: one row per (frame, function, person); columns that labels cannot fill are empty."""
-        return EvaluationTable.from_rows((row for one in self.functions for row in one.rows), {})
+        return EvaluationTable.from_rows((row for function in self.functions for row in function.rows), {})
 
     def write(self, folder: Path) -> tuple[Path, ...]:
         """Write ``evaluation.json``, ``frames.parquet`` and, if the labels distinguish persons, ``persons.parquet``."""
@@ -266,13 +266,13 @@ def _frame_table(result: DatasetResult) -> pa.Table:
     import pyarrow as pa
 
     rows = []
-    for one in result.functions:
-        for name, matrix in zip(one.names, one.matrices, strict=True):
-            scores = frame_scores(matrix, classes=one.scores.judged)
+    for function in result.functions:
+        for name, matrix in zip(function.names, function.matrices, strict=True):
+            scores = frame_scores(matrix, classes=function.scores.judged)
             rows.append(
                 {
                     "frame": name,
-                    "function": one.name,
+                    "function": function.name,
                     **asdict(scores.counts),
                     "pacc": scores.pacc,
                     **scores.measures,
@@ -314,5 +314,7 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
     with reading(context.engine) as connection:
         predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
     judged = pinned_card(run.pins, called).judged_ids
-    scores = collection_scores([codecs.decode_counts(one.confusion) for one in predictions.values()], judged)
+    scores = collection_scores(
+        [codecs.decode_counts(prediction.confusion) for prediction in predictions.values()], judged
+    )
     return RunSide(called, run.pins.functions[called], scores)

@@ -70,10 +70,10 @@ class Target:
         common, persons = self._common(drawn), dict(self._persons(drawn))
         return any(
             self._region.holds(
-                {**common, **persons.get(one.instance_id, {}), **{name: getattr(one, name) for name in MEASURED}}
+                {**common, **persons.get(person.instance_id, {}), **{name: getattr(person, name) for name in MEASURED}}
             )
-            for one in measure(truth, drawn.scene, view)
-            if one.undefined_reason is None
+            for person in measure(truth, drawn.scene, view)
+            if person.undefined_reason is None
         )
 
     def _common(self, drawn: TrainingScene) -> TableRow:

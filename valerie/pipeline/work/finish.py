@@ -91,13 +91,13 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
 
 def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
     """Write table (Parquet, CSV), summary, report and environment."""
-    found = read_results(context, run, failures)
-    for name, write in ((TABLE_PARQUET, found.table.to_parquet), (TABLE_CSV, found.table.to_csv)):
+    run_results = read_results(context, run, failures)
+    for name, write in ((TABLE_PARQUET, run_results.table.to_parquet), (TABLE_CSV, run_results.table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
-    context.store.put(run_key(run.id, SUMMARY), summary_json(found.analysis, found.verdicts), replace=True)
-    context.store.put(run_key(run.id, REPORT), write_report(context, found).encode(), replace=True)
+    context.store.put(run_key(run.id, SUMMARY), summary_json(run_results.analysis, run_results.verdicts), replace=True)
+    context.store.put(run_key(run.id, REPORT), write_report(context, run_results).encode(), replace=True)
     context.store.put(run_key(run.id, ENVIRONMENT), orjson.dumps(environment()), replace=True)
 
 

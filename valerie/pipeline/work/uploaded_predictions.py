@@ -88,11 +88,11 @@ def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[in
     if not awaited:
         raise Conflict(f"run {run.id} is not waiting for predictions")
     sensors = [setting.name for setting in resolved.spec.sensors]
-    for what, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
+    for kind, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
         if name is None and len(names) > 1:
-            raise InvalidInput(f"which {what}?", field=what, limit=", ".join(names))
+            raise InvalidInput(f"which {kind}?", field=kind, limit=", ".join(names))
         if name is not None and name not in names:
-            raise UnknownName(what, name, names, field=what)
+            raise UnknownName(kind, name, names, field=kind)
     return (
         0 if sensor is None else sensors.index(sensor),
         resolved.spec.functions.index(awaited[0] if function is None else function),

@@ -106,9 +106,9 @@ class StudyKeeper:
             except NotFound:
                 run = None
         if run is None or run.state in (RunState.CANCELLED, RunState.FAILED):
-            what = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
+            ending = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
             self._change(
-                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {what}"
+                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {ending}"
             )
             return False
         if run.state is RunState.COMPLETED_WITH_FAILURES:

@@ -115,8 +115,8 @@ def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
                 shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
-                what = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
-                yield ShownPicture(what, shown, values, str(key), picture)
+                caption = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
+                yield ShownPicture(caption, shown, values, str(key), picture)
 
 
 def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]:
