@@ -289,8 +289,8 @@ def _fewest(study: ResolvedStudy) -> int:
 def first_of(study: ResolvedStudy) -> int:
     """Return the number of operational points at the beginning of an estimate."""
     document = study.document
-    given = document.goal.first if isinstance(document.goal, EstimateGoal) else None
-    return given or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
+    first = document.goal.first if isinstance(document.goal, EstimateGoal) else None
+    return first or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
 
 
 def looks_of(study: ResolvedStudy) -> int:

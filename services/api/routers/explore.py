@@ -55,7 +55,7 @@ _ARROW = "application/vnd.apache.arrow.stream"
 _JPEG = "image/jpeg"
 _ZIP = "application/zip"
 _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet", "arrow": _ARROW}
-#: Columns that one question names at most.
+#: Largest number of columns in one request.
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
@@ -402,7 +402,7 @@ def _numbered(exploration: Exploration, numbers: list[int]) -> dict[int, dict[st
 def _arrow(table: pa.Table) -> Response:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
-        # One batch, so that readers need not join any.
+        # One batch, so that readers need not join several.
         writer.write_table(table.combine_chunks())
     return Response(sink.getvalue().to_pybytes(), media_type=_ARROW)
 
