@@ -113,6 +113,10 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 gallery: setup-dev ## Render docs/images/gallery.jpg and one large picture per engine (minutes; Cycles after `make cycles`)
 	@exec $(PYTHON_BIN) -m tools.gallery
 
+.PHONY: notebook
+notebook: setup-dev ## Execute examples/notebook.ipynb and render it as docs/notebook.md
+	@exec $(PYTHON_BIN) -m tools.notebook
+
 .PHONY: clean
 clean: ## Remove caches and build outputs; data (var/) and the environment stay
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist *.egg-info

@@ -26,7 +26,7 @@ class Label:
     """One class.
 
     Attributes:
-        name: as Cityscapes spells it, e.g. ``traffic light``.
+        name: the name in Cityscapes, e.g. ``traffic light``.
         id: label id, 0…33.
         train_id: 0…18, or 255 (void).
         category: the Cityscapes category, e.g. ``human``.
@@ -107,7 +107,7 @@ for _label in CITYSCAPES:
 
 
 def to_train_ids(label_ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Map label ids to train ids, any shape; what has none becomes `VOID`."""
+    """Map label ids to train ids, any shape; ids without a train id become `VOID`."""
     mapped: NDArray[np.uint8] = _ID_TO_TRAIN[label_ids]
     return mapped
 
@@ -128,7 +128,7 @@ def label_of_node_class(node_class: str, *, field: str = "") -> Label:
     """Return the label for the class part of a node name (``person`` in ``person-1``).
 
     Raises:
-        UnknownName: no such class.
+        UnknownName: there is no such class.
     """
     try:
         return _BY_NODE_CLASS[node_class]

@@ -121,7 +121,7 @@ def test_messages_delivered_twice_change_nothing(
 ) -> None:
     run = begin(system, context)
     with reading(context.engine) as connection:
-        columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
+        columns = (Product.digest, Product.kind, Product.route, Product.cache_group, Product.turn)
         everything = [Ready(*row) for row in connection.execute(select(*columns).where(Product.route != ""))]
     context.broker.send_products(everything)
     assert outcome(system, context, run) == undisturbed[0]

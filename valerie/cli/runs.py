@@ -27,10 +27,13 @@ from valerie.cli.shell import (
 )
 from valerie.cli.specs import Functions, require_resolvable, spec_text
 from valerie.errors import InvalidInput
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
+    from valerie.analysis.claims.claims import Claims
     from valerie.cli.connecting import System
     from valerie.client import Client, Run
+    from valerie.pipeline.reading.reports import ReportWith
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
 
@@ -59,7 +62,8 @@ def run(
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.display import display_of, print_event
-    from valerie.cli.following import exit_code, follow, report_path, save, show_result
+    from valerie.cli.following import exit_code, follow, report_path, show_result
+    from valerie.cli.shell import save
 
     _bind_to_parent(end_with_parent)
     statements = None if claims is None else read_claims(claims)
@@ -80,8 +84,10 @@ def run(
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
-            save(_report_with(run.id, claims, None, data_dir), path)
+            # Its report is saved already, so that a claim which does not fit the run costs no result.
+            answered = _report_with(run.id, statements, None, data_dir)
+            show_ledger(statements, answered.ledger, as_json=json_lines)
+            save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
@@ -116,6 +122,9 @@ def submit(
         str | None,
         typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
+    priority: Annotated[
+        Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
+    ] = Priority.NORMAL,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -127,7 +136,7 @@ def submit(
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         with own_assets(settings, client):
-            run = client.submit(text, idempotency_key=key)
+            run = client.submit(text, idempotency_key=key, priority=priority)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")
@@ -151,7 +160,7 @@ def status(
     Needs no server, except to follow a run. With --watch, the exit code is that of
     the run, as with `valerie run`.
     """
-    from valerie.cli.connecting import System, client_of, runs_of
+    from valerie.cli.connecting import System, client_of, source_of
     from valerie.cli.display import display_of, progress_table
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
@@ -162,7 +171,7 @@ def status(
             progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
             show_result(client, run_id, progress, None, json_lines=json_lines)
             raise typer.Exit(exit_code(progress.state))
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         if run_id is None:
             _list(list(source.runs()), as_json=json_lines)
             return
@@ -205,10 +214,12 @@ def report(
     With --claims or --beside the report is made anew from the data folder. A
     file FILE.pdf is printed by Chromium.
     """
-    from valerie.cli.connecting import runs_of
-    from valerie.cli.following import report_path, save
+    from valerie.cli.claims import read_claims
+    from valerie.cli.connecting import source_of
+    from valerie.cli.following import report_path
+    from valerie.cli.shell import save
 
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
         if claims is None and beside is None:
             content = source.report(run_id)
@@ -217,7 +228,8 @@ def report(
                 "--claims and --beside read the data folder", field="--url", value=url, limit="--data-dir"
             )
         else:
-            content = _report_with(run_id, claims, beside, data_dir)
+            statements = None if claims is None else read_claims(claims)
+            content = _report_with(run_id, statements, beside, data_dir).html.encode()
     if path.suffix == ".pdf":
         from valerie.cli.printing import pdf_of
 
@@ -225,14 +237,12 @@ def report(
     typer.echo(save(content, path))
 
 
-def _report_with(run_id: str, claims: Path | None, beside: str | None, data_dir: Path | None) -> bytes:
-    from valerie.cli.claims import read_claims
+def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:
     from valerie.cli.deployment import context_of
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
-        document = None if claims is None else read_claims(claims)
-        return report_with(context, run_id, claims=document, other=beside).encode()
+        return report_with(context, run_id, claims=claims, other=beside)
 
 
 def compare(
@@ -393,8 +403,6 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     if not runs:
         say(f"no runs yet; start one with: {command_name()} run SPEC")
         return
-    from datetime import datetime
-
     from rich.table import Table
 
     from valerie.runs.moments import moment_text
@@ -406,7 +414,7 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
     for run in runs:
-        created = moment_text(datetime.fromisoformat(run.created_at))
+        created = moment_text(run.created_at)
         table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created)
     out = console()
     out.print(table)

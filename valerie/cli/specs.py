@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,13 +14,11 @@ from valerie.cli.shell import (
     DataDir,
     Json,
     Url,
-    command_name,
     console,
     read_spec,
-    say,
     settings_of,
+    write_template,
 )
-from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -44,18 +41,7 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a commented spec to start from."""
-    text = resources.files("valerie.runs").joinpath("template.yaml").read_text(encoding="utf-8")
-    if str(path) == "-":
-        typer.echo(text, nl=False)
-        return
-    try:
-        with path.open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise InvalidInput("the file exists; --force replaces it", value=str(path)) from None
-    except OSError as error:
-        raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
-    say(f"wrote {path}; see what it costs with: {command_name()} plan {path}")
+    write_template("valerie.runs", path, force=force, then="plan")
 
 
 def plan(
@@ -96,8 +82,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
         return text
     from valerie.runs.resolving.spec import parse
 
-    document = parse(text).model_dump(mode="json", exclude_defaults=True)
-    return parse({**document, "functions": functions_named(functions, opening)}).to_yaml().encode()
+    return parse({**parse(text).short(), "functions": functions_named(functions, opening)}).to_yaml().encode()
 
 
 def require_resolvable(text: bytes, settings: Settings) -> None:

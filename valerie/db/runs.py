@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import Connection, Subquery, delete, func, insert, or_, select, union, update
+from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState
+from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductState, RunState
 from valerie.runs.resolving.spec import RunSpec
 
 #: States of runs that have not ended.
@@ -37,6 +38,7 @@ class SubmittedRun:
     parent_run: str | None
     iteration: int
     variant_count: int
+    priority: Priority
     created_at: datetime
 
 
@@ -45,6 +47,7 @@ class RunRow(SubmittedRun):
     """A stored run."""
 
     next_index: int
+    turn: float
     rejected_count: int
     progress: Progress | None
     started_at: datetime | None
@@ -58,6 +61,7 @@ class RunValues(TypedDict, total=False):
     reason: str | None
     next_index: int
     rejected_count: int
+    turn: float
     progress: Progress
     started_at: datetime
     finished_at: datetime | None
@@ -70,11 +74,13 @@ class Fed(NamedTuple):
         state: of the run.
         next_index: variants before this one have rows.
         rejected_count: those of them of which no frame is made.
+        turn: of the next product.
     """
 
     state: RunState
     next_index: int
     rejected_count: int
+    turn: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,27 +163,25 @@ def fed(connection: Connection, run_id: str) -> Fed:
     Raises:
         NotFound: no such run.
     """
-    row = connection.execute(select(Run.state, Run.next_index, Run.rejected_count).where(Run.id == run_id)).first()
+    columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
+    row = connection.execute(select(*columns).where(Run.id == run_id)).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)
 
 
 def page(
-    connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None, state: RunState | None = None
+    connection: Connection, *, limit: int, before: Seen | None = None, state: RunState | None = None
 ) -> list[RunRow]:
     """Return runs, newest first.
 
     Args:
         connection: to read with.
         limit: most runs.
-        before: (created_at, id) of the last run seen.
+        before: the last run of the page before.
         state: only runs in this state.
     """
-    query = _RUN.order_by(Run.created_at.desc(), Run.id.desc()).limit(limit)
-    if before is not None:
-        created, run_id = before
-        query = query.where(or_(Run.created_at < created, (Run.created_at == created) & (Run.id < run_id)))
+    query = newest_first(_RUN, Run, limit=limit, before=before)
     if state is not None:
         query = query.where(Run.state == state)
     return read_all(connection, query, RunRow)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TypedDict, Unpack
 
-from sqlalchemy import Connection, Update, func, insert, or_, select, update
+from sqlalchemy import Connection, Update, func, insert, select, update
 
 from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.runs import links_of
-from valerie.db.statements import insert_ignoring
+from valerie.db.statements import Seen, insert_ignoring, newest_first
 from valerie.errors import NotFound
 from valerie.runs.moments import in_utc
 from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
@@ -93,20 +93,20 @@ def get(connection: Connection, study_id: str) -> StudyRow:
     return row
 
 
-def page(connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None) -> list[StudyRow]:
+def page(connection: Connection, *, limit: int, before: Seen | None = None) -> list[StudyRow]:
     """Return studies, newest first.
 
     Args:
         connection: to read with.
         limit: most studies.
-        before: (created_at, id) of the last study seen.
+        before: the last study of the page before.
     """
-    query = _STUDY.order_by(StudyTable.created_at.desc(), StudyTable.id.desc()).limit(limit)
-    if before is not None:
-        created, study_id = before
-        query = query.where(
-            or_(StudyTable.created_at < created, (StudyTable.created_at == created) & (StudyTable.id < study_id))
-        )
+    return read_all(connection, newest_first(_STUDY, StudyTable, limit=limit, before=before), StudyRow)
+
+
+def named(connection: Connection, name: str) -> list[StudyRow]:
+    """Return the studies with a name, oldest first."""
+    query = _STUDY.where(StudyTable.name == name).order_by(StudyTable.created_at, StudyTable.id)
     return read_all(connection, query, StudyRow)
 
 

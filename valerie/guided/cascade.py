@@ -1,6 +1,6 @@
 """One estimate from two render engines: the cheap one at all points, the costly one at some.
 
-Some points are evaluated by both. For a *mean score* the cheap scores of all points serve as control variate: with the
+Some points are evaluated by both. For a *mean score* the cheap scores of all points are a control variate: with the
 regression coefficient β from the pairs, the estimate is ȳ + β (x̄ of all − x̄ of pairs), and its variance
 s²(y − βx) / m + β² s²(x) / N (Cochran 1977, *Sampling Techniques*, section 12.6). Cheap points are drawn until there are
 √(ρ² / (1 − ρ²) · cost ratio) for each pair, the best split of a budget (Peherstorfer and others 2016,
@@ -8,7 +8,7 @@ doi:10.1137/15M1046472); correlation ρ and split are measured again in every ba
 
 For a *rare failure*, normal intervals covered 51 to 70 % in trials. Instead, the verdict of the cheap engine defines two
 strata, each with half of the costly points. The bounds combine those of Clopper and Pearson for the size of the strata and
-for the rates in both, each at a third of the error. They hold for any number of points fixed in advance, and are wide.
+for the rates in both, each at a third of the error. They are valid for any number of points fixed in advance, but wide.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class TwoEngines:
     Attributes:
         estimate, low, high: mean score, or failure rate, of the costly engine, with its 95 % interval.
         method: how the interval was computed.
-        correlation: of the two engines' scores, or failures, on the same points; NaN where one of them is constant.
+        correlation: between the engines' scores, or failures, on the same points; NaN where one of them is constant.
         cheap, costly: number of points of each engine.
         saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.
         disagree: (k, dimensions) points on which the engines differ most.
@@ -70,7 +70,7 @@ class Cascade:
     Args:
         domain: the operational domain.
         seed: of all draws.
-        costs: of a point by the cheap and the costly engine, in any unit.
+        costs: cost of a point by the cheap and by the costly engine, in any unit.
         at_least: estimates the share of scores below it; None estimates the mean score.
 
     Raises:
@@ -127,7 +127,7 @@ class Cascade:
         return f"about {ratio:.1f} cheap points for each costly one." if math.isfinite(ratio) else "the first pairs."
 
     def _ratio(self) -> float:
-        """Return the wanted number of cheap points for each pair; NaN before `FEWEST` pairs."""
+        """Return the optimal number of cheap points for each pair; NaN before `FEWEST` pairs."""
         correlation, both = self._correlation(), np.count_nonzero(self._both())
         if both < FEWEST or math.isnan(correlation):
             return math.nan

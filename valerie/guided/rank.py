@@ -8,10 +8,10 @@ The remaining parameters get Sobol' indices. A *block* is a row of two independe
 parameter after another from B. The parameters that were screened out form one more group, which shows whether the screening
 was right. The shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter
 alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions. Their intervals are
-percentiles over blocks drawn again.
+percentiles over resampled blocks.
 
-Each point is known by its block and place, so a missing score cannot shift the others. A block without all its scores is
-left out; where more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
+Each point is identified by its block and place, so a missing score cannot shift the others. A block without all its scores
+is left out; if more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Effect:
     """The effect of a parameter on the score.
 
     Attributes:
-        dimension: its place in the domain; None for those screened out, taken together.
-        elementary: μ*, the mean size of its effects in the screening; the largest of several.
+        dimension: index of its dimension; None for all that were screened out together.
+        elementary: μ*, the mean size of its effects in the screening; the largest of a group.
         alone: share of the variance by this parameter alone; None without enough blocks.
         total: the same with all its interactions.
     """
@@ -79,7 +79,7 @@ class Ranking:
         screened_out: negligible dimensions.
         blocks: number of whole blocks.
         broken: number of blocks that lack a score.
-        refused: whether so many are broken that there are no indices.
+        refused: whether too many are broken for indices.
         evaluations: number of all points.
         sentences: the same in words.
     """
@@ -109,7 +109,7 @@ class Rank:
             raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
         self.domain, self.seed = domain, seed
         self._open = OpenBatches(bounded=False)
-        #: Rows (block or walk, place in it) of open points, and of those not asked yet.
+        #: Rows (block or walk, place in it) of open points, and of points not yet proposed.
         self._rows: deque[list[tuple[int, int]]] = deque()
         self._left: deque[tuple[int, int, UnitPoints]] = deque()
         self._evaluations = 0
@@ -118,7 +118,7 @@ class Rank:
         self._walks_left = self._walks.shape[0] * self._walks.shape[1]
         for walk, points in enumerate(self._walks):
             self._left.extend((walk, place, point) for place, point in enumerate(points))
-        #: (groups, dimensions) which parameters move together; None while the screening goes on.
+        #: (groups, dimensions) parameters that move together; None during the screening.
         self._groups: NDArray[np.bool_] | None = None
         self._scores: list[Floats] = []
         self._told: list[int] = []
@@ -208,7 +208,7 @@ class Rank:
 
     @property
     def result(self) -> Ranking | None:
-        """The ranking so far; None while the screening goes on."""
+        """The ranking so far; None during the screening."""
         if self._groups is None:
             return None
         ended = [scores for scores, told in zip(self._scores, self._told, strict=True) if told == len(self._groups) + 2]
@@ -281,7 +281,7 @@ class Rank:
 
 
 def indices(table: Floats) -> tuple[Floats, Floats]:
-    """Return the shares of variance alone and in total, (groups,) each, from blocks (n, 2 + groups): A, B, A with B's."""
+    """Return the shares of variance alone and in total, (groups,) each, from blocks (n, 2 + groups): A, B, mixed points."""
     first, second, mixed = table[:, 0], table[:, 1], table[:, 2:]
     variance = np.concatenate([first, second]).var()
     if variance == 0:

@@ -24,16 +24,17 @@ def parse_path(path: str, *, field: str = "") -> tuple[str, ...]:
     """Return the parts of a well-formed path, e.g. ``("scene", "person-1", "pos", "x")``.
 
     Raises:
-        InvalidInput: another root, an empty or malformed part, no attribute, or more than `MAX_PATH_LENGTH` characters.
+        InvalidInput: the path has another root, an empty or malformed part, no attribute, or more than `MAX_PATH_LENGTH`
+            characters.
     """
     if len(path) > MAX_PATH_LENGTH:
         raise InvalidInput("the path is too long", field=field, value=path, limit=f"{MAX_PATH_LENGTH} characters")
     parts = tuple(path.split("."))
     if parts[0] not in ROOTS:
-        raise InvalidInput("a path starts with scene. or sensor.", field=field, value=path)
+        raise InvalidInput("a path must start with scene. or sensor.", field=field, value=path)
     if len(parts) < 2:
         raise InvalidInput(
-            "a path names a node and an attribute, such as scene.person-1.pos.x", field=field, value=path
+            "a path needs a node and an attribute, such as scene.person-1.pos.x", field=field, value=path
         )
     for part in parts:
         if not _PART.fullmatch(part):

@@ -1,8 +1,8 @@
 """The strategy of a study in step with its batches.
 
-Batch k rests on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
-order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; a strategy that is taken through the stored batches
-in this order proposes again what it proposed before. An empty batch has no run, and nothing is told of it.
+Batch k depends on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
+order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; replaying the stored batches in this order makes the
+strategy propose the same points again. An empty batch has no run, and the strategy is not told of it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from valerie.studies.boundary import BoundarySlice, slice_of
 from valerie.studies.pairs import ExplainFromScratch
 from valerie.studies.resolved import ResolvedStudy
 
-#: A batch rests on the outcomes of the batches up to this many before it.
+#: A batch depends on the outcomes of the batches up to this many before it.
 LAG: Final = 2
 _FIRST: Final = (20, 256)
 #: Modes, and rises and falls of a comparison, that are shown as pictures.
@@ -54,17 +54,17 @@ class StoredBatch(Protocol):
 
     @property
     def count(self) -> int:
-        """Number of points that were asked for."""
+        """Number of requested points."""
         ...
 
     @property
     def points(self) -> list[list[float]]:
-        """(n, dimensions) that were proposed."""
+        """(n, dimensions) proposed points."""
         ...
 
     @property
     def outcomes(self) -> Outcomes | None:
-        """None while the batch is in work."""
+        """Outcomes; None while the batch is in work."""
         ...
 
 
@@ -88,11 +88,11 @@ class Pursuit:
         """Replay the stored batches that the strategy does not know yet.
 
         Args:
-            batches: all of the study, in order.
+            batches: all batches of the study, in order.
             everything: also tell the last batches, after which nothing more can be asked.
 
         Raises:
-            Conflict: it proposes other points than the stored ones: another version of the strategy made them.
+            Conflict: the proposed points differ from the stored ones, which another version of the strategy proposed.
         """
         for batch in batches[self.asked :]:
             proposal = self.ask(batches, batch.count)
@@ -108,7 +108,7 @@ class Pursuit:
         """Tell the strategy the outcomes that the next batch may depend on, and return that batch.
 
         Args:
-            batches: all of the study; those up to two before the next have outcomes, or are empty.
+            batches: all batches of the study; those up to two before the next have outcomes or are empty.
             count: largest number of points.
         """
         self.tell_due(batches)
@@ -122,7 +122,7 @@ class Pursuit:
         self._tell(batches, self.asked - LAG + 1)
 
     def agrees(self, batches: Sequence[StoredBatch]) -> bool:
-        """Return whether the batches begin with those that were asked for; the last may have been replaced since."""
+        """Return True if the last batch asked for is still the stored one; it may have been replaced since."""
         if self.asked > len(batches):
             return False
         return not self.asked or self._batches[-1].tolist() == batches[self.asked - 1].points
@@ -132,7 +132,7 @@ class Pursuit:
         return self._batches[number]
 
     def repeats(self, number: int) -> bool:
-        """Return whether a batch repeats a point of an earlier one."""
+        """Return True if a batch repeats a point of an earlier one."""
         earlier = {point.tobytes() for points in self._batches[:number] for point in points}
         return any(point.tobytes() in earlier for point in self._batches[number])
 
@@ -156,10 +156,10 @@ class Pursuit:
         interval = known.assumption_free
         if interval.high - interval.low > width:
             return None
-        return f"the interval is {interval.high - interval.low:.4g} wide, and {width:g} was asked for"
+        return f"the interval is {interval.high - interval.low:.4g} wide; {width:g} was requested"
 
     def decisive(self) -> list[tuple[int, int, str]]:
-        """Return variants to look at: (batch, index, what it is), from what was told."""
+        """Return the variants to look at: (batch, index, description), from the outcomes so far."""
         named: list[tuple[str, UnitPoints]] = []
         match known := self._known():
             case MinimalPair():
@@ -181,7 +181,7 @@ class Pursuit:
         return [(*place, words) for place, words in reversed(unique.items())]
 
     def boundary(self) -> BoundarySlice | None:
-        """Return what a map says of the two parameters that matter most; None for another goal, or too early."""
+        """Return the slice of a map over the two parameters that matter most; None for other goals, or too early."""
         known = self._known()
         if not isinstance(self._strategy, Map) or not isinstance(known, Boundary):
             return None
@@ -247,7 +247,7 @@ def _fewest(study: ResolvedStudy) -> int:
     """Return the least number of variants that can lead to an answer."""
     match study.document.goal:
         case MapGoal():
-            # The first prediction knows all scores but those of the last batch.
+            # The first prediction uses all scores but those of the last batch.
             batch = study.document.batch
             return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
         case CompareGoal():
@@ -265,7 +265,7 @@ def first_of(study: ResolvedStudy) -> int:
 
 
 def looks_of(study: ResolvedStudy) -> int:
-    """Return the largest number of looks at an estimate; without a stop rule 1, at the end."""
+    """Return the largest number of looks at an estimate; without a stop rule 1, the one at the end."""
     document = study.document
     if document.stop.width is None:
         return 1

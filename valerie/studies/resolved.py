@@ -1,4 +1,4 @@
-"""A study resolved against its asset: operational domain, specs of its runs, scores of its variants."""
+"""Studies resolved against their asset: operational domain, specs of the runs, scores of the variants."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ResolvedStudy:
         run: its spec, resolved.
         domain: its parameters and their distributions.
         measure: the score of a variant.
-        where: selects the rows that count; None: all.
+        where: expression that selects the rows that count; None: all.
     """
 
     document: StudyDocument
@@ -40,17 +40,17 @@ class ResolvedStudy:
     where: Where | None
 
     def rejection(self, point: UnitPoints) -> str | None:
-        """Return why the variant at a point, (dimensions,), is rejected; None for a legal one."""
+        """Return the reason why the variant at a point, (dimensions,), is rejected; None for a legal one."""
         return self.run.rejection({**self.run.space.constants[0], **self.domain.values(point)})
 
     def spec(self, points: UnitPoints, number: int, *, parent: str | None, seed: int) -> RunSpec:
         """Return the spec of the run of a batch.
 
         Args:
-            points: (n, dimensions) of the batch.
+            points: (n, dimensions) points of the batch.
             number: number of the batch, from 0.
-            parent: id of the run of the batch before it.
-            seed: seeds this run.
+            parent: id of the run of the previous batch.
+            seed: seed of this run.
         """
         values: list[dict[str, Value]] = [self.domain.values(point) for point in points]
         return self.document.spec.model_copy(
@@ -67,9 +67,9 @@ class ResolvedStudy:
         """Return the outcomes of a batch.
 
         Args:
-            rows: of the long table of its run, with the values of all parameters.
+            rows: long table of its run, with the values of all parameters.
             count: number of variants.
-            rejected: indexes of those that are rejected.
+            rejected: indices of the rejected ones.
         """
         values: dict[tuple[int, object], list[float]] = defaultdict(list)
         seen: set[tuple[object, ...]] = set()
@@ -98,7 +98,7 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
         run: its spec, resolved.
 
     Raises:
-        InvalidInput, UnknownName: ``where`` or the goal names what the asset does not have.
+        InvalidInput, UnknownName: ``where`` or the goal names something that the asset does not have.
     """
     block = run.space.blocks[0]
     variations = [Variation(run.space.names[v.path].path, v.distribution) for v in block.variations]

@@ -5,6 +5,7 @@ import { h } from "./dom.js";
 import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
+import { newView } from "./new.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
 import { studiesView } from "./studies.js";
@@ -13,6 +14,7 @@ import { workersView } from "./workers.js";
 
 const ROUTES = [
   [/^\/?$/, "runs", () => runsView],
+  [/^\/new$/, "runs", () => newView],
   [/^\/runs\/([\w-]+)$/, "runs", () => runView],
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
   [/^\/explore$/, "explore", () => exploreView],

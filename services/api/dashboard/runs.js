@@ -26,7 +26,7 @@ export async function runsView({ main, signal }) {
     return items.some((run) => ACTIVE.has(run.state)) ? 2000 : 10_000;
   };
   await draw();
-  main.replaceChildren(h("h1", {}, "Runs"), list, h("div", { class: "row" }, more));
+  main.replaceChildren(h("div", { class: "spread" }, h("h1", {}, "Runs"), h("a", { class: "button primary", href: "#/new" }, "New run")), list, h("div", { class: "row" }, more));
   const again = poll(signal, draw);
   return "Runs";
 }
@@ -36,7 +36,7 @@ function nothing() {
     h("h2", {}, "No run yet"),
     h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians. Start the first one:"),
     command("valerie run examples/first-run.yaml"),
-    h("p", { class: "small" }, "or submit your own spec to this server with ", h("code", {}, "valerie submit SPEC"), "; ", h("code", {}, "valerie new"), " writes one with comments."));
+    h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
 }
 
 function runsTable(items) {

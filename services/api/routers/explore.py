@@ -27,7 +27,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
-from valerie.analysis.findings.child_specs import selection_spec
+from valerie.analysis.findings.child_specs import drawn_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
 from valerie.db.engine import reading, writing
@@ -41,7 +41,7 @@ from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
 from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
 from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
-from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.runs.products.frames import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 
@@ -52,7 +52,7 @@ _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
-    list[Annotated[str, Query(pattern=RUN_ID_PATTERN)]],
+    list[Annotated[str, Query(pattern=ID)]],
     Query(alias="run", min_length=1, max_length=MAX_RUNS, description="ids of runs", examples=[[RUN_ID]]),
 ]
 WhereText = Annotated[
@@ -290,7 +290,7 @@ def refine(
         raise InvalidInput("a spec refines one run", field="run", value=list(run), limit="one run")
     resolved = read_run(context, run[0]).resolved
     chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
-    return SpecRead(yaml=selection_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
+    return SpecRead(yaml=drawn_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
 
 
 @router.get("/selections", responses=problems(422), summary="Saved selections, newest first")

@@ -1,4 +1,4 @@
-"""A run as the gate of a change: its verdicts, and its functions against a baseline on identical frames."""
+"""Gate of a change: verdicts on a run, and its functions against a baseline on identical frames."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class GateRun:
     """The data of a run that the gate reads.
 
     Attributes:
-        id: of the run.
+        id: id of the run.
         spec: its spec.
-        asset_digest: of its asset.
+        asset_digest: digest of its asset.
         pins: numeric classes of its engines and functions.
         table: its evaluations.
-        verdicts: on its requirements.
+        verdicts: verdicts on its requirements.
     """
 
     id: str
@@ -50,8 +50,8 @@ class VersionGate:
     """One function against its baseline.
 
     Attributes:
-        version, baseline: the functions; the baseline with its run where that is another.
-        gate: the comparison of their pACC.
+        version, baseline: the functions; the baseline with its run where it has a different one.
+        gate: comparison of their pACC.
         unmatched: rows that only one of the two has.
     """
 
@@ -63,11 +63,11 @@ class VersionGate:
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
-    """Everything that a change has to pass.
+    """Result of a gate.
 
     Attributes:
-        run_id: of the run.
-        verdicts: on its requirements.
+        run_id: id of the run.
+        verdicts: verdicts on its requirements.
         versions: its functions against the baseline; empty without one.
         allow_undecided: whether undecided requirements pass.
     """
@@ -78,7 +78,7 @@ class GateResult:
     allow_undecided: bool = False
 
     def passes(self, verdict: RequirementVerdict) -> bool:
-        """Return whether a verdict lets the change through."""
+        """Return True if a verdict lets the change pass."""
         return verdict.outcome is Outcome.MET or (self.allow_undecided and verdict.outcome is Outcome.UNDECIDED)
 
     @property
@@ -107,21 +107,21 @@ def gate(
     mixed: bool = False,
     allow_undecided: bool = False,
 ) -> GateResult:
-    """Hold a run against its requirements, and its functions against a baseline.
+    """Judge a run by its requirements, and its functions against a baseline.
 
     Args:
-        run: that has ended.
-        baseline: another run on the same frames, or the name of a function of this run; None: requirements alone.
+        run: run that has ended.
+        baseline: another run on the same frames, or the name of a function of this run; None: only requirements.
         function: the only function to compare; None: every one that has a baseline.
         effect: smallest drop of pACC to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
-        mixed: also compare functions that ran in unequal numeric classes.
+        mixed: also compare functions that ran in different numeric classes.
         allow_undecided: let undecided requirements pass.
 
     Raises:
-        InvalidInput: there is nothing to judge, or the baseline looked at other frames.
+        InvalidInput: there is nothing to judge, or the baseline has other frames.
         UnknownName: no such function.
-        Conflict: numeric classes differ, and ``mixed`` is not given.
+        Conflict: numeric classes differ and ``mixed`` is False.
     """
     if baseline is None:
         if not run.verdicts:
@@ -142,7 +142,7 @@ def gate(
 
 
 def called(reference: str, run: GateRun) -> str | None:
-    """Return what a run's spec calls a function: by its whole name, or by its name without the version; else None."""
+    """Return the spec's name of a function that is referenced by it, or without its version if unique; otherwise None."""
     functions = run.spec.functions
     if reference in functions:
         return reference
@@ -200,8 +200,8 @@ def _require_one_class(run: GateRun, version: str, other: GateRun, reference: st
         if own != classes[1][stage]:
             raise Conflict(
                 f"{version} and its baseline {reference} differ in the numeric class of their {stage}: {own} and "
-                f"{classes[1][stage]}. Run both in the same one, or use --mixed to compare what precision or engine "
-                "change too"
+                f"{classes[1][stage]}. Run both in the same one, or use --mixed to include differences of precision "
+                "or engine"
             )
     return True
 
@@ -242,7 +242,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     if item.worse:
         return text
     if needed is None:
-        return f"{text}; how many places show a drop of {100 * effect:g} points is not known"
+        return f"{text}; it is unknown how many places would show a drop of {100 * effect:g} points"
     enough = "" if needed <= item.places else " and these are too few"
     return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
 

@@ -83,7 +83,7 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
 
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
-    """Return the lit lamps, with the shadow-casting ones among those that stand still, as the raster engine selects them."""
+    """Return the lamps that are on, and those that cast shadows, as the raster engine selects them."""
     return FrameLamps.seen_by(lit_lamps(scene, sky_of(scene)), camera_of(scene, view), view)
 
 

@@ -2,7 +2,7 @@
 
 A movable changes pixels in four ways: by its own pixels, by its shadow (a prism from its box away from the sun down to the lowest
 ground), by ambient occlusion (within a screen radius that shrinks with depth), and through filters of a few pixels. There is no
-fifth way, since the raster engine mirrors only statics and movables reflect no light onto other surfaces.
+other way: the raster engine mirrors only statics, and movables reflect no light onto other surfaces.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def changed_rectangle(
 
 
 def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:
-    """Return a bound of the pixels that things inside ``boxes`` (world corners, (8, 3) each) cover themselves.
+    """Return a bound of the pixels that the objects inside ``boxes`` (world corners, (8, 3) each) cover.
 
     The image is padded by ``pad_x`` and ``pad_y`` pixels on each side. The rectangle counts from the padded image's top left.
     """

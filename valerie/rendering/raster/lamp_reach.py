@@ -96,7 +96,7 @@ class FrameLamps:
 
 
 def with_shadows(lamps: Sequence[Lamp], camera: Camera) -> tuple[LampView, ...]:
-    """Return the views of the static lamps with shadows: those nearest to the camera, by distance."""
+    """Return the views of the static lamps with shadows: those nearest to the camera, nearest first."""
     candidates = [lamp for lamp in lamps if not lamp.movable and lamp.outer <= _WIDEST]
     candidates.sort(key=lambda lamp: _distance(lamp, camera))
     return tuple(LampView.of(lamp) for lamp in candidates[:LAMP_TILES])

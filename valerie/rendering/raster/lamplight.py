@@ -20,7 +20,7 @@ from valerie.rendering.lamps import Lamp
 from valerie.rendering.projection import Points
 from valerie.rendering.raster.drawing import SurfaceDrawer
 from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES, FrameLamps, LampView, within_reach
-from valerie.rendering.raster.targets import Target
+from valerie.rendering.raster.targets import RenderTarget
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
@@ -41,7 +41,7 @@ class LampMaps:
     """Depth maps of lamps, one tile of an atlas each."""
 
     def __init__(self, gl: moderngl.Context, rows: int) -> None:
-        self.target = Target(gl, (LAMP_ACROSS * LAMP_MAP, rows * LAMP_MAP), (), depth=True)
+        self.target = RenderTarget(gl, (LAMP_ACROSS * LAMP_MAP, rows * LAMP_MAP), (), depth=True)
 
     @property
     def texture(self) -> moderngl.Texture:
@@ -164,7 +164,7 @@ def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
 
     Args:
         lamps: the static lamps.
-        low, high: (3,) corners of the street, metres.
+        low, high: (3,) corners of the scene, metres.
     """
     area = max(float(np.prod((high - low)[:2])), 1.0)
     flux = np.zeros(3)

@@ -23,8 +23,8 @@ from valerie.rendering.raster.targets import (
     SAMPLES,
     SKYLIGHT_CELL,
     ImageTargets,
+    RenderTarget,
     ScreenPass,
-    Target,
 )
 from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.sky import Sky
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Statics
 
-#: Features of the shading pass beside sun and sky, as symbols of its shader.
+#: Features of the shading pass besides sun and sky, as symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 
@@ -77,7 +77,7 @@ class Surfaces:
         materials: material table of the scene.
     """
 
-    statics: Target
+    statics: RenderTarget
     materials: moderngl.Texture
 
 
@@ -149,7 +149,7 @@ class Lighting:
             self._shading[key] = ScreenPass(self._gl, program)
         return self._shading[key]
 
-    def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
+    def receive(self, frame: LitFrame, target: RenderTarget, parts: Spans) -> None:
         """Compute the light that arrives on surfaces, before materials, over parts of ``target``, one sample per pixel.
 
         The inputs of `LitFrame.shade` must be valid around these parts, except those of plain pixels.
@@ -245,7 +245,7 @@ class _Step:
     """A pass with its target and inputs. ``samples`` is the number of texels per pixel and direction. See `ScreenPass.run`."""
 
     screen_pass: ScreenPass
-    target: Target
+    target: RenderTarget
     textures: Mapping[str, moderngl.Texture]
     values: Uniforms
     samples: int = 1

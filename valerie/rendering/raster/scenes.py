@@ -31,8 +31,8 @@ class Statics:
 
     Attributes:
         nodes: its nodes in order; compared by identity.
-        key: cache key that differs if the shape differs, or the properties of materials that the G-buffer contains.
-        shape_key: cache key that differs if the surfaces differ in hiding sun or sky.
+        key: cache key of the shape and of the material properties that the G-buffer contains.
+        shape_key: cache key of the surfaces as far as they hide the sun or the sky.
         materials: the materials of the statics, in the order of their rows.
         names: names of these materials.
         table: their rows of the material table.
@@ -67,7 +67,7 @@ class Prepared:
 
     def table(self) -> NDArray[np.float32]:
         """Return the material table, (N, 5, 4) float32."""
-        # A street has hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
+        # The statics have hundreds of materials and a movable has a dozen, so only the movables' rows are computed.
         count = len(self.statics.materials)
         if len(self.materials) == count:
             return self.statics.table
@@ -152,7 +152,7 @@ class SceneStore:
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
         appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
-        # A solid surface hides light whatever its textures are.
+        # A solid surface hides light regardless of its textures.
         shape = tuple(
             (m.alpha_cutoff, m.base_color_texture if surface_kind(m, textures).cut else None, m.transmission)
             for m in materials

@@ -22,7 +22,7 @@ from valerie.rendering.projection import (
 )
 from valerie.rendering.raster.drawing import SurfaceDrawer
 from valerie.rendering.raster.surroundings import SurfaceSample, prominence
-from valerie.rendering.raster.targets import Target
+from valerie.rendering.raster.targets import RenderTarget
 from valerie.rendering.raster.tiles import Mask
 from valerie.scene.graph.model import Camera
 
@@ -68,7 +68,7 @@ class ShadowMap:
         self._gl = gl
         self.light = light
         self.casters: moderngl.Texture | None = None
-        self.target = Target(gl, (resolution, resolution), (), depth=True)
+        self.target = RenderTarget(gl, (resolution, resolution), (), depth=True)
 
     @property
     def texture(self) -> moderngl.Texture:
@@ -135,7 +135,7 @@ class SkyMaps:
     def __init__(self, gl: moderngl.Context, drawer: SurfaceDrawer, statics: Statics, table: moderngl.Texture) -> None:
         across, down = SKY_TILES
         self.directions = even_directions(across * down)
-        self.target = Target(gl, (across * SKY_MAP, down * SKY_MAP), (), depth=True)
+        self.target = RenderTarget(gl, (across * SKY_MAP, down * SKY_MAP), (), depth=True)
         self.target.use()
         self.target.clear()
         geometry = statics.geometry

@@ -1,4 +1,4 @@
-"""Indirect light: an estimate of the light that a street reflects, from a sample of its surfaces. Uses no GPU.
+"""Indirect light: an estimate of the light that a scene reflects, from a sample of its surfaces. Uses no GPU.
 
 The sky light of the raster engine (``skylight.frag``) knows in which directions surfaces hide the sky, but not which surfaces. It
 uses the mean radiance of all surfaces that face the place, each with its own colour and with the sun and sky that reach it.
@@ -17,9 +17,9 @@ from valerie.rendering.sky import Sky
 
 #: Number of sampled places on the statics.
 SAMPLE: Final = 4096
-#: Tries per triangle to find a place in the street. A ground plane that reaches to the horizon needs this many.
+#: Tries per triangle to find a place in the scene. A ground plane that reaches to the horizon needs this many.
 _TRIES: Final = 128
-#: Margin around the street's core that still counts as street, metres.
+#: Margin around the scene's core that still counts as scene, metres.
 _AROUND: Final = 1.0
 #: Height of the band above the lowest point in which upward surfaces are ground, metres. Higher ones may be roofs.
 _GROUND_BAND: Final = 2.0
@@ -145,11 +145,11 @@ def _places(first: Points, second: Points, third: Points, low: Points, high: Poi
 def prominence(sample: SurfaceSample, openness: NDArray[np.bool_]) -> Points:
     """Return the weight of each place, (N,), in the view of other places.
 
-    Form factors are reciprocal: others see as much of a place as it sees of them. The weight is therefore the share of a place's
-    view that other places fill (form factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for
-    progressive radiosity"), estimated from some of them and without occlusion. Walls that face a street thus count for more than
-    the backs of houses, roofs and surfaces that face outwards. Places without an open direction (in rooms, under the road) count
-    for nothing.
+    Form factors are reciprocal: other places see as much of a place as it sees of them. The weight is therefore the share of a
+    place's view that other places fill (form factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for
+    progressive radiosity"), estimated from some of them and without occlusion. Walls that face others thus count for more
+    than the backs of houses, roofs and surfaces that face outwards. Places without an open direction (in rooms, under the road)
+    count for nothing.
 
     Args:
         sample: the places.
@@ -215,9 +215,9 @@ def reflected(
 def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
     """Return the spherical harmonics that ``skylight.frag`` sums over K directions above the horizon.
 
-    The basis has orders 0 and 1 and the zonal function of order 2. Since a street's sky is overhead, level ground would lose up
-    to a quarter of its light with orders 0 and 1 alone. Where surfaces hide the sky, the radiance is theirs. The lower hemisphere
-    is the ground, which has no part of order 2.
+    The basis has orders 0 and 1 and the zonal function of order 2. Between houses the sky is overhead, so level ground would
+    lose up to a quarter of its light with orders 0 and 1 alone. Where surfaces hide the sky, the radiance is theirs. The lower
+    hemisphere is the ground, which has no part of order 2.
 
     Args:
         sky: the sky.

@@ -19,7 +19,7 @@ SAMPLES: Final = 2
 SKYLIGHT_CELL: Final = 4
 
 
-class Target:
+class RenderTarget:
     """A framebuffer with its textures.
 
     Args:
@@ -89,17 +89,17 @@ class ImageTargets:
         fine = (view.width * SAMPLES, view.height * SAMPLES)
         self.surfaces = surface_target(gl, view)
         assert self.surfaces.depth is not None
-        self.moving = Target(gl, fine, ((2, "f4"), (4, "nu2"), (2, "u2")), depth=self.surfaces.depth)
+        self.moving = RenderTarget(gl, fine, ((2, "f4"), (4, "nu2"), (2, "u2")), depth=self.surfaces.depth)
         coarse = (-(-fine[0] // SKYLIGHT_CELL), -(-fine[1] // SKYLIGHT_CELL))
-        self.openness = Target(gl, coarse, ((4, "u4"),) * 2, depth=False)
-        self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
-        self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
-        self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
-        self.plain = Target(gl, size, ((4, "f1"), (4, "nu2"), (2, "u2"), (1, "f4")), depth=False)
-        self.plain_radiance = Target(gl, size, ((4, "f2"),), depth=False)
-        self.detail = Target(gl, fine, (), depth=True)
-        self.radiance = Target(gl, fine, ((4, "f2"),), depth=self.detail.depth or False)
-        self.pixels = Target(gl, size, ((4, "f2"),), depth=False)
+        self.openness = RenderTarget(gl, coarse, ((4, "u4"),) * 2, depth=False)
+        self.skylight = RenderTarget(gl, coarse, ((4, "f2"),) * 4, depth=False)
+        self.occlusion = RenderTarget(gl, size, ((1, "f1"),), depth=False)
+        self.smooth_occlusion = RenderTarget(gl, size, ((1, "f1"),), depth=False)
+        self.plain = RenderTarget(gl, size, ((4, "f1"), (4, "nu2"), (2, "u2"), (1, "f4")), depth=False)
+        self.plain_radiance = RenderTarget(gl, size, ((4, "f2"),), depth=False)
+        self.detail = RenderTarget(gl, fine, (), depth=True)
+        self.radiance = RenderTarget(gl, fine, ((4, "f2"),), depth=self.detail.depth or False)
+        self.pixels = RenderTarget(gl, size, ((4, "f2"),), depth=False)
 
     def release(self) -> None:
         """Free all targets."""
@@ -110,10 +110,10 @@ class ImageTargets:
             target.release()
 
 
-def surface_target(gl: moderngl.Context, view: View) -> Target:
+def surface_target(gl: moderngl.Context, view: View) -> RenderTarget:
     """Create a G-buffer: albedo, normals, material row with the factors of its roughness texture, depth."""
     fine = (view.width * SAMPLES, view.height * SAMPLES)
-    return Target(gl, fine, ((4, "f1"), (4, "nu2"), (2, "u2")), depth=True)
+    return RenderTarget(gl, fine, ((4, "f1"), (4, "nu2"), (2, "u2")), depth=True)
 
 
 def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[int, int, int, int]:
@@ -135,7 +135,7 @@ class ScreenPass:
 
     def run(
         self,
-        target: Target,
+        target: RenderTarget,
         parts: Spans,
         textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
         values: Uniforms,
