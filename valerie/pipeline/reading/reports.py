@@ -117,8 +117,8 @@ def report_with(context: Context, run_id: str, *, claims: Claims | None = None, 
     """
     here = _ended(context, run_id)
     beside = None if other is None else _compared(context, here, other, claims)
-    ledger = () if claims is None else write_ledger(claims, found.table, seed=found.run.spec.seed)
-    source = replace(_report_input(context, found), claims=claims, ledger=ledger, beside=beside)
+    ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
+    source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
     return ReportWith(build_report(source), ledger)
 
 
