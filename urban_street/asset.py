@@ -34,6 +34,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.human.stances import GAITS
+from urban_street.odd import with_meaning
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings
@@ -117,7 +118,7 @@ def make_manifest(settings: Settings) -> Manifest:
         description=f"A generated street of {settings.length_m:.0f} m with houses, trees, vehicles and pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
-        parameters=tuple(_parameters(settings, layout, places)),
+        parameters=tuple(map(with_meaning, _parameters(settings, layout, places))),
         movable=(*paths, *vehicles),
         obstacles=(*_obstacles(layout), *traffic_obstacles(places)),
         ways=tuple(ways(layout)),

@@ -1,7 +1,8 @@
 """All messages of the system: the Celery app, the names of the tasks, and the sender.
 
-The database is the queue of record. A message only notifies workers of products, a few digests that share a warm cache. It may
-be lost, duplicated or late without harm: workers claim products by compare-and-set, and the sweep sends it again.
+The database is the queue of record. A message only notifies workers that a packet of products became ready in a queue; the
+worker that takes it claims the packet whose turn it is. A message may be lost, duplicated or late without harm: workers claim
+products by compare-and-set, and the sweep sends it again.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
@@ -26,7 +28,8 @@ from redis.exceptions import TimeoutError as RedisTimeout
 
 from valerie.errors import TransientError
 from valerie.runs.products.ready import Ready
-from valerie.runs.products.states import EVAL_QUEUE, ProductKind, Stage, stage_of
+from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
+from valerie.runs.products.turns import packet_size
 from valerie.settings import Settings
 
 RENDER: Final = "valerie.render"
@@ -35,12 +38,6 @@ EVALUATE: Final = "valerie.evaluate"
 FINISH: Final = "valerie.finish"
 
 _TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: EVALUATE}
-
-#: Products per message: enough to spread the overhead, few enough that a killed worker loses little.
-CHUNK: Final = 24
-#: Exceptions: a background takes as long as many layers, and 8 predictions are two batches of a GPU.
-_CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
-
 
 #: Errors that the libraries raise when the broker does not answer.
 _SILENCE: Final = (OperationalError, BatchPublishError, RedisError, OSError)
@@ -115,23 +112,20 @@ _SENDING: Final[Keywords] = {
 
 
 class Message(NamedTuple):
-    """A message: a task, its products, and the queue."""
+    """A message: a task, its argument (a queue, or the run to finish), and the queue that it is sent to."""
 
     task: str
-    digests: list[str]
+    argument: str
     queue: str
 
 
 def messages_of(ready: Iterable[Ready]) -> list[Message]:
-    """Return messages that each hold products of one route, kind and cache group."""
-    groups: dict[tuple[str, ProductKind, str], list[str]] = {}
-    for product in ready:
-        groups.setdefault((product.route, product.kind, product.cache_group), []).append(product.digest)
+    """Return one message per packet, so that workers that answer them all leave no ready product behind."""
+    packets = Counter((product.route, product.kind, product.cache_group, product.turn) for product in ready)
     return [
-        Message(_TASK_OF_STAGE[stage_of(route)], digests[start : start + size], route)
-        for (route, kind, _), digests in groups.items()
-        for size in (_CHUNKS.get(kind, CHUNK),)
-        for start in range(0, len(digests), size)
+        Message(_TASK_OF_STAGE[stage_of(route)], route, route)
+        for (route, kind, _, _), count in packets.items()
+        for _ in range(0, count, packet_size(kind))
     ]
 
 
@@ -168,20 +162,15 @@ class Broker:
     def _send_together(self, messages: Iterable[Message]) -> None:
         """Send messages, a thousand per round trip."""
         with self._app.producer_or_acquire() as producer, producer.batch():
-            for task, digests, queue in messages:
+            for task, argument, queue in messages:
                 self._app.send_task(
-                    task,
-                    args=[digests],
-                    queue=queue,
-                    producer=producer,
-                    argsrepr=f"{len(digests)} products",
-                    **_SENDING,
+                    task, args=[argument], queue=queue, producer=producer, argsrepr=argument, **_SENDING
                 )
 
     def send_finish(self, run_id: str) -> None:
         """Ask an evaluation worker to finish a run."""
         with self._answering():
-            self._app.send_task(FINISH, args=[run_id], queue=EVAL_QUEUE, argsrepr=run_id, **_SENDING)
+            self._send_together([Message(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
         """Return the number of messages that wait in each queue, without those that a worker holds.

@@ -13,6 +13,8 @@ import httpx
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
+from valerie.runs.moments import Moment
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.runs.forecasting.forecast import Plan
@@ -99,9 +101,24 @@ class Run(_Read):
     reason: str | None = None
     variant_count: int
     rejected_count: int
-    created_at: str
-    started_at: str | None = None
-    finished_at: str | None = None
+    tags: tuple[str, ...] = ()
+    created_at: Moment
+    started_at: Moment | None = None
+    finished_at: Moment | None = None
+
+
+class Mark(_Read):
+    """Tags and note of a run, a frame or a finding.
+
+    Attributes:
+        kind: run, frame or finding.
+        name: of a frame ``variant.camera.time``, of a finding its sentence; empty for the run.
+    """
+
+    kind: str
+    name: str
+    tags: tuple[str, ...]
+    note: str
 
 
 class Frame(_Read):
@@ -276,7 +293,7 @@ class StudyBatch(_Read):
     number: int
     reason: str
     legal: int
-    accepted_at: str | None
+    accepted_at: Moment | None
     run_id: str | None
     outcomes: StudyOutcomes | None
     cpu_seconds: float | None
@@ -306,7 +323,7 @@ class Study(_Read):
     by_hand: bool
     goal: str
     result: StudyKnown | None = None
-    created_at: str
+    created_at: Moment
     batches: tuple[StudyBatch, ...] = ()
 
 
@@ -372,6 +389,10 @@ class Client:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
         self._http.close()
 
     def plan(self, spec: bytes) -> Plan:
@@ -380,15 +401,26 @@ class Client:
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
-    def submit(self, spec: bytes, *, idempotency_key: str | None = None) -> Run:
+    def submit(self, spec: bytes, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
         headers = {**_SPEC, **({"Idempotency-Key": idempotency_key} if idempotency_key else {})}
-        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers)
+        query = {"priority": priority.value}
+        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
-    def runs(self, *, limit: int = 20) -> Iterator[Run]:
-        """Yield runs, newest first."""
-        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100)), limit):
+    def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:
+        """Yield runs, newest first; with ``tag`` only those that carry it."""
+        filters = {} if tag is None else {"tag": tag}
+        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
             yield _validated(Run, item)
+
+    def marks(self, run_id: str) -> list[Mark]:
+        """Return the tags and notes on a run, its frames and its findings."""
+        return [_validated(Mark, one) for one in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+
+    def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
+        """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
+        body = mark.model_dump(mode="json")
+        return [_validated(Mark, one) for one in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -418,6 +450,11 @@ class Client:
     def evaluations(self, run_id: str) -> bytes:
         """Return the long table of a run, as Parquet."""
         return self._send("GET", f"/v1/runs/{run_id}/evaluations", params={"format": "parquet"}).content
+
+    def rows(self, run_id: str, where: str = "") -> bytes:
+        """Return the rows of a run for which an expression holds, as an Arrow stream; empty: all."""
+        parameters = {"run": run_id, "where": where, "format": "arrow"}
+        return self._send("GET", "/v1/explore/rows", params=parameters).content
 
     def report(self, run_id: str) -> bytes:
         """Return the self-contained HTML report of an ended run."""
@@ -528,6 +565,11 @@ class Client:
         parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
 
+    def labels(self, frame_id: str, *, function: str | None = None, sensor: str | None = None) -> bytes:
+        """Return the label ids of a frame as PNG of 8 bits: the truth, or the prediction of a function."""
+        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        return self._send("GET", f"/v1/frames/{frame_id}/labels", params=parameters).content
+
     def annotation(self, frame_id: str, kind: str) -> bytes:
         """Return an annotation of a frame as a file for ``numpy.load``."""
         return self._send("GET", f"/v1/frames/{frame_id}/annotations/{quote(kind, safe='')}").content
@@ -544,11 +586,11 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._send(method, path, **options).json())
 
-    def _pages(self, path: str, *, page_size: int) -> Iterator[object]:
+    def _pages(self, path: str, *, page_size: int, **filters: str) -> Iterator[object]:
         """Yield the items of all pages. A page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
-            parameters: dict[str, str | int] = {"limit": page_size, **({"cursor": cursor} if cursor else {})}
+            parameters: dict[str, str | int] = {"limit": page_size, **filters, **({"cursor": cursor} if cursor else {})}
             page = self._read(_Page, "GET", path, params=parameters)
             yield from page.items
             cursor = page.next

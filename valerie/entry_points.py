@@ -23,7 +23,7 @@ from valerie.spelling import package_name
 OWN: Final = "valerie"
 
 
-class Offer(NamedTuple):
+class EntryPoint(NamedTuple):
     """One entry point.
 
     Attributes:
@@ -37,16 +37,16 @@ class Offer(NamedTuple):
     package: str
 
 
-def installed(group: str) -> tuple[Offer, ...]:
+def installed(group: str) -> tuple[EntryPoint, ...]:
     """Return the offers of a group."""
     return _installed(group, tuple(sys.path))
 
 
 @lru_cache
-def _installed(group: str, _path: tuple[str, ...]) -> tuple[Offer, ...]:
+def _installed(group: str, _path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """Return the offers of a group on a path. Cached, since reading them opens a file of every installed distribution."""
     return tuple(
-        Offer(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
+        EntryPoint(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
         for point in entry_points(group=group)
     )
 
@@ -87,7 +87,7 @@ class PluginKind:
         names = self.names()
         return {offer.name: offer.package for offer in self._offers() if offer.name not in names}
 
-    def _offers(self) -> list[Offer]:
+    def _offers(self) -> list[EntryPoint]:
         return [offer for offer in installed(self.group) if offer.name not in self.built_in]
 
     def names(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ Ground truth stores *label ids* (``person`` = 24), and networks use *train ids* 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -145,8 +144,3 @@ def instance_id(label: Label, number: int) -> int:
     if not 0 <= number <= MAX_INSTANCE:
         raise InvalidInput("instance number out of range", field=label.name, value=number, limit=f"0…{MAX_INSTANCE}")
     return label.id * 1000 + number if label.has_instances else 0
-
-
-def instances_of(instance_ids: Iterable[int], label: Label) -> tuple[int, ...]:
-    """Return the distinct instance ids of a label, ascending."""
-    return tuple(sorted({i for i in instance_ids if i // 1000 == label.id}))

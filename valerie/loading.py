@@ -79,6 +79,11 @@ def load_document(source: str | bytes | Written, *, max_bytes: int = MAX_BYTES) 
     return checked
 
 
+def load_value(text: str) -> object:
+    """Return the value of a scalar in YAML's plain style: a number, a truth value, None or the text itself."""
+    return yaml.load(text, Loader=_Loader)  # noqa: S506  a safe loader of our own
+
+
 def _text(source: str | bytes, max_bytes: int) -> str:
     size = len(source) if isinstance(source, bytes) else len(source.encode("utf-8", "surrogatepass"))
     if size > max_bytes:

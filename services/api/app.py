@@ -16,11 +16,13 @@ from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, explore, frames, functions, health, results, runs, studies
+from services.api.routers import catalog, drafts, explore, frames, functions, health, marks, results, runs, studies
 from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.preview import Previews
+from valerie.pipeline.exploring.confusion import Confusions
 from valerie.pipeline.exploring.opening import Explorations
 from valerie.pipeline.exploring.tiles import Tiles
 from valerie.settings import Settings, load_settings
@@ -39,10 +41,10 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
 
     Args:
         settings: None: read from the environment.
-        control: whether to run the control loop too; False where it runs alone (`python -m services.api --control-only`).
+        control: whether to run the control loop too; False if it runs separately (`python -m services.api --control-only`).
 
     Raises:
-        InvalidInput: it would listen on the network without a token.
+        InvalidInput: the server would listen on the network without a token.
         Conflict: a newer version has written the database.
     """
     settings = settings or load_settings()
@@ -58,12 +60,15 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
+        app.state.confusions = Confusions(context)
+        previews = app.state.previews = Previews(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None
         if thread is not None:
             thread.start()
         yield
         stop.set()
+        previews.close()
         if loop is not None and thread is not None:
             loop.wake()
             thread.join(timeout=10)
@@ -80,7 +85,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, studies, frames, results, explore, functions, catalog)]
+    routers = [module.router for module in (runs, drafts, marks, studies, frames, results, explore, functions, catalog)]
     openapi.install(app, [*routers, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)

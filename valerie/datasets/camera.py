@@ -2,7 +2,7 @@
 
 Extrinsics lead from the camera's axes to the vehicle's as in ISO 8855: x forward, y left, z up, with R = Rz(yaw) · Ry(pitch) ·
 Rx(roll), radians; a positive pitch looks *down* (Cityscapes' csCalibration.pdf). A scene has no vehicle. The world's origin
-takes its place, facing along the street (+y). Image coordinates count pixel centres from 0, so the principal point of a centred
+takes its place, facing ahead (+y). Image coordinates count pixel centres from 0, so the principal point of a centred
 camera is ((W − 1) / 2, (H − 1) / 2).
 """
 
@@ -47,7 +47,7 @@ def camera_document(camera: Camera, width: int, height: int) -> CameraDocument:
     """Return the document of a camera.
 
     Args:
-        camera: a camera in the world: z up, y along the street.
+        camera: a camera in the world: z up, y ahead.
         width, height: size of the image, square pixels.
     """
     x, y, z = (float(value) for value in camera.position)

@@ -1,4 +1,4 @@
-"""Numbers about products: the backlog, what was made, what it cost."""
+"""Numbers about products: the backlog, totals and costs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, func, literal, select
+from sqlalchemy import BigInteger, ColumnElement, Connection, cast, func, literal, select
 
 from valerie.db.models import Product
 from valerie.db.statements import ENDED, UNFINISHED, among
+from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 #: Cache group of the evaluations of uploaded predictions.
@@ -25,12 +26,54 @@ class Backlog(NamedTuple):
 
 
 class KindTotal(NamedTuple):
-    """All products of one kind: how many are done, how many failed, CPU seconds of the done ones."""
+    """All products of one kind: numbers of done and failed ones, and CPU seconds of the done ones."""
 
     kind: ProductKind
     done: int
     failed: int
     cpu_seconds: float
+
+
+class Held(NamedTuple):
+    """Products of one kind that one process makes now."""
+
+    owner: str
+    kind: ProductKind
+    products: int
+
+
+class CostBin(NamedTuple):
+    """What the products of one kind cost that were finished in one span of time.
+
+    Attributes:
+        kind: of the products.
+        number: of the span, from 0.
+        products: that were done.
+        cpu_seconds: of all of them.
+    """
+
+    kind: ProductKind
+    number: int
+    products: int
+    cpu_seconds: float
+
+
+class FailureReason(NamedTuple):
+    """Products of one kind that failed for good with one type of error.
+
+    Attributes:
+        kind: of the products.
+        type: name of the error's class.
+        products: how many.
+        message: of the latest.
+        latest: when it failed, Unix seconds.
+    """
+
+    kind: ProductKind
+    type: str
+    products: int
+    message: str
+    latest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +82,10 @@ class RecordedCost:
 
     Attributes:
         kind, route: of the products.
-        group: cache group, which tells functions apart; empty for other products, which have passing groups.
+        group: cache group of predictions, one per function; empty for other kinds, whose groups do not last.
         pixels: size of their images.
         count: number of products.
-        cpu_seconds: mean without the dearest product, unless it is the only one: a worker's first product also pays for
+        cpu_seconds: mean without the costliest product, unless it is the only one: a worker's first product includes
             loading.
         bytes: mean size of an object.
     """
@@ -57,10 +100,10 @@ class RecordedCost:
 
 
 def unfinished_count(connection: Connection) -> int:
-    """Return how many products wait, are ready or run: what the feeding window bounds.
+    """Return the number of waiting, ready and running products, which the feeding window limits.
 
-    Uploaded predictions and their evaluations are left out: otherwise nobody could see all frames of a large run before the
-    first label maps came.
+    Uploaded predictions and their evaluations are left out: otherwise the frames of a large run would not all be rendered
+    before the first label maps arrived.
     """
     uploaded = (Product.route == UPLOADED_ROUTE) | (Product.cache_group == UPLOADED_GROUP)
     return connection.scalar(select(func.count()).select_from(Product).where(UNFINISHED, ~uploaded)) or 0
@@ -75,7 +118,7 @@ def backlog(connection: Connection) -> list[Backlog]:
 
 
 def totals(connection: Connection) -> list[KindTotal]:
-    """Return the totals of every kind, read from an index alone."""
+    """Return the totals of every kind, read from an index."""
     rows = connection.execute(
         select(Product.kind, Product.state, func.count(), func.sum(Product.cpu_seconds))
         .where(ENDED)
@@ -91,19 +134,83 @@ def totals(connection: Connection) -> list[KindTotal]:
     return [total(kind) for kind in sorted(ProductKind)]
 
 
+def held(connection: Connection) -> list[Held]:
+    """Return what each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
+    rows = connection.execute(
+        select(Product.lease_owner, Product.kind, func.count())
+        .where(UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_owner.is_not(None))
+        .group_by(Product.lease_owner, Product.kind)
+    )
+    return [Held(owner, kind, count) for owner, kind, count in rows if owner is not None]
+
+
+def done_since(connection: Connection, since: float) -> dict[str, int]:
+    """Return how many products of each route were done after a moment, Unix seconds."""
+    rows = connection.execute(select(Product.route, func.count()).where(*_done_after(since)).group_by(Product.route))
+    return {route: int(count) for route, count in rows}
+
+
+def costs_since(connection: Connection, since: int, width: int) -> list[CostBin]:
+    """Return the cost of products by kind and span of time.
+
+    Args:
+        connection: to read with.
+        since: beginning of the first span, Unix seconds.
+        width: of a span, seconds.
+    """
+    number = (cast(Product.finished_at, BigInteger) - since) // width
+    rows = connection.execute(
+        select(Product.kind, number, func.count(), func.sum(Product.cpu_seconds))
+        .where(*_done_after(float(since)), Product.cpu_seconds.is_not(None))
+        .group_by(Product.kind, number)
+        .order_by(Product.kind, number)
+    )
+    return [CostBin(kind, int(span), count, float(seconds or 0.0)) for kind, span, count, seconds in rows]
+
+
+def _done_after(since: float) -> tuple[ColumnElement[bool], ...]:
+    # All kinds by name: the index begins with the kind.
+    return (
+        ENDED,
+        Product.kind.in_(list(ProductKind)),
+        Product.state == ProductState.DONE,
+        Product.finished_at >= since,
+    )
+
+
+def failure_reasons(connection: Connection, *, newest: int = 5_000) -> list[FailureReason]:
+    """Return the reasons of the ``newest`` products that failed for good, the most frequent first.
+
+    Products that failed with an input are not counted.
+    """
+    rows = connection.execute(
+        select(Product.kind, Product.error, Product.finished_at)
+        .where(ENDED, Product.kind.in_(list(ProductKind)), Product.state == ProductState.FAILED)
+        .order_by(Product.finished_at.desc())
+        .limit(newest)
+    )
+    reasons: dict[tuple[ProductKind, str], FailureReason] = {}
+    for kind, error, finished_at in rows:
+        if isinstance(error, Fault):
+            latest = FailureReason(kind, error.type, 0, error.message, finished_at or 0.0)
+            known = reasons.get((kind, error.type), latest)
+            reasons[kind, error.type] = known._replace(products=known.products + 1)
+    return sorted(reasons.values(), key=lambda reason: -reason.products)
+
+
 def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return those of ``digests`` that are done."""
+    """Return the ``digests`` whose products are done."""
     condition = among(connection, Product.digest, digests)
     return set(connection.scalars(select(Product.digest).where(condition, Product.state == ProductState.DONE)))
 
 
 def known_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return those of ``digests`` that have a row, in whatever state."""
+    """Return the ``digests`` that have a row, in any state."""
     return set(connection.scalars(select(Product.digest).where(among(connection, Product.digest, digests))))
 
 
 def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:
-    """Return what the newest ``sample`` finished products of each kind cost."""
+    """Return the costs of the newest ``sample`` finished products of each kind."""
     costs: list[RecordedCost] = []
     for kind in ProductKind:
         if kind is ProductKind.STATICS:  # made with a truth, at no cost of its own

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.odd import OddAttribute
 from valerie.parameters.paths import parse_path, short_name
 
 #: One value of one parameter; ANGLE values are degrees.
@@ -58,6 +59,8 @@ class ParameterDefinition(BaseModel):
         default: its value if an assignment does not set it.
         affects: the stage whose input it is.
         description: text for users.
+        odd: attribute of an operational design domain that it stands for; None for none.
+        source: where its range comes from: a standard, a measurement, a paper.
 
     Raises:
         InvalidInput: the declaration contradicts itself.
@@ -75,6 +78,8 @@ class ParameterDefinition(BaseModel):
     default: Value
     affects: Affects
     description: str = ""
+    odd: OddAttribute | None = None
+    source: str = Field(default="", max_length=1000)
 
     @model_validator(mode="before")
     @classmethod

@@ -15,9 +15,6 @@ ROOTS: Final = ("scene", "sensor")
 MAX_PATH_LENGTH: Final = 200
 
 _PART = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
-_INSTANCE = re.compile(r".*-[0-9]+")
-#: First words of two-word attributes, for nodes whose name has no instance number.
-_GROUPS: Final = frozenset({"pos", "rot", "scale", "cloth", "material"})
 
 
 def parse_path(path: str, *, field: str = "") -> tuple[str, ...]:
@@ -44,27 +41,6 @@ def parse_path(path: str, *, field: str = "") -> tuple[str, ...]:
                 value=path,
             )
     return parts
-
-
-def _split(path: str) -> int:
-    parts = parse_path(path)
-    if parts[0] == "sensor":
-        return 1
-    instances = [i for i, part in enumerate(parts[:-1]) if i > 0 and _INSTANCE.fullmatch(part)]
-    if instances:
-        return instances[-1] + 1
-    grouped = len(parts) > 2 and parts[-2] in _GROUPS
-    return len(parts) - (2 if grouped else 1)
-
-
-def node_of(path: str) -> str:
-    """Return the node of a path, e.g. ``scene.car-3.door-1`` for ``scene.car-3.door-1.rot.z``."""
-    return ".".join(path.split(".")[: _split(path)])
-
-
-def attribute_of(path: str) -> str:
-    """Return the attribute of a path, e.g. ``rot.z`` for ``scene.car-3.door-1.rot.z``."""
-    return ".".join(path.split(".")[_split(path) :])
 
 
 def short_name(path: str) -> str:

@@ -1,4 +1,4 @@
-"""Automatic exposure: metering brings the log-average luminance of an image to that of a street in daylight.
+"""Automatic exposure: metering brings the log-average luminance of an image to that of a scene in daylight.
 
 A run meters the background of a frame, so frames that differ only in people share an exposure.
 """
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-#: The metering target: log-average luminance of the generated street on a clear day at 0 EV.
+#: The metering target: log-average luminance of the built-in asset on a clear day at 0 EV.
 DAYLIGHT: Final = 0.1
 #: Range of the automatic exposure, stops. It is enough to darken sunlit snow, and too little to turn night into day.
 DARKEST_EV: Final = -6.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, HTTPException, Path, status
+from fastapi import APIRouter, HTTPException, Path, Query, status
 
 from services.api.dependencies import ContextDependency
 from services.api.openapi import problems
@@ -16,9 +16,8 @@ from services.api.schemas.catalog import (
     QueueRead,
     RendererRead,
     WorkerRead,
+    WorkRead,
 )
-from valerie.db import processes
-from valerie.db.engine import database_time, reading
 from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
 from valerie.measures import MEASURES
@@ -32,7 +31,7 @@ Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", example
 
 @router.get("/assets", responses=problems(422), summary="Assets that a spec may name")
 def assets(context: ContextDependency) -> list[AssetEntry]:
-    return [AssetEntry.model_validate(one) for one in catalog.assets(context.settings)]
+    return [AssetEntry.model_validate(entry) for entry in catalog.assets(context.settings)]
 
 
 @router.get("/assets/{name}", responses=problems(404, 422), summary="An asset with its parameters")
@@ -49,7 +48,7 @@ def asset(name: Name, context: ContextDependency) -> AssetRead:
     summary="Render engines, and the numeric classes in which living workers offer them",
 )
 def renderers(context: ContextDependency) -> list[RendererRead]:
-    return [RendererRead.model_validate(one) for one in catalog.renderers(context)]
+    return [RendererRead.model_validate(entry) for entry in catalog.renderers(context)]
 
 
 @router.get(
@@ -66,10 +65,9 @@ def measures() -> list[MeasureRead]:
     return [MeasureRead.model_validate(measure) for measure in MEASURES]
 
 
-@router.get("/workers", responses=problems(422), summary="Living worker processes")
+@router.get("/workers", responses=problems(422), summary="Living worker processes, and what they do")
 def workers(context: ContextDependency) -> list[WorkerRead]:
-    with reading(context.engine) as connection:
-        return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=database_time(connection))]
+    return [WorkerRead.model_validate(one) for one in monitoring.workers(context)]
 
 
 @router.get(
@@ -78,4 +76,16 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
     summary="Queues: unfinished products in the database, messages in the broker, living workers",
 )
 def queues(context: ContextDependency) -> list[QueueRead]:
-    return [QueueRead.model_validate(one) for one in monitoring.queues(context)]
+    return [QueueRead.model_validate(entry) for entry in monitoring.queues(context)]
+
+
+@router.get(
+    "/work",
+    responses=problems(422),
+    summary="Cost of products over time, reasons of failures, and the space left",
+)
+def work(
+    context: ContextDependency,
+    hours: Annotated[int, Query(ge=1, le=720, description="how far back", examples=[24])] = 24,
+) -> WorkRead:
+    return WorkRead.model_validate(monitoring.work(context, hours))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import lit_lamps
 from valerie.rendering.projection import box_corners
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown, union
-from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps
+from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle, grown, union
+from valerie.rendering.raster.light.lamp_reach import FrameLamps, with_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Scene

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.targets import SAMPLES, ImageTargets, Target
-from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.targets import SAMPLES, ImageTargets, RenderTarget
+from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.lighting import Lighting, LitFrame
+    from valerie.rendering.raster.light.lighting import Lighting, LitFrame
 
 #: x, y, width, height in pixels from the bottom left.
 Area = tuple[int, int, int, int]
@@ -43,7 +43,7 @@ class StaticSurfaces:
         smooth: (height, width) uint8, ambient occlusion after the blur; 255 means none.
     """
 
-    def __init__(self, target: Target, grid: TileGrid) -> None:
+    def __init__(self, target: RenderTarget, grid: TileGrid) -> None:
         self.target = target
         self.grid = grid
         self.known = grid.none()
@@ -119,7 +119,7 @@ class Canvas:
         self.targets = ImageTargets(gl, view)
         self.grid = TileGrid(view)
         self._gl = gl
-        self._received: Target | None = None
+        self._received: RenderTarget | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -191,7 +191,7 @@ class Canvas:
         The overwritten tiles are invalid afterwards.
         """
         if self._received is None:
-            self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
+            self._received = RenderTarget(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
         tiles = self.grid.none()
         for area in areas:
             tiles |= self.grid.touching(area)

@@ -15,20 +15,20 @@ from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, 
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
-from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
-from valerie.rendering.raster.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
-from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
-from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
-from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
+from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
+from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
+from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
+from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.materials import SurfaceKind
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
 from valerie.scene.graph.model import Camera, Scene

@@ -28,7 +28,7 @@ _SOLID: Final = frozenset(
 )
 #: Height up to which an object is in a person's way, metres above the ground.
 _REACH_M: Final = 2.2
-#: Largest share of the extent for a footprint. A larger one belongs to a whole street, whose convex outline is useless.
+#: Largest share of the extent for a footprint. A larger one belongs to a whole scene, whose convex outline is useless.
 _LARGEST_SHARE: Final = 0.25
 #: Height of the camera that is added if no file has one, metres.
 _EYES_M: Final = 1.6

@@ -1,6 +1,6 @@
 """The scene: an immutable value, independent of any engine.
 
-Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
+Frames (docs/conventions.md): right-handed world in metres, z up, x to the right, y ahead. A camera looks along
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
 A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` builds it from an asset and an assignment. Meshes,
@@ -265,17 +265,13 @@ class Camera:
         """Return the focal length in pixels for an image ``width`` square pixels wide."""
         return self.focal_length_mm / self.sensor_width_mm * width
 
-    def vertical_fov(self, width: int, height: int) -> float:
-        """Return the vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
-        return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
-
 
 @dataclass(frozen=True, slots=True)
 class Sun:
     """A directional light with a disc.
 
     Attributes:
-        azimuth: radians clockwise from north, seen from above. `Environment` has the street's bearing.
+        azimuth: radians clockwise from north, seen from above. `Environment` has the bearing.
         elevation: radians above the horizon.
         irradiance: irradiance of a surface that faces the sun, in scene units: 1 is a clear noon, for which the default
             exposure is made.

@@ -194,7 +194,7 @@ def test_a_camera_of_another_program_keeps_its_view(written: Path) -> None:
         del camera["extras"]
     camera = load_gltf(embedded(written, document, binary)).cameras["camera-1"]
     assert camera.focal_length_mm == pytest.approx(35.0)
-    assert camera.vertical_fov(1920, 1080) == pytest.approx(2 * math.atan(0.5 * 36 * 9 / 16 / 35))
+    assert camera.focal_length_px(1920) == pytest.approx(35.0 / 36.0 * 1920)
 
 
 def test_the_sun_of_another_program_comes_from_the_same_side(written: Path) -> None:
