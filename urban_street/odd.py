@@ -1,4 +1,4 @@
-"""What the street's parameters stand for in an operational design domain, and where their ranges come from."""
+"""Attributes of an operational design domain for the street's parameters, and sources of their ranges."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ class Meaning(NamedTuple):
 
 
 _STREET: Final = "the generated street, wider than the paper's positions (section 6.1)"
-#: By path, or by the class of the thing at the path.
+#: By path, or by the class of the object at the path.
 _MEANINGS: Final = {
-    f"{SUN_PATH}.elevation": Meaning(OddAttribute.ILLUMINATION, "from night to noon in the middle of Europe"),
+    f"{SUN_PATH}.elevation": Meaning(OddAttribute.ILLUMINATION, "from night to noon in central Europe"),
     f"{ENVIRONMENT_PATH}.rain": Meaning(OddAttribute.RAINFALL, "ISO 34503: up to the end of heavy rain"),
     f"{ENVIRONMENT_PATH}.visibility": Meaning(OddAttribute.PARTICULATES, "fog; the largest value is clear air"),
     f"{ENVIRONMENT_PATH}.turbidity": Meaning(OddAttribute.PARTICULATES, "clear air to haze"),
-    f"{ENVIRONMENT_PATH}.cloud_cover": Meaning(OddAttribute.CLOUDINESS, "all that is possible"),
-    f"{ENVIRONMENT_PATH}.street_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "all that is possible"),
-    f"{ENVIRONMENT_PATH}.car_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "all that is possible"),
+    f"{ENVIRONMENT_PATH}.cloud_cover": Meaning(OddAttribute.CLOUDINESS, "the whole possible range"),
+    f"{ENVIRONMENT_PATH}.street_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "the whole possible range"),
+    f"{ENVIRONMENT_PATH}.car_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "the whole possible range"),
     "sun": Meaning(OddAttribute.ILLUMINATION),
     "person": Meaning(OddAttribute.VULNERABLE_ROAD_USERS),
     "bicycle": Meaning(OddAttribute.NON_MOTOR_VEHICLES),
@@ -35,7 +35,7 @@ _MEANINGS: Final = {
 
 
 def with_meaning(definition: ParameterDefinition) -> ParameterDefinition:
-    """Return a declaration with its attribute and source; cameras and sensors are no part of a domain."""
+    """Return a declaration with its attribute and source. Cameras and sensors are not part of a domain."""
     thing = definition.path.removeprefix(f"{ROOT}.").partition("-")[0]
     meaning = _MEANINGS.get(definition.path) or _MEANINGS.get(thing)
     if meaning is None:

@@ -1,4 +1,4 @@
-"""Description of a data set in files as Croissant 1.0, JSON-LD that data catalogues and loaders read.
+"""Describe a data set in Croissant 1.0, the JSON-LD of data catalogues and loaders.
 
 http://mlcommons.org/croissant/1.0; Akhtar et al. 2024, doi:10.1145/3650203.3663326.
 """
@@ -20,7 +20,7 @@ from valerie.plain import JsonObject
 
 FILE: Final = "croissant.json"
 _SPECIFICATION: Final = "http://mlcommons.org/croissant/1.0"
-#: The context that every document of this version has, word for word.
+#: The context of every document of this version, verbatim.
 _CONTEXT: Final[JsonObject] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
@@ -41,7 +41,7 @@ _CONTEXT: Final[JsonObject] = {
         )
     },
 }  # fmt: skip
-#: Tables, each with the name of its records and what a record is.
+#: Table to the name of its records and a description of one record.
 _TABLES: Final = {
     "index.parquet": ("persons", "a person in a frame, with measures and the paths of the frame's files"),
     "evaluations.parquet": ("evaluations", "a person in a frame as a function sees it: the long table"),
@@ -62,18 +62,20 @@ _SETS: Final = {
     "predictions/**/*.png": ("predictions", "image/png", "label ids that functions predict"),
     "annotations/**/*.npz": ("annotations", "application/octet-stream", "further truth, as arrays of numpy"),
 }
-_MEANINGS: Final = {name: text for name, _, text in COLUMNS} | {one.name: one.description for one in MEASURES}
+_MEANINGS: Final = {name: text for name, _, text in COLUMNS} | {
+    measure.name: measure.description for measure in MEASURES
+}
 
 
 def describe(folder: Path, *, name: str, description: str, published: datetime, version: str) -> JsonObject:
     """Return the description of a finished data set.
 
     Args:
-        folder: with all its files.
-        name: of the data set.
-        description: for people.
+        folder: the data set with all its files.
+        name: name of the data set.
+        description: text for users.
         published: date of its content, so that equal content has an equal description.
-        version: of the format.
+        version: version of the format.
     """
     tables = [path for path in _TABLES if (folder / path).is_file()]
     return {
@@ -94,8 +96,8 @@ def _files(folder: Path, tables: list[str]) -> Iterator[JsonObject]:
     for path in tables:
         yield _file(folder, path, "application/x-parquet", f"each row is {_TABLES[path][1]}")
     for pattern, (encoding, text) in _DOCUMENTS.items():
-        for found in sorted(folder.glob(pattern)):
-            yield _file(folder, found.relative_to(folder).as_posix(), encoding, text)
+        for document in sorted(folder.glob(pattern)):
+            yield _file(folder, document.relative_to(folder).as_posix(), encoding, text)
 
 
 def _file(folder: Path, path: str, encoding: str, text: str) -> JsonObject:

@@ -59,8 +59,8 @@ class ParameterDefinition(BaseModel):
         default: its value if an assignment does not set it.
         affects: the stage whose input it is.
         description: text for users.
-        odd: attribute of an operational design domain that it stands for; None for none.
-        source: where its range comes from: a standard, a measurement, a paper.
+        odd: attribute of an operational design domain that it stands for, if any.
+        source: source of its range: a standard, a measurement, a paper.
 
     Raises:
         InvalidInput: the declaration contradicts itself.

@@ -1,7 +1,7 @@
-"""The terms in which parameters are related to an operational design domain (ODD).
+"""The attributes of an operational design domain (ODD) that parameters may stand for.
 
-They are those of ISO 34503:2023, *Road vehicles — Test scenarios for automated driving systems — Specification for operational
-design domain*, clauses 9 to 11, as far as something of a scene can stand for them.
+They are terms of ISO 34503:2023, *Road vehicles — Test scenarios for automated driving systems — Specification for operational
+design domain*, clauses 9 to 11.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class OddAttribute(StrEnum):
 
     @property
     def branch(self) -> OddBranch:
-        """The part of the taxonomy that the attribute belongs to."""
+        """The attribute's part of the taxonomy."""
         if self in _ENVIRONMENT:
             return OddBranch.ENVIRONMENT
         return OddBranch.DYNAMIC if self in _DYNAMIC else OddBranch.SCENERY

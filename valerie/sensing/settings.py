@@ -236,8 +236,8 @@ class SensorSetting(BaseModel):
         return SensorSetting.model_validate(values)
 
 
-#: The camera of a spec that names none: it meters, and what gain amplifies is the noise of a camera for vehicles. By day the
-#: noise is below one grey level.
+#: The camera of a spec that names none. It meters the exposure and has the noise of a vehicle's camera, which is below one grey
+#: level by day.
 METERING: Final = SensorSetting(
     auto_exposure=True, noise=Noise(shot=True, read_electrons=3.0, full_well_electrons=100_000.0)
 )

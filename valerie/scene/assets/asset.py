@@ -32,12 +32,12 @@ AssetReference = str | Mapping[str, Value]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneAsset:
-    """A base scene with its manifest; variants are made from it.
+    """A base scene with its manifest, from which variants are built.
 
     Attributes:
-        manifest: declares what may vary, what moves, and where people can stand.
-        digest: 32 hexadecimal characters that stand for everything that the base scene depends on.
-        base: the scene as it was built or read, before any parameter is applied (`valerie.scene.variation.variant.apply`).
+        manifest: declares the parameters, the movables, and the ground where people can stand.
+        digest: 32 hexadecimal characters that identify all inputs of the base scene.
+        base: the scene as built or read, before any parameter is applied (`valerie.scene.variation.variant.apply`).
     """
 
     manifest: Manifest
@@ -56,35 +56,35 @@ class PackSettings(BaseModel):
 
 
 class AssetPack(Protocol):
-    """A module that makes an asset from a few arguments; equal settings give equal bytes.
+    """A module that generates an asset from a few arguments. Equal settings give equal bytes.
 
-    A distribution offers one as an entry point of the group ``valerie.assets``: the asset's name, and the module.
+    A distribution declares it as an entry point of the group ``valerie.assets``: the asset's name, and the module.
     `valerie.testing.asset_packs.AssetContract` tests the contract.
     """
 
-    #: Raised by hand whenever the generated scene changes; part of the asset's digest.
+    #: Part of the asset's digest. Raise it by hand whenever the generated scene changes.
     REVISION: int
     #: Arguments of the pack.
     Settings: type[PackSettings]
 
     def make_manifest(self, settings: Any) -> Manifest:
-        """Return the manifest alone: milliseconds, no meshes."""
+        """Return the manifest in milliseconds, without meshes."""
         ...
 
     def make_scene(self, settings: Any, manifest: Manifest) -> Scene:
-        """Build the base scene; labels, instances and movability are as the manifest says."""
+        """Build the base scene, with the labels, instances and movables of the manifest."""
         ...
 
     def draw_arguments(self, rng: np.random.Generator) -> AssetArguments:
         """Draw the arguments of a training scene besides its seed. Empty if the pack derives everything from the seed.
 
         Args:
-            rng: all choices come from it.
+            rng: source of all random choices.
         """
         ...
 
 
-#: Names of asset packs, and the modules behind them.
+#: Names of asset packs, and their modules.
 PACKS: Final = PluginKind("asset", "valerie.assets")
 
 
@@ -99,7 +99,7 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
 
 
 def default_pack() -> str:
-    """Return the name of the pack that is taken where none is named: the first, so this distribution's own.
+    """Return the pack that applies if none is named: the first, so this distribution's own.
 
     Raises:
         MissingDependency: no pack is installed.
@@ -110,7 +110,7 @@ def default_pack() -> str:
 
 
 def is_generated(name: str) -> bool:
-    """Return True if an asset of this name comes from a pack, which makes a new scene from every seed."""
+    """Return True if an asset of this name comes from a pack, which generates a new scene from every seed."""
     return name in PACKS.names()
 
 
@@ -128,11 +128,11 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
 
     Args:
         reference: a name, a mapping of name and arguments of a pack, or (without ``asset_dir``) a folder's path.
-        asset_dir: folder of users' assets; names then never lead outside of it.
+        asset_dir: folder of users' assets. Names then never refer to anything outside it.
 
     Raises:
-        UnknownName: no such asset, or an argument that its pack does not take.
-        InvalidInput: the manifest, an argument or a file is not usable, or the operator does not allow the pack.
+        UnknownName: there is no such asset, or its pack has no such argument.
+        InvalidInput: the manifest, an argument or a file is invalid, or the operator does not allow the pack.
     """
     name, arguments = parse_reference(reference)
     if is_generated(name):
@@ -144,9 +144,9 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
 
 
 def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> SceneAsset:
-    """Build or read a whole asset; this takes seconds, so callers keep assets by digest.
+    """Build or read a whole asset. This takes seconds, so callers cache assets by digest.
 
-    Arguments and errors are those of `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
+    Arguments and errors are those of `asset_manifest`, and InvalidInput if scene and manifest contradict each other.
     """
     name, arguments = parse_reference(reference)
     if is_generated(name):
@@ -181,7 +181,7 @@ def pack_settings(name: str, arguments: Mapping[str, Value]) -> PackSettings:
     """Return the settings of a pack, with its defaults.
 
     Raises:
-        UnknownName, InvalidInputs: an argument that the pack does not take; or as `load_pack`.
+        UnknownName, InvalidInputs: the pack has no such argument; or as `load_pack`.
     """
     settings = load_pack(name).Settings
     for argument in arguments:
@@ -208,7 +208,7 @@ def _asset_folder(name: str, arguments: AssetArguments, asset_dir: Path | None) 
     else:
         folder = asset_dir / name
         if name not in asset_names(asset_dir):
-            # Only names of the folder's own entries are accepted, so no path can lead outside of it.
+            # Only names of the folder's own entries are accepted, so no path can lead outside it.
             raise PACKS.unknown(name, asset_names(asset_dir), field="asset")
     if arguments:
         raise UnknownName("argument", next(iter(arguments)), (), field="asset")

@@ -55,7 +55,7 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in external.items()}
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
-    # What a parameter stands for in an operational design domain, and where its range comes from, changes no scene.
+    # Attributes of an operational design domain and sources of ranges do not affect the scene.
     document = manifest.model_dump(mode="json", exclude={"parameters": {"__all__": {"odd", "source"}}})
     return manifest, digest("asset-files", document, hashes, REVISION), files
 
