@@ -64,7 +64,7 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
 def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np.float64]]:
     """Return the path of each visible object and its box in the world: (2, 3) metres, lowest and highest corner.
 
-    The path is that of the topmost node of the instance, or of the class where there are no instances.
+    The path is that of the topmost node of the instance, or of the class for classes without instances.
 
     Args:
         labelled: True for objects with a class, False for those without.
