@@ -224,7 +224,7 @@ class Pursuit:
         end = max(end, self.told)
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
-                assert batch.outcomes is not None, "a batch is told when it has ended"
+                assert batch.outcomes is not None, "only ended batches are told"
                 if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
                     self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
                 self._strategy.tell(points, batch.outcomes.values)
