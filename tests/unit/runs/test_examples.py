@@ -70,9 +70,10 @@ def test_every_example_can_be_planned(file: Path) -> None:
 
 
 @pytest.mark.parametrize("file", STUDIES, ids=lambda file: file.name)
-def test_every_example_of_a_study_reads_back_as_it_is(file: Path) -> None:
+def test_the_domain_of_every_example_of_a_study_can_be_planned(file: Path) -> None:
     study = parse_study(file.read_text("utf-8"))
-    assert parse_study(study.model_dump_json()) == study
+    spec = study.spec.model_copy(update={"functions": list(FUNCTIONS)})
+    assert planned(spec.to_yaml()).frames > 0
 
 
 def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:
