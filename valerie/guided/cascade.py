@@ -43,7 +43,7 @@ class TwoEngines(Result):
     Attributes:
         estimate, low, high: mean score, or failure rate, of the costly engine, with its 95 % interval.
         method: how the interval was computed.
-        correlation: between the engines' scores, or failures, on the same points; NaN where one of them is constant.
+        correlation: between the engines' scores, or failures, on the same points; NaN if one of them is constant.
         cheap, costly: number of points of each engine.
         costs: mean cost of a point by the cheap and the costly engine; NaN where unknown.
         saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.

@@ -2,7 +2,7 @@
 
 First, QuickXplain (Junker 2004, AAAI, 167-172) reduces the changed parameters to a set in which all are needed. Then the
 numbers among them move together towards the passing variant until they come within `TOLERANCE` of the boundary. Finally,
-each remaining change is undone by itself; if the variant still fails, the change is dropped and the numbers move on. The
+each remaining change is undone separately; if the variant still fails, the change is dropped and the numbers move on. The
 result is minimal with respect to single removals, but not necessarily the smallest possible set.
 """
 

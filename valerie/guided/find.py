@@ -60,7 +60,7 @@ _SLOPE: Final = 1.5
 _REACH: Final = 0.3
 _CANDIDATES: Final = 100
 _NEIGHBOURS: Final = 60
-#: Improvements of a margin below this are none.
+#: Smaller improvements of a margin do not count.
 _LEAST: Final = 0.02
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
@@ -74,7 +74,7 @@ class Mode:
         narrow: dimensions in which its members are similar, so these parameters matter; empty below `MEMBERS` members.
         failures: number of its members.
         explored: members among the points that explored.
-        probability: share of the explored points, an estimate of the mode's probability in operation; 0 where only a
+        probability: share of the explored points, an estimate of the mode's probability in operation; 0 if only a
             descent met it.
     """
 
@@ -153,7 +153,7 @@ class Find:
         domain: the operational domain.
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
-        repeats: further seeds under which a failure must fail; 0 where nothing is random. Evaluate a repeated point under
+        repeats: further seeds under which a failure must fail; 0 if nothing is random. Evaluate a repeated point under
             another seed.
         covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
         descending: share of a batch for descents, at most.

@@ -225,7 +225,7 @@ class Pursuit:
         end = max(end, self.told)
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
-                assert batch.outcomes is not None, "a batch is told when it has ended"
+                assert batch.outcomes is not None, "only ended batches are told"
                 if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
                     self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
                 self._strategy.tell(points, batch.outcomes.values)
@@ -289,8 +289,8 @@ def _fewest(study: ResolvedStudy) -> int:
 def first_of(study: ResolvedStudy) -> int:
     """Return the number of operational points at the beginning of an estimate."""
     document = study.document
-    given = document.goal.first if isinstance(document.goal, EstimateGoal) else None
-    return given or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
+    first = document.goal.first if isinstance(document.goal, EstimateGoal) else None
+    return first or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
 
 
 def looks_of(study: ResolvedStudy) -> int:
