@@ -39,7 +39,15 @@ paper-small: setup ## Run a small part of the paper's experiment and test the pa
 
 .PHONY: paper-part
 paper-part: setup ## Run two of the eight headings of the paper's experiment (an hour) and renew docs/experiment/
-	@exec $(PYTHON_BIN) -m tools.paper_part
+	@exec $(PYTHON_BIN) -m tools.paper part
+
+.PHONY: paper-light
+paper-light: setup ## Run a part with the light on each person (10 CPU minutes) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper light
+
+.PHONY: paper-cycles
+paper-cycles: setup cycles ## Run a part by Cycles, too (an hour) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper cycles
 
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C
@@ -116,6 +124,10 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 .PHONY: gallery
 gallery: setup-dev ## Render docs/images/gallery.jpg and one large picture per engine (minutes; Cycles after `make cycles`)
 	@exec $(PYTHON_BIN) -m tools.gallery
+
+.PHONY: notebook
+notebook: setup-dev ## Execute examples/notebook.ipynb and render it as docs/notebook.md
+	@exec $(PYTHON_BIN) -m tools.notebook
 
 .PHONY: clean
 clean: ## Remove caches and build outputs; data (var/) and the environment stay

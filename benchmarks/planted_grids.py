@@ -1,4 +1,4 @@
-"""Long tables with planted scores, as the analysis reads them at the end of a run."""
+"""Build long tables with planted scores, in the form that the analysis reads at the end of a run."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _CHARACTER: Final = "scene.person-1.character"
 def planted_grid(
     values: Mapping[str, NDArray[np.float64]], factors: Mapping[str, NDArray[np.int64]]
 ) -> EvaluationTable:
-    """Return the table of a grid on one street.
+    """Return the table of a grid on one site.
 
     Args:
         values: function to (N,) scores, which are clipped to 0…1 and rounded to 1/10,000.
-        factors: level (N,) of each row in ``character``, ``camera``, and any of ``x``, ``y``, ``heading`` and ``sun``.
+        factors: (N,) levels of the rows in ``character``, ``camera``, and any of ``x``, ``y``, ``heading`` and ``sun``.
     """
     numbers = {name: codes for name, codes in factors.items() if name in _NUMBERS}
     camera, variant = factors["camera"], combine([*numbers.values(), factors["character"]])
@@ -66,5 +66,5 @@ def planted_grid(
             "iou": tp / (_PIXELS + _PIXELS // 10),
         },
         types,
-        {"planted": Design((("grid", int(variant.max()) + 1),), street=0)},
+        {"planted": Design((("grid", int(variant.max()) + 1),), site=0)},
     )

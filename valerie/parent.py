@@ -61,7 +61,7 @@ class Wire:
         self._silence = silence
 
     def send(self, data: bytes | memoryview) -> None:
-        """Send all bytes. Raises EOFError if nobody reads."""
+        """Send all bytes. Raises EOFError if the pipe has no reader."""
         view = memoryview(data)
         while view:
             self._wait(self._requests, writing=True)

@@ -22,6 +22,7 @@ from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.preview import Previews
+from valerie.pipeline.exploring.confusion import Confusions
 from valerie.pipeline.exploring.opening import Explorations
 from valerie.pipeline.exploring.tiles import Tiles
 from valerie.settings import Settings, load_settings
@@ -40,10 +41,10 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
 
     Args:
         settings: None: read from the environment.
-        control: whether to run the control loop too; False where it runs alone (`python -m services.api --control-only`).
+        control: whether to run the control loop too; False if it runs separately (`python -m services.api --control-only`).
 
     Raises:
-        InvalidInput: it would listen on the network without a token.
+        InvalidInput: the server would listen on the network without a token.
         Conflict: a newer version has written the database.
     """
     settings = settings or load_settings()
@@ -59,6 +60,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
+        app.state.confusions = Confusions(context)
         previews = app.state.previews = Previews(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None

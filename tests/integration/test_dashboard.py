@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import is_zipfile
 
 import pytest
 import structlog
@@ -212,11 +213,20 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.click("button:text-is('Saved')")
     page.wait_for_selector("dialog >> text=distance_m > 25")
     page.keyboard.press("Escape")
+    page.click("button:text-is('Export')")
     with page.expect_download() as csv:
         page.click("text=↓ CSV")
     assert Path(csv.value.path()).read_text().startswith('"run_id",')
-    page.click("text=Refine here")
-    page.wait_for_selector("dialog pre:has-text('parent_run')")
+    with page.expect_download() as frames:
+        page.click("text=↓ COCO")
+    assert is_zipfile(frames.value.path())
+    page.keyboard.press("Escape")
+    for button in ("Refine here", "More like these"):
+        page.click(f"button:text-is('{button}')")
+        page.wait_for_selector("dialog pre:has-text('parent_run')")
+        page.keyboard.press("Escape")
+    page.click("text=Train on this")
+    page.wait_for_selector("dialog code:has-text(\"--where 'distance_m > 25'\")")
     page.keyboard.press("Escape")
     page.click("[data-tab=compare]")
     page.wait_for_selector("text=persons matched")
@@ -225,6 +235,22 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.click("[data-tab=table]")
     page.click("tbody td a.mono")
     page.wait_for_selector(".viewer img[src]")
+
+
+def test_a_cell_of_the_confusion_matrix_opens_the_frames_with_its_pixels(page: Page) -> None:
+    explore(page, "finished")
+    page.click("[data-tab=confusion]")
+    cell = page.locator(".confusion button[aria-label^='person predicted as building']")
+    cell.click()
+    page.wait_for_selector(".thumbnails .thumbnail:not(.waiting)")
+    assert cell.get_attribute("aria-pressed") == "true"
+    assert "cell=person%7Ebuilding" in page.url.replace("~", "%7E")
+    shown = page.locator(".thumbnails strong")
+    pixels = [int(text.replace(",", "")) for text in shown.all_inner_texts()]
+    assert pixels == sorted(pixels, reverse=True)
+    assert pixels[-1] > 0
+    page.reload()
+    page.wait_for_selector(".confusion [aria-pressed='true']")
 
 
 def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(page: Page) -> None:

@@ -60,7 +60,8 @@ def traffic(*obstacles: Footprint, **fields: object) -> Manifest:
 def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dict[str, Any]:
     """Return the spec of a run over xs × ys places, two cameras, with the blank engine and function.
 
-    Backgrounds are not inferred: the numbers of products that tests count do not hang on how many share one.
+    Backgrounds are not inferred: the numbers of products that tests count do not hang on how many share one. The exposure
+    is fixed: the blank function finds persons by their grey level.
     """
     return {
         "name": name,
@@ -73,5 +74,6 @@ def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dic
         "functions": ["blank"],
         "resolution": {"width": 64, "height": 36},
         "infer_backgrounds": False,
+        "sensors": [{"auto_exposure": False}],
         **more,
     }

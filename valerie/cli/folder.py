@@ -1,31 +1,33 @@
-"""The runs of the data folder, for commands that work without a server."""
+"""The runs and studies of the data folder, for commands that work without a server."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from valerie.client import Failure, Progress, Run, RunSummary
+from valerie.client import Failure, Progress, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from valerie.db.runs import RunRow
+    from valerie.db.studies import BatchRow, StudyRow
     from valerie.pipeline.base.context import Context
 
 
 class Folder:
-    """The questions of `valerie.client.Client` about runs, answered from the data folder.
+    """The methods of `valerie.client.Client` about runs and studies, reading from the data folder.
 
-    Every method with a run's id may raise `NotFound`; those about results raise `Conflict` for a run that has not ended.
+    Every method with an id may raise `NotFound`; those about the results of a run raise `Conflict` before it has ended.
     """
 
     def __init__(self, context: Context, up: str) -> None:
         """Read from an open deployment.
 
         Args:
-            context: of the deployment.
-            up: the command line that starts a server on the folder.
+            context: context of the deployment.
+            up: command line that starts a server on the folder.
         """
         self._context = context
         self._up = up
@@ -81,6 +83,28 @@ class Folder:
 
         return self._artifact(run_id, REPORT)
 
+    def studies(self, *, limit: int = 20) -> list[Study]:
+        """Return studies, newest first."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return [_study(row) for row in studies.page(connection, limit=limit)]
+
+    def study(self, study_id: str) -> Study:
+        """Return a study with its batches."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return _study(studies.get(connection, study_id), studies.batches(connection, study_id))
+
+    def study_report(self, study_id: str) -> bytes:
+        """Return the self-contained HTML report of a study, with what is known now."""
+        from valerie.pipeline.control.studies.reporting import report
+
+        return report(self._context, study_id).encode()
+
     def _artifact(self, run_id: str, name: str) -> bytes:
         from valerie.pipeline.base.run_artifacts import artifact_key
 
@@ -96,5 +120,33 @@ def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
         variant_count=row.variant_count,
         rejected_count=row.rejected_count,
         tags=tuple(tags),
-        created_at=row.created_at.isoformat(),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        finished_at=row.finished_at,
+    )
+
+
+def _study(row: StudyRow, batches: Iterable[BatchRow] = ()) -> Study:
+    return Study(
+        id=row.id,
+        name=row.name,
+        state=row.state,
+        reason=row.reason,
+        by_hand=row.by_hand,
+        goal=row.document.goal.name,
+        result=None if row.result is None else StudyKnown(sentences=row.result.sentences),
+        created_at=row.created_at,
+        batches=tuple(map(_batch, batches)),
+    )
+
+
+def _batch(row: BatchRow) -> StudyBatch:
+    return StudyBatch(
+        number=row.number,
+        reason=row.reason,
+        legal=row.legal,
+        accepted_at=row.accepted_at,
+        run_id=row.run_id,
+        outcomes=None if row.outcomes is None else StudyOutcomes(**row.outcomes.model_dump()),
+        cpu_seconds=row.cpu_seconds,
     )

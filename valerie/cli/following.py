@@ -10,9 +10,8 @@ from typing import Final
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
 from valerie.cli.folder import Folder
-from valerie.cli.shell import Exit, console
+from valerie.cli.shell import Exit, console, save
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
-from valerie.errors import StorageUnavailable
 from valerie.plain import typed
 from valerie.runs.products.states import RunState
 from valerie.settings import Settings
@@ -28,10 +27,10 @@ _EXIT: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """Seconds of waiting.
+    """Waiting times, seconds.
 
     Attributes:
-        poll: between two questions for the progress.
+        poll: time between two requests for the progress.
         restart: longest restart of a server after a crash.
         start: longest start of the workers of a system that this command started.
     """
@@ -79,14 +78,14 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
     """Show the result of an ended run: verdicts, the table of the paper's section 6.2, failures, the path of the report.
 
     Args:
-        client: of the server.
-        run_id: of the run.
+        client: client of the server.
+        run_id: id of the run.
         progress: final progress of the run.
         report: file for the report; None writes none.
         json_lines: True prints one JSON line instead.
     """
     summary = _summary(client, run_id, progress)
-    path = save_report(client, run_id, report) if summary is not None and report is not None else None
+    path = save(client.report(run_id), report) if summary is not None and report is not None else None
     if json_lines:
         print_event(
             "finished",
@@ -127,7 +126,7 @@ def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSum
 
 
 def _print_first(summary: RunSummary) -> None:
-    """Print what stands before all other results: warnings, then verdicts."""
+    """Print the first part of the results: warnings, then verdicts."""
     from valerie.analysis.summary.summary import Summary
     from valerie.analysis.summary.text import warnings_renderable
     from valerie.analysis.verdicts.text import verdicts_renderable
@@ -144,29 +143,6 @@ def report_path(settings: Settings, name: str, run_id: str) -> Path:
     """Return the default path of a run's report: ``reports/<name>-<run>.html`` next to the data folder."""
     plain = plain_name(name, longest=60).lower() or "run"
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
-
-
-def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
-    """Write a run's report to a file, and return its path as people would type it.
-
-    Raises:
-        StorageUnavailable: the file cannot be written.
-    """
-    return save(source.report(run_id), path)
-
-
-def save(content: bytes, path: Path) -> Path:
-    """Write a report to a file, and return its path as people would type it.
-
-    Raises:
-        StorageUnavailable: the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise StorageUnavailable(f"the report cannot be written to {path}: {error.strerror}") from error
-    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def _show_failures(client: Client, run_id: str, progress: Progress) -> None:

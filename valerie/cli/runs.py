@@ -25,12 +25,15 @@ from valerie.cli.shell import (
     say,
     settings_of,
 )
-from valerie.cli.specs import Functions, require_resolvable, spec_text
+from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
+    from valerie.analysis.claims.claims import Claims
     from valerie.cli.connecting import System
     from valerie.client import Client, Run
+    from valerie.pipeline.reading.reports import ReportWith
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
 
@@ -44,7 +47,7 @@ def run(
     ] = None,
     claims: Annotated[
         Path | None,
-        typer.Option("--claims", metavar="FILE", help="Also test these claims, and put them into the report."),
+        typer.Option("--claims", metavar="FILE", help="Also test these claims, and include them in the report."),
     ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
@@ -59,13 +62,14 @@ def run(
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.display import display_of, print_event
-    from valerie.cli.following import exit_code, follow, report_path, save, show_result
+    from valerie.cli.following import exit_code, follow, report_path, show_result
+    from valerie.cli.shell import save
 
     _bind_to_parent(end_with_parent)
     statements = None if claims is None else read_claims(claims)
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
-    require_resolvable(text, settings)
+    resolvable(text, settings)
     with system_of(settings) as system:
         with own_assets(settings, system.client):
             run = system.client.submit(text)
@@ -80,8 +84,10 @@ def run(
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
-            save(_report_with(run.id, claims, None, data_dir), path)
+            # Its report is saved already, so that a claim which does not fit the run costs no result.
+            answered = _report_with(run.id, statements, None, data_dir)
+            show_ledger(statements, answered.ledger, as_json=json_lines)
+            save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
@@ -116,6 +122,9 @@ def submit(
         str | None,
         typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
+    priority: Annotated[
+        Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
+    ] = Priority.NORMAL,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -127,7 +136,7 @@ def submit(
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         with own_assets(settings, client):
-            run = client.submit(text, idempotency_key=key)
+            run = client.submit(text, idempotency_key=key, priority=priority)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")
@@ -152,7 +161,7 @@ def status(
     Needs no server, except to follow a run. With --watch, the exit code is that of
     the run, as with `valerie run`.
     """
-    from valerie.cli.connecting import System, client_of, runs_of
+    from valerie.cli.connecting import System, client_of, source_of
     from valerie.cli.display import display_of, progress_table
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
@@ -163,7 +172,7 @@ def status(
             progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
             show_result(client, run_id, progress, None, json_lines=json_lines)
             raise typer.Exit(exit_code(progress.state))
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         if run_id is None:
             _list(list(source.runs(tag=tag)), as_json=json_lines)
             return
@@ -188,14 +197,12 @@ def report(
     ] = None,
     claims: Annotated[
         Path | None,
-        typer.Option(
-            "--claims", metavar="FILE", help="Put these claims beside the run, such as examples/claims/paper.yaml."
-        ),
+        typer.Option("--claims", metavar="FILE", help="Also test these claims, such as examples/claims/paper.yaml."),
     ] = None,
     beside: Annotated[
         str | None,
         typer.Option(
-            "--beside", metavar="RUN", help="Put another run of the same scenes beside it, such as one in Cycles."
+            "--beside", metavar="RUN", help="Compare with another run of the same scenes, such as one in Cycles."
         ),
     ] = None,
     url: Url = None,
@@ -203,13 +210,15 @@ def report(
 ) -> None:
     """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
 
-    With --claims or --beside the report is made anew from the data folder. A
-    file FILE.pdf is printed by Chromium.
+    With --claims or --beside, the report is rebuilt from the data folder.
+    Chromium prints it if the file is FILE.pdf.
     """
-    from valerie.cli.connecting import runs_of
-    from valerie.cli.following import report_path, save
+    from valerie.cli.claims import read_claims
+    from valerie.cli.connecting import source_of
+    from valerie.cli.following import report_path
+    from valerie.cli.shell import save
 
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
         if claims is None and beside is None:
             content = source.report(run_id)
@@ -218,7 +227,8 @@ def report(
                 "--claims and --beside read the data folder", field="--url", value=url, limit="--data-dir"
             )
         else:
-            content = _report_with(run_id, claims, beside, data_dir)
+            statements = None if claims is None else read_claims(claims)
+            content = _report_with(run_id, statements, beside, data_dir).html.encode()
     if path.suffix == ".pdf":
         from valerie.cli.printing import pdf_of
 
@@ -226,14 +236,12 @@ def report(
     typer.echo(save(content, path))
 
 
-def _report_with(run_id: str, claims: Path | None, beside: str | None, data_dir: Path | None) -> bytes:
-    from valerie.cli.claims import read_claims
+def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:
     from valerie.cli.deployment import context_of
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
-        document = None if claims is None else read_claims(claims)
-        return report_with(context, run_id, claims=document, other=beside).encode()
+        return report_with(context, run_id, claims=claims, other=beside)
 
 
 def compare(
@@ -249,7 +257,7 @@ def compare(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Compare two ended runs on the scenes that they share: engines, versions, settings.
+    """Compare two ended runs on their shared scenes: engines, versions, settings.
 
     Prints paired differences of pACC by slice, rank correlation, and which
     conclusions hold in both. `valerie report RUN --beside OTHER` has the pictures.
@@ -264,15 +272,17 @@ def compare(
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
     with context_of(data_dir) as context:
-        found = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
-    document = json.dumps(found.to_json(), ensure_ascii=False)
+        comparison = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
+    document = json.dumps(comparison.to_json(), ensure_ascii=False)
     if output is not None:
-        content = document.encode() if output.suffix == ".json" else encoded(found.slices_table(), output.suffix[1:])
+        content = (
+            document.encode() if output.suffix == ".json" else encoded(comparison.slices_table(), output.suffix[1:])
+        )
         write_output(output, content)
     if as_json:
         typer.echo(document)
         return
-    for part in renderables(found):
+    for part in renderables(comparison):
         console().print(part)
 
 
@@ -442,8 +452,6 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     if not runs:
         say(f"no runs yet; start one with: {command_name()} run SPEC")
         return
-    from datetime import datetime
-
     from rich.table import Table
 
     from valerie.runs.moments import moment_text
@@ -458,7 +466,7 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     if tagged:
         table.add_column("tags", overflow="fold")
     for run in runs:
-        created = moment_text(datetime.fromisoformat(run.created_at))
+        created = moment_text(run.created_at)
         tags = [", ".join(run.tags)] if tagged else []
         table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, *tags)
     out = console()

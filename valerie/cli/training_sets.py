@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
 
-#: Settings to the parameters that set them, where the names differ.
+#: Settings to the parameters that set them, if the names differ.
 _PARAMETERS: Final = {"time_budget_s": "time_budget", "crops": "scales", "width": "size", "height": "size"}
 #: Steps between two lines of progress.
 _STEPS_PER_LINE: Final = 50
@@ -25,12 +25,12 @@ _STEPS_PER_LINE: Final = 50
 def frames(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Empty folder to render into.")],
-    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Which streets.")] = "train",
+    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Which sites.")] = "train",
     first_seed: Annotated[
-        int | None, typer.Option("--first-seed", help="First street seed.", show_default="the split's first")
+        int | None, typer.Option("--first-seed", help="First site seed.", show_default="the split's first")
     ] = None,
-    streets: Annotated[int, typer.Option("--streets", help="Number of streets.")] = 100,
-    per_street: Annotated[int, typer.Option("--per-street", help="Frames of each street.")] = 30,
+    sites: Annotated[int, typer.Option("--sites", help="Number of sites.")] = 100,
+    per_site: Annotated[int, typer.Option("--per-site", help="Frames of each site.")] = 30,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the frames, pixels.")] = "960x540",
     processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
     asset: Annotated[
@@ -43,7 +43,7 @@ def frames(
         ),
     ] = None,
 ) -> None:
-    """Render a training set into an empty folder: streets of seeds that no run uses by default."""
+    """Render a training set into an empty folder: of sites whose seeds no run uses by default."""
     from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
 
     width, height = _size(size)
@@ -52,8 +52,8 @@ def frames(
             {
                 "split": split,
                 "first_seed": first_seed,
-                "streets": streets,
-                "per_street": per_street,
+                "sites": sites,
+                "per_site": per_site,
                 "width": width,
                 "height": height,
                 **({} if asset is None else {"asset": asset}),
@@ -64,8 +64,8 @@ def frames(
         def tell(shard: Shard) -> None:
             nonlocal done
             done += 1
-            rate = done * settings.per_street / (time.monotonic() - started)
-            typer.echo(f"street {shard.street_seed}: {done}/{settings.streets} streets, {rate:.1f} frames/s")
+            rate = done * settings.per_site / (time.monotonic() - started)
+            typer.echo(f"site {shard.site_seed}: {done}/{settings.sites} sites, {rate:.1f} frames/s")
 
         rendered = render_frames(folder, settings, processes=processes, progress=tell)
     typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
@@ -78,7 +78,7 @@ def fit(
     ],
     frames: Annotated[
         list[Path],
-        typer.Option("--frames", metavar="DIR", help="Folder to train on; may be repeated, twice counts twice."),
+        typer.Option("--frames", metavar="DIR", help="Folder to train on; can be repeated, and twice counts twice."),
     ],
     held_out: Annotated[Path, typer.Option("--held-out", metavar="DIR", help="Folder to validate on.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Function file to write (….safetensors).")],
@@ -107,20 +107,20 @@ def fit(
     ] = 0.0,
     person_weight: Annotated[float, typer.Option("--person-weight", help="Factor of person pixels.")] = 3.0,
     void_weight: Annotated[
-        float, typer.Option("--void-weight", help="Weight of void pixels, for not being called persons.")
+        float, typer.Option("--void-weight", help="Weight of the loss for void pixels predicted as persons.")
     ] = 0.0,
     scales: Annotated[
         str, typer.Option("--scales", metavar="S,S,…", help="Scales of samples, as the function sees frames.")
     ] = "1.0,0.5",
     keep_norm_statistics: Annotated[
         bool,
-        typer.Option("--keep-norm-statistics", help="Keep those of batch normalisation; use with --start-from."),
+        typer.Option("--keep-norm-statistics", help="Keep batch normalisation's statistics; use with --start-from."),
     ] = False,
     precision: Annotated[
-        str, typer.Option("--precision", metavar="bf16|fp32", help="Of the passes; weights are always fp32.")
+        str, typer.Option("--precision", metavar="bf16|fp32", help="Precision of the passes; weights are always fp32.")
     ] = "bf16",
     device: Annotated[
-        str, typer.Option("--device", metavar="auto|cpu|cuda", help="auto is cuda where there is one.")
+        str, typer.Option("--device", metavar="auto|cpu|cuda", help="auto is cuda if available.")
     ] = "auto",
     loader_threads: Annotated[
         int, typer.Option("--loader-threads", help="Threads that cut samples; no effect on the result.")
@@ -196,7 +196,7 @@ def fit(
 
 @contextmanager
 def _named_by_option(context: typer.Context) -> Iterator[None]:
-    """Let errors name the option of a setting instead of the setting."""
+    """Make errors name a setting's option instead of the setting."""
     from pydantic import ValidationError
 
     from valerie.validation import problem_of

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-import valerie
 from valerie.embedded import redis_server, running
 from valerie.embedded.process import Command, GuardedProcess, python_command
 from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
@@ -337,7 +336,7 @@ def _url(host: str, port: int) -> str:
 
 def _source_root() -> Path:
     """Return the folder of the packages ``valerie`` and ``services``, so that children import the same code."""
-    return Path(valerie.__path__[0]).parent
+    return Path(__file__).parents[2]
 
 
 def _words(status: int) -> str:

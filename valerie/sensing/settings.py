@@ -236,6 +236,11 @@ class SensorSetting(BaseModel):
         return SensorSetting.model_validate(values)
 
 
+#: The camera of a spec that names none: it meters, and what gain amplifies is the noise of a camera for vehicles. By day the
+#: noise is below one grey level.
+METERING: Final = SensorSetting(
+    auto_exposure=True, noise=Noise(shot=True, read_electrons=3.0, full_well_electrons=100_000.0)
+)
 _NO_DISTORTION: Final = Distortion()
 _NO_SHUTTER: Final = Shutter()
 #: Parameters in every document, even if neutral.

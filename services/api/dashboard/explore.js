@@ -1,7 +1,8 @@
 // Explore: linked views over the rows of one or several runs. Every view selects, and every view shows what is selected.
 import { download, get, getBytes, post, remove } from "./api.js";
 import { readArrow } from "./arrow.js";
-import { h, put, table, toast } from "./dom.js";
+import { confusionPanel } from "./confusion.js";
+import { command, h, put, table, toast } from "./dom.js";
 import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
@@ -9,9 +10,14 @@ import { Brushes } from "./selection.js";
 import { thumbnails } from "./thumbnails.js";
 
 const GROUPS = { score: "Scores", person: "Of the person", conditions: "Moment, light and picture", varied: "Varied", row: "Rows" };
-const TABS = { pictures: "Pictures", table: "Table", compare: "Side by side", swings: "One change" };
+const TABS = { pictures: "Pictures", table: "Table", compare: "Side by side", swings: "One change", confusion: "Confusion" };
 const KINDS = { picture: "Picture", "truth-overlay": "Truth", overlay: "Prediction", errors: "Errors" };
 const PAGE = 48;
+const SPECS = {
+  range: ["Refine here", "A run of the same spec that draws its variants from the ranges of the selected rows.", "refined"],
+  nearby: ["More like these", "A run of the same spec whose variants are selected ones, each moved by up to half a step.", "similar"],
+};
+const DATASETS = { cityscapes: ["Cityscapes", "pictures and label images of the frames"], coco: ["COCO", "pictures, instances and panoptic segments of the frames"] };
 
 export async function exploreView({ main, parameters, signal }) {
   const runs = (parameters.get("runs") ?? "").split(",").filter(Boolean);
@@ -39,6 +45,7 @@ export async function exploreView({ main, parameters, signal }) {
     sort: parameters.get("sort") ?? "pacc",
     kind: KINDS[parameters.get("kind")] ? parameters.get("kind") : "errors",
     crop: parameters.get("crop") !== "0",
+    fn: parameters.get("fn"), cell: parameters.get("cell"),
     before: parameters.get("before"), after: parameters.get("after"), outcome: parameters.get("outcome") ?? "broken",
   };
   const where = () => state.brushes.where(state.where);
@@ -57,6 +64,7 @@ export async function exploreView({ main, parameters, signal }) {
     parts.set("p", state.p.join(","));
     if (!state.crop) parts.set("crop", "0");
     if (state.tab === "compare") for (const name of ["before", "after", "outcome"]) if (state[name]) parts.set(name, state[name]);
+    if (state.tab === "confusion") for (const name of ["fn", "cell"]) if (state[name]) parts.set(name, state[name]);
     return parts;
   };
 
@@ -107,8 +115,11 @@ export async function exploreView({ main, parameters, signal }) {
         h("div", { class: "row" },
           h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection"),
           h("button", { type: "button", on: { click: () => savedDialog() } }, "Saved"),
-          runs.length === 1 ? h("button", { type: "button", on: { click: () => refineDialog() } }, "Refine here") : null,
-          ["csv", "parquet"].map((form) => h("button", { type: "button", on: { click: () => download(`/v1/explore/rows?${query({ format: form })}`, `selection.${form}`).catch((error) => toast(error.message)) } }, `↓ ${form === "csv" ? "CSV" : "Parquet"}`))))),
+          runs.length === 1 ? [
+            h("button", { type: "button", on: { click: () => specDialog("range") } }, "Refine here"),
+            h("button", { type: "button", on: { click: () => specDialog("nearby") } }, "More like these"),
+            h("button", { type: "button", on: { click: () => trainDialog() } }, "Train on this")] : null,
+          h("button", { type: "button", on: { click: () => exportDialog() } }, "Export")))),
     h("section", { class: "card select", "aria-label": "Selection" },
       h("div", { class: "row" }, h("label", { for: "where" }, "Where"), field, selected),
       h("datalist", { id: "columns" }, about.columns.map((one) => h("option", { value: one.name }))),
@@ -227,7 +238,7 @@ export async function exploreView({ main, parameters, signal }) {
 
   // Pictures, table, pairs.
   const parts = { get, signal, query, columns, state, runs, about, remember };
-  const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts) };
+  const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts), confusion: confusionPanel(parts) };
   const loadRows = () => panels[state.tab].load();
   const showPanel = () => {
     for (const button of tabs.children) button.setAttribute("aria-pressed", String(button.dataset.tab === state.tab));
@@ -258,18 +269,38 @@ export async function exploreView({ main, parameters, signal }) {
     const list = await get("/v1/selections", { signal });
     const box = dialog("Saved selections", savedList(list, () => box.close()));
   };
-  const refineDialog = async () => {
+  const specDialog = async (form) => {
+    const [name, what, file] = SPECS[form];
     try {
-      const { yaml } = await get(`/v1/explore/spec?${query()}`, { signal });
-      const box = dialog("Refine here", h("p", { class: "soft small" }, "A run of the same spec that draws its variants from where the selected rows lie. Save it as a file and submit it with ", h("code", {}, "valerie submit FILE"), "."),
+      const { yaml } = await get(`/v1/explore/spec?${query({ form })}`, { signal });
+      const box = dialog(name, h("p", { class: "soft small" }, `${what} Save it as a file and submit it with `, h("code", {}, "valerie submit FILE"), "."),
         h("pre", { tabindex: "0" }, yaml),
-        h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: () => { saveText(yaml, `${title}-refined.yaml`); box.close(); } } }, "↓ YAML")));
+        h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: () => { saveText(yaml, `${title}-${file}.yaml`); box.close(); } } }, "↓ YAML")));
       box.classList.add("large");
     } catch (error) { toast(error.message); }
+  };
+  const trainDialog = () => {
+    const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
+    dialog("Train on this", h("p", { class: "soft small" }, "A new version of a function learns on fresh streets where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
+  };
+  const exportDialog = () => {
+    const stem = title.replaceAll(/[^\w.-]+/g, "-");
+    const row = (label, what, address, name) => h("tr", {}, h("td", {}, h("button", { type: "button", on: { click: async (event) => {
+      event.target.disabled = true;
+      try { await download(address, name); } catch (error) { toast(error.message); } finally { event.target.disabled = false; }
+    } } }, `↓ ${label}`)), h("td", { class: "small soft" }, what));
+    dialog("Export", h("p", { class: "soft small" }, where() || "all rows"), table(["", ""], [
+      row("CSV", "the rows", `/v1/explore/rows?${query({ format: "csv" })}`, `${stem}.csv`),
+      row("Parquet", "the rows", `/v1/explore/rows?${query({ format: "parquet" })}`, `${stem}.parquet`),
+      ...(runs.length === 1 ? Object.entries(DATASETS).map(([form, what]) => row(what[0], what[1], `/v1/explore/frames?${query({ format: form })}`, `${stem}-${form}.zip`)) : []),
+    ], { caption: "Downloads of the selection" }), h("p", { class: "soft small" }, "Frames as a zip archive: up to 500. ", h("code", {}, "valerie dataset export"), " has no limit."));
   };
   await refresh();
   return `Explore ${title}`;
 }
+
+// For a POSIX shell.
+const quoted = (text) => `'${text.replaceAll("'", String.raw`'\''`)}'`;
 
 function dialog(title, ...content) {
   const box = h("dialog", { "aria-labelledby": "dialog-title", on: { close: () => box.remove() } }, h("div", { class: "stack" }, h("div", { class: "spread" }, h("h2", { id: "dialog-title" }, title), h("button", { type: "button", class: "quiet close", "aria-label": "Close", on: { click: () => box.close() } }, "×")), content));

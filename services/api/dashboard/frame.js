@@ -11,7 +11,7 @@ const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); //
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // opaque pictures of their own
 const NOTES = {
   depth: "Bright is near, from 1 m to 200 m. Black is empty.",
-  normals: "Direction that the surface faces in the world: red across the street, green along it, blue up. Black is no surface.",
+  normals: "Direction that the surface faces in the world: red to the right, green ahead, blue up. Black is no surface.",
   flow: "Displacement to the next frame: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move farther, relative to the largest displacement in this frame. Grey is undefined.",
   velocity: "Velocity in the image: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move faster, relative to the fastest point in this frame.",
 };

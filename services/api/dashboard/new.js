@@ -170,7 +170,7 @@ function previewSection({ signal }) {
     const looked = `${text} ${camera.value} ${chance}`;
     const indexes = [...new Set([0, Math.floor(chance * plan.variants), plan.variants - 1])];
     figures.setAttribute("aria-busy", "true");
-    state.textContent = figures.children.length ? "Rendering …" : "Rendering … The first picture of a street takes some seconds.";
+    state.textContent = figures.children.length ? "Rendering …" : "Rendering … The first picture of an asset takes some seconds.";
     try {
       const query = new URLSearchParams([...indexes.map((one) => ["variant", one]), ["accepted", true], ...(camera.value ? [["camera", camera.value]] : [])]);
       const answer = await postSpec(`/v1/preview?${query}`, text, { signal });

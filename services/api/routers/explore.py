@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
+from fastapi.responses import StreamingResponse
 
 from services.api.dependencies import ContextDependency
 from services.api.openapi import problems
@@ -18,6 +19,7 @@ from services.api.schemas.explore import (
     SELECTION_NAME,
     ColumnsRead,
     ComparisonRead,
+    ConfusionRead,
     HistogramsRead,
     LinksRead,
     NewSelection,
@@ -27,7 +29,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
-from valerie.analysis.findings.child_specs import selection_spec
+from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
 from valerie.db.engine import reading, writing
@@ -37,22 +39,27 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.exploring import views
+from valerie.pipeline.exploring.confusion import Cell as ConfusionCell
+from valerie.pipeline.exploring.confusion import Confusions
 from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
 from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
 from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
-from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.pipeline.export.archive import export_archive
+from valerie.pipeline.export.plan import ExportSettings, Format
+from valerie.runs.products.frames import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 
 _ARROW = "application/vnd.apache.arrow.stream"
 _JPEG = "image/jpeg"
+_ZIP = "application/zip"
 _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet", "arrow": _ARROW}
-#: Columns that one question names at most.
+#: Largest number of columns in one request.
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
-    list[Annotated[str, Query(pattern=RUN_ID_PATTERN)]],
+    list[Annotated[str, Query(pattern=ID)]],
     Query(alias="run", min_length=1, max_length=MAX_RUNS, description="ids of runs", examples=[[RUN_ID]]),
 ]
 WhereText = Annotated[
@@ -242,6 +249,33 @@ def swings(
 
 
 @router.get(
+    "/explore/confusion",
+    responses=problems(404, 409, 422),
+    summary="Pixels of each class by predicted class in the selected evaluations of a function, and those in one cell",
+)
+def confusion(
+    request: Request,
+    exploration: Opened,
+    selection: Selected,
+    run: Runs,
+    function: Annotated[str, Query(max_length=200, examples=[FUNCTION])],
+    truth: Annotated[
+        str | None, Query(max_length=40, description="class of the cell's row", examples=["person"])
+    ] = None,
+    predicted: Annotated[
+        str | None, Query(max_length=40, description="class of the cell's column, or void", examples=["rider"])
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="of the frames in the cell")] = 48,
+) -> ConfusionRead:
+    if (truth is None) != (predicted is None):
+        raise InvalidInput("a cell has a true and a predicted class", field="truth" if truth is None else "predicted")
+    cell = None if truth is None or predicted is None else ConfusionCell(truth, predicted)
+    confusions: Confusions = request.app.state.confusions
+    matrix = confusions.confusion(run, exploration, selection, function, cell=cell, limit=limit)
+    return ConfusionRead(confusion=matrix, rows=_numbered(exploration, [frame.row for frame in matrix.frames]))
+
+
+@router.get(
     "/explore/sheet",
     response_class=Response,
     responses={
@@ -277,20 +311,52 @@ def sheet(
 @router.get(
     "/explore/spec",
     responses=problems(404, 409, 422),
-    summary="The spec of a run that looks closer at where the selected rows of one run lie",
+    summary="The spec of a run that looks closer at where the selected rows of one run lie, or repeats them nearby",
 )
 def refine(
     exploration: Opened,
     selection: Selected,
     run: Runs,
     context: ContextDependency,
-    count: Annotated[int, Query(ge=1, le=100_000, description="variants of the new run", examples=[64])] = 64,
+    count: Annotated[int, Query(ge=1, le=1000, description="variants of the new run", examples=[64])] = 64,
+    form: Annotated[
+        Literal["range", "nearby"], Query(description="range: from the ranges of the rows; nearby: around single rows")
+    ] = "range",
 ) -> SpecRead:
-    if len(run) > 1:
-        raise InvalidInput("a spec refines one run", field="run", value=list(run), limit="one run")
+    _require_one(run)
     resolved = read_run(context, run[0]).resolved
     chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
-    return SpecRead(yaml=selection_spec(chosen, resolved.spec, resolved.definitions, count).to_yaml())
+    if form == "nearby":
+        child = similar_spec(chosen, exploration.table, resolved.spec, resolved.definitions, count)
+    else:
+        child = drawn_spec(chosen, resolved.spec, resolved.definitions, count)
+    return SpecRead(yaml=child.to_yaml())
+
+
+@router.get(
+    "/explore/frames",
+    response_class=Response,
+    responses={
+        **problems(404, 409, 422, 507),
+        200: {"description": "zip", "content": {_ZIP: {"schema": {"type": "string", "format": "binary"}}}},
+    },
+    summary="The frames of the selected rows of one run as a data set: a zip archive of pictures and labels",
+)
+def frames(
+    run: Runs,
+    context: ContextDependency,
+    where: WhereText = "",
+    format_: Annotated[Format, Query(alias="format", description="of the labels")] = "cityscapes",
+) -> Response:
+    _require_one(run)
+    parts = export_archive(context, run[0], ExportSettings(formats=(format_,), where=where))
+    name = f'attachment; filename="{run[0]}-{format_}.zip"'
+    return StreamingResponse(parts, media_type=_ZIP, headers={"Content-Disposition": name})
+
+
+def _require_one(run: list[str]) -> None:
+    if len(run) > 1:
+        raise InvalidInput("this needs the rows of one run", field="run", value=run, limit="one run")
 
 
 @router.get("/selections", responses=problems(422), summary="Saved selections, newest first")
@@ -336,7 +402,7 @@ def _numbered(exploration: Exploration, numbers: list[int]) -> dict[int, dict[st
 def _arrow(table: pa.Table) -> Response:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
-        # One batch, so that readers need not join any.
+        # One batch, so that readers need not join several.
         writer.write_table(table.combine_chunks())
     return Response(sink.getvalue().to_pybytes(), media_type=_ARROW)
 

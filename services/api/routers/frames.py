@@ -23,15 +23,16 @@ from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, Varia
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
 from valerie.db.engine import reading
-from valerie.errors import UnknownName
+from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
 from valerie.pipeline.reading.frame_details import frame_details
 from valerie.pipeline.reading.frame_details import list_frames as frames_after
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.painting import KINDS, png
+from valerie.pipeline.reading.frame_pictures import find_picture, label_map, paint_picture
+from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.storage.keys import product_key
 
 router = APIRouter(prefix="/v1", tags=["frames"])
@@ -89,7 +90,7 @@ def image(
     context: ContextDependency,
     conditions: ConditionsDependency,
     kind: Annotated[
-        str, Query(max_length=40, description=f"one of {', '.join(KINDS)}", examples=["picture"])
+        str, Query(max_length=40, description=f"one of {', '.join(PictureKind)}", examples=["picture"])
     ] = "picture",
     function: Annotated[
         str | None, Query(max_length=200, description="default: the run's first", examples=["deeplabv3plus-small"])
@@ -98,8 +99,6 @@ def image(
         str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
     ] = None,
 ) -> Response:
-    if kind not in KINDS:
-        raise UnknownName("kind of picture", kind, KINDS, field="kind")
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
     painted: list[bytes] = []
 
@@ -113,6 +112,35 @@ def image(
         media_type="image/png",
         size=size,
         read=lambda start, length: painted[0][start : start + length],
+    )
+
+
+@router.get(
+    "/frames/{frame_id}/labels",
+    response_class=Response,
+    responses={**problems(404, 409, 422), **binary("image/png", "8 bits per pixel")},
+    summary="The label ids of a frame as PNG: its truth, or the prediction of a function",
+)
+def labels(
+    key: FrameDependency,
+    context: ContextDependency,
+    conditions: ConditionsDependency,
+    function: Annotated[
+        str | None, Query(max_length=200, description="default: the truth", examples=["deeplabv3plus-small"])
+    ] = None,
+    sensor: Annotated[
+        str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
+    ] = None,
+) -> Response:
+    kind = "truth" if function is None else "prediction"
+    source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
+    content = encode_png(label_map(context, source))
+    return send(
+        conditions,
+        tag=f"{source.tag}-labels",
+        media_type="image/png",
+        size=lambda: len(content),
+        read=lambda start, length: content[start : start + length],
     )
 
 
@@ -177,7 +205,7 @@ def artifact(
     def read(start: int, length: int) -> bytes:
         return context.store.get(key) if length == info.size else context.store.get_range(key, start, length)
 
-    # The content follows from the digest; the size tells a broken object from the one that replaced it.
+    # The digest determines the content; the size distinguishes a broken object from its replacement.
     return send(
         conditions, tag=f"{digest}-{info.size:x}", media_type="application/zstd", size=lambda: info.size, read=read
     )

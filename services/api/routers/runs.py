@@ -7,17 +7,15 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
 from services.api.dependencies import (
+    Body,
     ContextDependency,
-    Cursor,
     Limit,
     RunId,
-    decode_cursor,
-    encode_cursor,
-    moment,
-    text,
+    SeenDependency,
+    next_page,
     wake_control,
 )
-from services.api.openapi import example, problems
+from services.api.openapi import document_body, example, problems
 from services.api.schemas.base import CAMERAS, DIGEST
 from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
@@ -29,22 +27,15 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse
 
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-SPEC_BODY: JsonObject = {
-    "requestBody": {
-        "required": True,
-        "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
-        "content": {
-            "application/json": {"schema": {"type": "object"}, "example": SPEC},
-            "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
-        },
-    }
-}
+SPEC_BODY: Final = document_body(
+    "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.", example=SPEC, yaml=_YAML
+)
 #: The plan of `SPEC`.
 PLAN: Final[JsonObject] = {
     "name": SPEC["name"],
@@ -84,12 +75,8 @@ _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
 
-async def body(request: Request) -> bytes:
-    return await request.body()
-
-
-def _spec(body: Annotated[bytes, Depends(body)]) -> RunSpec:
-    # Runs in a thread, so that a large document does not hold up other requests.
+def _spec(body: Body) -> RunSpec:
+    # Runs in a thread, so that a large document does not delay other requests.
     return parse(body)
 
 
@@ -127,8 +114,11 @@ def create(
             examples=["4be1f0d2-first-run"],
         ),
     ] = None,
+    priority: Annotated[
+        Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
+    ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)
@@ -139,7 +129,7 @@ def list_runs(
     request: Request,
     context: ContextDependency,
     limit: Limit = 50,
-    cursor: Cursor = None,
+    seen: SeenDependency = None,
     state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
     tag: Annotated[
         str | None,
@@ -147,17 +137,11 @@ def list_runs(
     ] = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
-        earlier = None if before is None else (before[0], before[1])
-        rows = runs.page(connection, limit=limit + 1, before=earlier, state=state, tag=tag)
+        rows = runs.page(connection, limit=limit + 1, before=seen, state=state, tag=tag)
         tags = marks.tags_of_runs(connection, [row.id for row in rows])
-    items = [_run(row, tags.get(row.id, [])) for row in rows[:limit]]
-    more = len(rows) > limit
-    following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if more else None
-    return send_page(
-        RunPage(items=items, next=following), known=if_none_match, encodings=request.headers.get("accept-encoding")
-    )
+    page = RunPage(items=[_run(row, tags.get(row.id, [])) for row in rows[:limit]], next=next_page(rows, limit))
+    return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 
 
 @router.get("/runs/{run_id}", responses=_OF_RUN, summary="One run with its spec")

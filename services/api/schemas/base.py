@@ -1,17 +1,13 @@
-"""Base of all read models, and their fields from the columns of the long table."""
+"""Base of all read models, and their fields derived from columns of the long table."""
 
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
-from datetime import datetime
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from valerie.measures import Measure, Source, measure_of, measures_from
-from valerie.runs.moments import in_utc
-
-Moment = Annotated[datetime, AfterValidator(in_utc)]
 
 #: Names that the examples of several models and parameters share.
 RUN_ID: Final = str(measure_of("run_id").example)
@@ -36,7 +32,7 @@ class _Measured(Read):
     @model_validator(mode="before")
     @classmethod
     def _beside_fields(cls, row: object) -> object:
-        """Put the ``measures`` of a dataclass beside its fields."""
+        """Merge a dataclass's ``measures`` with its fields."""
         if not is_dataclass(row) or not hasattr(row, "measures"):
             return row
         return {**{field.name: getattr(row, field.name) for field in fields(row)}, **row.measures}

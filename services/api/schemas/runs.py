@@ -6,10 +6,11 @@ from typing import Final
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
+from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, NextCursor, Read
+from valerie.runs.moments import Moment
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.ready import ProductError
-from valerie.runs.products.states import RunState, Stage
+from valerie.runs.products.states import Priority, RunState, Stage
 
 #: The paper's two lists (section 4) in its own notation.
 SPEC: Final[dict[str, JsonValue]] = {
@@ -68,6 +69,7 @@ class RunRead(Read):
     iteration: int = Field(examples=[0])
     variant_count: int = Field(examples=[10])
     rejected_count: int = Field(examples=[0])
+    priority: Priority = Field(examples=["normal"])
     pins: Pins | None = Field(
         description="engines and functions in the numeric classes that the run keeps from its start; null before",
         examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],

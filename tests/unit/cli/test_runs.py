@@ -106,4 +106,4 @@ def test_an_asset_of_the_callers_own_folder_that_the_server_does_not_know_is_exp
     monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path))
     explained = CliRunner().invoke(app, arguments, input=text)
     assert isinstance(explained.exception, InvalidInput)
-    assert f"the asset lies in {tmp_path}" in str(explained.exception)
+    assert f"the asset is in {tmp_path}" in str(explained.exception)

@@ -1,4 +1,4 @@
-"""Specs of runs that look closer: at a finding on places that its run has not seen, or at where a selection lies."""
+"""Specs of runs that examine a finding on fresh places, or the region of a selection."""
 
 from __future__ import annotations
 
@@ -32,14 +32,13 @@ def child_spec(
 ) -> str:
     """Return the YAML of a run that compares the same levels on fresh places.
 
-    A design that draws its variants draws others. A grid keeps the two levels of each change and all that is listed
-    besides, at positions between those of the run.
+    A design that draws its variants draws new ones. A grid keeps the two levels of each change and all other listed
+    values, at positions between those of the run.
 
     Args:
-        table: of the run.
-        spec: of the run.
-        factors: of the finding.
-        changes: of the finding, in the same order.
+        table: evaluations of the run.
+        spec: spec of the run.
+        factors, changes: of the finding, in the same order.
         places: number of places that the finding needs; None: unknown.
     """
     child = spec.model_copy(update={"parent_run": table.codes("run_id").names[0], "iteration": spec.iteration + 1})
@@ -72,7 +71,7 @@ def _common_constants(blocks: Sequence[BlockDocument]) -> dict[str, Scalar]:
     return {
         name: value
         for name, value in first.constants.items()
-        if all(one.constants.get(name) == value for one in others)
+        if all(other.constants.get(name) == value for other in others)
     }
 
 
@@ -81,7 +80,7 @@ def _values(table: EvaluationTable, path: str) -> list[Scalar]:
 
 
 def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[float]]:
-    """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
+    """Return evenly spaced positions between neighbours: as many as ``places`` needs, up to `_BETWEEN`."""
     axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
     if not axes:
         return {}
@@ -94,17 +93,17 @@ def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, 
     }
 
 
-def selection_spec(
+def drawn_spec(
     table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
 ) -> RunSpec:
-    """Return the spec of a run that looks closer at where the rows of a selection lie.
+    """Return the spec of a run over the region of a selection.
 
-    Every varied number is drawn from the range that the rows span, every other parameter from the values that they have.
-    A parameter that has one value in them is a constant.
+    Every varied number is drawn from the range of the selected rows, every other parameter from their values. A parameter
+    with a single value becomes a constant.
 
     Args:
         table: the selected rows, of one run.
-        spec: of the run.
+        spec: spec of the run.
         definitions: the run's parameters.
         count: number of variants.
 
@@ -127,5 +126,61 @@ def selection_spec(
     block = BlockDocument(
         design="sobol" if vary else "grid", count=count if vary else None, vary=tuple(vary), constants=constants
     )
+    return _child(spec, table, block)
+
+
+def similar_spec(
+    table: EvaluationTable,
+    every: EvaluationTable,
+    spec: RunSpec,
+    definitions: Iterable[ParameterDefinition],
+    count: int,
+) -> RunSpec:
+    """Return the spec of a run whose variants resemble those of a selection.
+
+    Each is a selected variant, chosen at random; every number moves by up to half the median gap between its values in the run.
+    So what the selected values have to do with each other stays (the smoothed bootstrap: Efron 1982, section 5.3, ISBN
+    978-0-89871-179-0).
+
+    Args:
+        table: the selected rows, of one run.
+        every: all rows of that run.
+        spec: of the run.
+        definitions: the run's parameters.
+        count: number of variants.
+
+    Raises:
+        InvalidInput: there is no row.
+    """
+    if not len(table):
+        raise InvalidInput("selects no row to look for more like it", field="where")
+    kinds = {definition.path: definition.type for definition in definitions}
+    paths = list(table.parameters)
+    distinct = sorted(
+        {
+            tuple((path, value) for path, value in row.items() if value is not None)
+            for row in table.arrow.select(paths).to_pylist()
+        },
+        key=str,
+    )
+    generator = np.random.default_rng(spec.seed)
+    points: list[dict[str, Scalar]] = [dict(distinct[k]) for k in generator.integers(len(distinct), size=count)]
+    for path in paths:
+        if kinds[path] not in (ParameterType.FLOAT, ParameterType.ANGLE):
+            continue
+        values = np.array(_values(every, path), np.float64)
+        if len(values) < 2:
+            continue
+        half, low, high = float(np.median(np.diff(values))) / 2, values[0], values[-1]
+        for point, move in zip(points, generator.uniform(-half, half, count), strict=True):
+            if path in point:
+                # Reflected at the ends of the run's range, where clipping would pile variants up.
+                place = low + abs(float(point[path]) + move - low)
+                point[path] = round(float(high - abs(high - place)), 4)
+    block = BlockDocument(design="points", points=tuple(points), constants=_common_constants(spec.blocks))
+    return _child(spec, table, block)
+
+
+def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSpec:
     parent = table.codes("run_id").names[0]
     return spec.model_copy(update={"blocks": (block,), "parent_run": parent, "iteration": spec.iteration + 1})

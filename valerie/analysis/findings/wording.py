@@ -1,10 +1,10 @@
-"""The words of findings."""
+"""Sentences about findings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
 from valerie.analysis.wording import percent
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
@@ -12,7 +12,7 @@ from valerie.statistics.intervals import Interval
 
 
 def finding_sentence(finding: Finding) -> str:
-    """Return a finding as sentences: effect and condition, interval, numbers, and what else differs."""
+    """Return a finding as sentences: effect and condition, interval, numbers, and other differences of the sides."""
     step = finding.steps[0]
     size = f"{100 * abs(finding.effect):.1f} points"
     higher = "higher" if finding.effect > 0 else "lower"
@@ -34,31 +34,40 @@ def finding_sentence(finding: Finding) -> str:
     counted = [f"{finding.places:,} places"]
     counted += [f"{finding.pairs:,} pairs"] if finding.pairs else []
     if finding.low is not None and finding.high is not None:
-        # A function is named for being better, so the interval has to point its way.
+        # The better function is named first, so the interval takes its sign.
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
         counted.insert(0, f"joint 95 % interval {low} to {high}")
-    return f"{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+    fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
+    return f"{fault}{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+
+
+def picture_fault_sentence(fault: PictureFault) -> str:
+    """Return that faulty pictures carry a finding, and what is left without them."""
+    left = (
+        "nothing is left to compare" if fault.left is None else f"the difference is {100 * abs(fault.left):.1f} points"
+    )
+    return f"A fault of the picture: {percent(fault.share)} % of these views are {fault.fault}; without faulty ones {left}."
 
 
 def _after(step: Step) -> str:
-    """Return the factor with its later level; names that contain the factor's stand alone: ``camera-3``."""
+    """Return the factor with its later level, or the level alone where it starts with the factor: ``camera-3``."""
     return step.after if step.after.startswith(step.factor) else f"{step.factor} {step.after}"
 
 
 def unequal_sentence(unequal: Sequence[Inequality]) -> str:
-    """Return what else differs between the sides of a finding; empty where nothing does."""
+    """Return the measured differences between the sides of a finding; empty if there are none."""
     texts = [
-        f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
-        f"{measure_of(one.column).text(one.before)} with {one.step.before})"
-        for one in unequal
+        f"{measure_of(entry.column).title} ({measure_of(entry.column).text(entry.after)} with {_after(entry.step)}, "
+        f"{measure_of(entry.column).text(entry.before)} with {entry.step.before})"
+        for entry in unequal
     ]
     return f" The sides also differ in {' and '.join(texts)}." if texts else ""
 
 
 def searched_sentence(findings: Findings) -> str:
-    """Return how findings were found, and what it means that there are none."""
+    """Return how the findings were searched, and whether any is confirmed."""
     if not findings.comparisons:
         return "Nothing to compare: vary a parameter, or name several functions."
     looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} places"
@@ -75,7 +84,7 @@ def candidate_text(finding: Finding) -> str:
 
 
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
-    """Return that most pixels which a function calls person belong to none."""
+    """Return the share of false person pixels of a function with its interval."""
     return (
         f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
         f"(95 % interval {percent(interval.low)} to {percent(interval.high)}, {interval.units:,} {interval.estimand.noun})."

@@ -1,11 +1,10 @@
-"""Summarise a report in a few sentences."""
+"""Summary of a report in a few sentences."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 
-from valerie.analysis.claims.claims import Entry
 from valerie.analysis.comparison.wording import span_text
 from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
@@ -13,12 +12,12 @@ from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.wording import percent, points, setting_labels
 
 
-def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry]) -> list[str]:
-    """Return verdicts, scores, findings, claims and the other run in a sentence each."""
+def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
+    """Return a sentence each about verdicts, scores, findings, claims and the other run."""
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
-    seen_together = [one for one in seen if one.character == ALL] or list(seen)
+    seen_together = [row for row in seen if row.character == ALL] or list(seen)
     findings = len(source.findings.items)
     sentences = [_counted("Requirements", [verdict.outcome.value for verdict in source.verdicts])]
     sentences += [
@@ -28,16 +27,16 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
         if row.defined
     ]
     sentences += [
-        f"Where nobody stands, {labels[one.function, one.sensor]} calls {percent(one.pacc_empty)} % of the same pixels person: "
-        f"{one.lucky:,} of its {one.detected:,} detections would count without the person, too."
-        for one in seen_together
+        f"Where nobody stands, {labels[row.function, row.sensor]} calls {percent(row.pacc_empty)} % of the same pixels person: "
+        f"{row.lucky:,} of its {row.detected:,} detections would count without the person, too."
+        for row in seen_together
     ]
     if findings:
         are = "finding is" if findings == 1 else "findings are"
         sentences.append(f"{findings:,} {are} confirmed by places that had no part in the search.")
     elif source.findings.comparisons:
         sentences.append("No finding is confirmed.")
-    sentences.append(_counted("Claims", [str(entry.outcome) for entry in ledger]))
+    sentences.append(_counted("Claims", [str(entry.outcome) for entry in source.ledger]))
     if source.beside is not None:
         for function in source.beside.functions:
             whole, rank = function.slices[0], function.rank_correlation
@@ -46,11 +45,11 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
                 f"{span_text(whole.difference)} on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )
-        sentences.append(_counted("Conclusions", [one.agreement for one in source.beside.conclusions]))
+        sentences.append(_counted("Conclusions", [conclusion.agreement for conclusion in source.beside.conclusions]))
     return [sentence for sentence in sentences if sentence]
 
 
 def _counted(what: str, answers: Sequence[str]) -> str:
-    """Return how often each answer was given; empty where none was."""
+    """Return the number of each answer as a sentence; empty without answers."""
     counts = Counter(answers)
     return f"{what}: {', '.join(f'{answer} {count}' for answer, count in counts.items())}." if counts else ""

@@ -1,4 +1,4 @@
-"""Warn of reasons why the numbers of a run say little; the warnings precede all results."""
+"""Warnings of faults that make the numbers of a run meaningless; they precede all results."""
 
 from __future__ import annotations
 
@@ -6,22 +6,17 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valerie.analysis.rows.frame_counts import frame_counts
+from valerie.analysis.rows.picture_faults import picture_faults
 from valerie.analysis.rows.table import EvaluationTable
 
-#: Mean grey level below which a picture is black, and above which it is white, of 255.
-BLACK: Final = 2.0
-WHITE: Final = 253.0
-#: Standard deviation of the grey levels below which a picture is constant.
-CONSTANT: Final = 1.0
 #: Largest number of frames that a warning lists.
 _LISTED: Final = 3
 
 
 def pitfalls(table: EvaluationTable) -> tuple[str, ...]:
-    """Return the warnings about a run, as sentences; its rates and verdicts count everything nevertheless."""
+    """Return the warnings about a run, as sentences; rates and verdicts still include all rows."""
     return (*_silent_functions(table), *_empty_pictures(table))
 
 
@@ -43,7 +38,7 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
     measured = np.isfinite(table.numbers("picture_mean"))
     pictures = frames.index * max(len(sensors.names), 1) + sensors.index
     total = len(np.unique(pictures[measured]))
-    for fault, rows in _faults(table):
+    for fault, rows in picture_faults(table).items():
         _, first = np.unique(pictures[measured & rows], return_index=True)
         faulty = np.flatnonzero(measured & rows)[first]
         if len(faulty):
@@ -51,12 +46,3 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
             more = ", …" if len(faulty) > _LISTED else ""
             verb = "is" if len(faulty) == 1 else "are"
             yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more})."
-
-
-def _faults(table: EvaluationTable) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield each fault of pictures, and (N,) bool: the rows with such a picture."""
-    mean = table.numbers("picture_mean")
-    black, white = mean < BLACK, mean > WHITE
-    yield "black", black
-    yield "white", white
-    yield "constant", (table.numbers("picture_deviation") < CONSTANT) & ~black & ~white

@@ -26,7 +26,7 @@ from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 SIDE: Final = 480
 #: Distance from an index up to which an accepted variant is looked for.
 _NEAR: Final = 500
-#: Longest time for all pictures of a request: loading a street takes ten seconds on a busy machine.
+#: Longest time for all pictures of a request: loading an asset takes ten seconds on a busy machine.
 _SECONDS: Final = 90.0
 #: Longest time that a request waits for another one.
 _PATIENCE_SECONDS: Final = 20.0

@@ -23,8 +23,7 @@ from valerie.errors import ValerieError
 #: The manifest, and its signed copy; the manifest covers every other file.
 MANIFEST: Final = "manifest.json"
 SIGNED: Final = "manifest.dsse.json"
-#: Limits of a folder that is accepted: files that a manifest covers, bytes of all files together, bytes of a document that
-#: is read as a whole.
+#: Limits of an accepted folder: files in a manifest, bytes of all files, bytes of a document that is read at once.
 MAX_FILES: Final = 10_000
 MAX_BYTES: Final = 4 << 30
 MAX_DOCUMENT_BYTES: Final = 8 << 20
@@ -38,10 +37,10 @@ _TREE: Final = "urn:ietf:rfc:6962"
 
 
 class Refused(ValerieError):
-    """Evidence that does not hold; the message begins with the file that is wrong, or says which files are.
+    """Evidence that is not valid; the message names the files.
 
     Args:
-        problems: one sentence for each.
+        problems: one sentence for each problem.
     """
 
     def __init__(self, problems: Sequence[str]) -> None:
@@ -69,13 +68,13 @@ class _Root(_Document):
     root: Annotated[str, Field(pattern=_SHA256)]
 
 
-class Manifest(_Document):
+class EvidenceManifest(_Document):
     """An in-toto Statement v1 about the files of a folder.
 
     Attributes:
-        type: of the document.
+        type: type of the document.
         subject: the files, sorted by path.
-        predicate_type: of the predicate.
+        predicate_type: type of the predicate.
         predicate: the root of the tree over the files.
     """
 
@@ -85,7 +84,7 @@ class Manifest(_Document):
     predicate: _Root
 
     @model_validator(mode="after")
-    def _holds(self) -> Manifest:
+    def _holds(self) -> EvidenceManifest:
         names = [subject.name for subject in self.subject]
         for name in names:
             if not re.fullmatch(_PATH, name) or name in (MANIFEST, SIGNED):
@@ -106,11 +105,11 @@ class Manifest(_Document):
         return document_bytes(self.model_dump(mode="json", by_alias=True))
 
 
-def manifest_of(folder: Path) -> Manifest:
+def manifest_of(folder: Path) -> EvidenceManifest:
     """Build the manifest of a folder.
 
     Raises:
-        Refused: the folder holds something that a manifest cannot name, or too much.
+        Refused: the folder contains something that a manifest cannot name, or too much.
     """
     digests = {name: sha256_of(folder / name) for name in plain_files(folder) if name not in (MANIFEST, SIGNED)}
     subjects = [{"name": name, "digest": {"sha256": digest}} for name, digest in digests.items()]
@@ -125,11 +124,11 @@ def manifest_of(folder: Path) -> Manifest:
     )
 
 
-def read_manifest(data: bytes) -> Manifest:
+def read_manifest(data: bytes) -> EvidenceManifest:
     """Read the bytes of a manifest.
 
     Raises:
-        Refused: they are not those that `Manifest.to_bytes` returns for any manifest.
+        Refused: `Manifest.to_bytes` would not return them for any manifest.
     """
     try:
         manifest = _validated(orjson.loads(data))
@@ -140,9 +139,9 @@ def read_manifest(data: bytes) -> Manifest:
     return manifest
 
 
-def _validated(document: Any) -> Manifest:
+def _validated(document: Any) -> EvidenceManifest:
     try:
-        return Manifest.model_validate(document)
+        return EvidenceManifest.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"]))
@@ -178,7 +177,7 @@ def plain_files(folder: Path) -> list[str]:
     """Return the paths of all files below a folder, sorted, with ``/``; nothing is opened.
 
     Raises:
-        Refused: something is neither a file nor a folder, has a name that a manifest cannot hold, or is too much.
+        Refused: something is neither a file nor a folder, has a name that no manifest allows, or exceeds the limits.
     """
     problems: list[str] = []
     names: list[str] = []

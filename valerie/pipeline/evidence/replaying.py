@@ -1,4 +1,4 @@
-"""Making frames of an evidence folder again, from its spec and pins alone, and comparing the pixels."""
+"""Replay frames of an evidence folder, only from its spec and pins, and compare the pixels."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.pins import Pins
-from valerie.runs.products.states import ProductKind, RunState
+from valerie.runs.products.states import Priority, ProductKind, RunState
 from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings
 
@@ -46,11 +47,11 @@ Document = TypeVar("Document", bound=BaseModel)
 
 @dataclass(frozen=True, slots=True)
 class ReplayedPicture:
-    """A picture of the folder, made again.
+    """A replayed picture of the folder.
 
     Attributes:
-        file: its path; empty where no picture could be made.
-        verdict: ``equal``, ``differs``, or why it cannot be made here.
+        file: its path; empty if no picture could be made.
+        verdict: ``equal``, ``differs``, or the reason why it cannot be made here.
     """
 
     file: str
@@ -58,18 +59,18 @@ class ReplayedPicture:
 
 
 def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture]:
-    """Make some frames of a verified folder again, chosen by chance, and compare their pictures.
+    """Replay randomly chosen frames of a verified folder and compare their pictures.
 
     It needs the run's asset, engine and functions in the numeric classes that the run pinned. Functions that were
     registered, and uploaded predictions, are not in the folder.
 
     Args:
-        folder: that `valerie.pipeline.evidence.verifying.verify` accepted.
-        count: number of frames; all, where there are fewer.
-        settings: of this machine: assets, engines, bounds of functions.
+        folder: folder that `valerie.pipeline.evidence.verifying.verify` accepted.
+        count: number of frames; all if there are fewer.
+        settings: settings of this machine: assets, engines, bounds of functions.
 
     Raises:
-        Refused: a document of the folder is not what it should be.
+        Refused: a document of the folder is not valid.
     """
     entries = _document(folder, FRAMES, FrameList).frames
     chosen = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
@@ -87,10 +88,10 @@ def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture
 
 @contextmanager
 def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, StoredRun]]:
-    """Open an empty deployment in a temporary folder that knows the run, and nothing else of it.
+    """Open a deployment in a temporary folder that contains only the run.
 
     Raises:
-        ValerieError: the run's asset, engine or functions are not here, or the asset changed.
+        ValerieError: the run's asset, engine or functions are missing here, or the asset changed.
     """
     facts, pins = _document(folder, RUN, RunFacts), _document(folder, PINS, Pins)
     spec = parse(read_document(folder, SPEC))
@@ -116,6 +117,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 parent_run=None,
                 iteration=facts.iteration,
                 variant_count=resolved.space.size,
+                priority=Priority.NORMAL,
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:
@@ -144,19 +146,22 @@ class _Frames:
         try:
             self._make_frame(frame, digests)
         except ValerieError as error:
-            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for file in entry.files.values())
+            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for _, _, _, file in entry.pictures)
             return
         capture = capture_of(self._run.resolved, frame, entry.sensor)
         painter = FramePainter(self._reader)
-        for shown, file in entry.files.items():
-            kind, _, function = shown.partition("-")
+        for kind, function, person, file in entry.pictures:
             try:
                 prediction = None
-                if function:
-                    look = looks[int(function)]
+                if function is not None:
+                    look = looks[function]
                     self._infer.make(Job(look.prediction, ProductKind.PREDICTION, 1, frame, look))
                     prediction = look.prediction
-                pixels = painter.paint(kind, capture=capture, prediction=prediction)
+                pixels = (
+                    painter.paint(PictureKind(kind), capture=capture, prediction=prediction)
+                    if person is None or prediction is None
+                    else painter.close_up(capture=capture, prediction=prediction, person=person)
+                )
             except ValerieError as error:
                 yield ReplayedPicture(file, f"cannot be made here: {error}")
                 continue
@@ -190,7 +195,7 @@ class _Frames:
 
 
 def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
-    """Return whether a PNG file holds exactly these pixels, (H, W, 3)."""
+    """Return True if a PNG file contains exactly these pixels, (H, W, 3)."""
     data = read_document(folder, file, max_bytes=MAX_BYTES)
     try:
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:

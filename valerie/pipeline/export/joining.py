@@ -15,17 +15,19 @@ import pyarrow.compute
 from sqlalchemy import Engine
 
 from valerie.analysis.rows.table import PARAMETER_COLUMNS, without_codes
-from valerie.datasets import coco, openlabel
+from valerie.datasets import coco, croissant, openlabel
 from valerie.datasets.index import COLUMNS, write_index
+from valerie.db import runs
+from valerie.db.engine import reading
 from valerie.pipeline.export.folder import FRAGMENTS
 from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
-from valerie.pipeline.export.plan import ExportPlan
+from valerie.pipeline.export.plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.reading.tables import read_table
 from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS
 from valerie.scene.graph.model import JOINTS
 
-#: Describes a finished data set.
+#: Description of a finished data set.
 DOCUMENT: Final = "dataset.json"
 
 
@@ -33,9 +35,9 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
     """Write the documents that list all frames.
 
     Args:
-        engine: of the database.
-        plan: what is exported.
-        folder: with the fragments of all frames.
+        engine: database.
+        plan: plan of the export.
+        folder: folder with the fragments of all frames.
 
     Returns:
         The description of the data set, as written.
@@ -74,11 +76,21 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
     (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    with reading(engine) as connection:
+        run = runs.get(connection, plan.run.id)
+    described = croissant.describe(
+        folder,
+        name=resolved.spec.name,
+        description=description,
+        published=run.finished_at or run.created_at,
+        version=f"{FORMAT_NAME.partition('/')[2]}.0.0",
+    )
+    (folder / croissant.FILE).write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n")
     return document
 
 
 def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:
-    """Return, by class, the share of pixels that polygons paint as another class; only where they lose some."""
+    """Return class to percentage of its pixels that polygons paint as another class, without zeros."""
     pixels, lost = Counter[str](), Counter[str]()
     for fragment in fragments:
         for name, (count, wrong) in fragment.lost.items():
@@ -108,7 +120,7 @@ def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], des
 
 
 def _write_openlabel(folder: Path, fragments: Iterable[OpenLabelFragment], description: str) -> None:
-    """Write one document per sequence; the frames of a sequence follow one another."""
+    """Write one document per sequence; the frames of a sequence must be consecutive."""
     for sequence, members in groupby(fragments, attrgetter("sequence")):
         frames = list(members)
         numbered = {fragment.number: fragment.frame for fragment in frames}

@@ -1,4 +1,4 @@
-"""The pictures of one frame: their sources, and painting them."""
+"""The pictures of one frame: sources and painting."""
 
 from __future__ import annotations
 
@@ -11,67 +11,63 @@ from numpy.typing import NDArray
 from valerie.db import frames, results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
+from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.capture import Capture, capture_of
-from valerie.pipeline.reading.painting import (
-    ANNOTATION_KINDS,
-    FRAME_KINDS,
-    FUNCTION_KINDS,
-    PAINTING_REVISION,
-    FramePainter,
-)
+from valerie.pipeline.reading.painting import PAINTING_REVISION, FramePainter
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import function_index, sensor_index
-from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 
-#: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
-_OF_TRUTH: Final = ("truth", "instances", "depth")
-_OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
+#: Kinds that show only the ground truth, and only the picture (with or without a prediction).
+_OF_TRUTH: Final = (PictureKind.TRUTH, PictureKind.INSTANCES, PictureKind.DEPTH)
+_OF_IMAGE: Final = (PictureKind.PICTURE, PictureKind.OVERLAY, PictureKind.BOXES, PictureKind.JOINTS)
 
 
 @dataclass(frozen=True, slots=True)
-class PictureSource:
+class ShownProducts:
     """The stored products that one picture shows.
 
     Attributes:
-        kind: one of `valerie.pipeline.reading.painting.KINDS`.
-        capture: the frame and the sensor that sees it.
-        prediction: digest; None where no function looked.
-        annotation: digest, of a kind that shows one.
+        kind: what it shows.
+        capture: the frame and its sensor.
+        prediction: digest of the prediction; None without one.
+        annotation: digest of the annotation, for a kind that shows one.
     """
 
-    kind: str
+    kind: PictureKind
     capture: Capture
     prediction: str | None
     annotation: str | None = None
 
     @property
     def tag(self) -> str:
-        """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
+        """Digest of the picture, 32 hexadecimal characters, known before it is painted."""
         shown = self.prediction or self.annotation or ""
         return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
 
 
 def find_picture(
     context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
-) -> PictureSource:
+) -> ShownProducts:
     """Find the products that a picture shows.
 
     Args:
-        context: of this process.
+        context: context of this process.
         key: the frame.
-        kind: one of `valerie.pipeline.reading.painting.KINDS`.
-        function, sensor: as the spec calls them; None: the first.
+        kind: a `PictureKind`, or its name.
+        function, sensor: names in the spec; None: the first.
 
     Raises:
         NotFound: no such run or frame.
-        UnknownName: no such function, sensor setting or annotation.
-        Conflict: what the picture needs is not made yet.
+        UnknownName: no such kind, function, sensor setting or annotation.
+        Conflict: a product that the picture needs is not available yet.
     """
+    kind = PictureKind.parse(kind)
     with reading(context.engine) as connection:
         resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
         frame = frames.get(connection, key)
@@ -95,14 +91,14 @@ def find_picture(
     missing = [state for state in needed if state != ProductState.DONE]
     if missing:
         raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
-    return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+    return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
 
 
-def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
+def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     """Paint a picture: (H, W, 3) uint8 sRGB.
 
     Raises:
-        UnknownName: no such kind, or it needs a function and the run has none.
+        UnknownName: no such kind, or the kind needs a function and the run has none.
         MissingInput: an object is gone.
     """
     painter = FramePainter(ProductReader(context.store))
@@ -111,9 +107,42 @@ def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
     )
 
 
-def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
-    """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
-    if kind in ("prediction", AnnotationKind.NORMALS):
+def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
+    """Return the label ids that a picture of kind ``truth`` or ``prediction`` shows in colours: (H, W) uint8.
+
+    Raises:
+        UnknownName: the run has no function.
+        MissingInput: an object is gone.
+    """
+    reader = ProductReader(context.store)
+    if source.kind is PictureKind.TRUTH:
+        return source.capture.seen_truth(reader).class_map
+    if source.prediction is None:
+        raise UnknownName("kind of labels", source.kind, ("truth",), field="kind")
+    return to_label_ids(reader.prediction(source.prediction))
+
+
+def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDArray[np.uint8]:
+    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of a kind that shows a prediction.
+        person: instance id.
+
+    Raises:
+        UnknownName: no function looked at the frame.
+        MissingInput: an object is gone.
+    """
+    if source.prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    painter = FramePainter(ProductReader(context.store))
+    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
+
+
+def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:
+    """Return the digests of the products in a kind of picture, besides a prediction and an annotation."""
+    if kind in (PictureKind.PREDICTION, PictureKind.NORMALS):
         return ()
     products = capture.products
     image, truth = (products.background, products.layer), (products.truth,)

@@ -1,10 +1,10 @@
-"""The results of an ended run, and its report: as the end of a run stores them, or with claims and another run beside it."""
+"""The results of an ended run, and its report, optionally with claims or a comparison with another run."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import structlog
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.claims import Claims, LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
-from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.model import Failure, Provenance, ReportInput
+from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -29,12 +30,13 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import software
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -42,26 +44,21 @@ from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
 
-_KIND_OF_PICTURE = {
-    PictureKind.PICTURE: "picture",
-    PictureKind.TRUTH: "truth-overlay",
-    PictureKind.PREDICTION: "overlay",
-}
 #: Fields of a spec that change neither pictures nor scores.
 _WITHOUT_EFFECT = frozenset(
     {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
 )
-#: Fields that say which scenes a run has; these are compared scene by scene.
+#: Fields that define the scenes of a run; scenes are compared one by one.
 _SCENES = frozenset({"blocks", "constants", "parameters"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResults:
-    """Everything that follows from the evaluations of a run.
+    """All results of a run's evaluations.
 
     Attributes:
-        run, stored: its row, and its spec resolved.
-        cards: of its functions.
+        run, stored: its row, and its resolved spec.
+        cards: cards of its functions.
         table, analysis, verdicts: the results.
         failures: products that failed for good.
     """
@@ -92,31 +89,44 @@ def read_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) 
     return RunResults(run, stored, cards, table, analysis, read_verdicts(context, stored, table), failures)
 
 
-def write_report(
-    context: Context, found: RunResults, *, claims: Claims | None = None, beside: Beside | None = None
-) -> str:
+@dataclass(frozen=True, slots=True)
+class ReportWith:
+    """The report of an ended run with something beside it.
+
+    Attributes:
+        html: the report.
+        ledger: the answers to the claims in it.
+    """
+
+    html: str
+    ledger: tuple[LedgerEntry, ...]
+
+
+def write_report(context: Context, found: RunResults) -> str:
     """Return the report of a run as HTML."""
-    return build_report(_report_input(context, found, claims, beside))
+    return build_report(_report_input(context, found))
 
 
-def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> str:
-    """Return the report of an ended run with a ledger of claims, another run beside it, or both.
+def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> ReportWith:
+    """Return the report of an ended run with a ledger of claims, a comparison with another run, or both.
 
     Raises:
         NotFound: no such run.
         Conflict: it has not ended, or its asset changed.
-        InvalidInput, UnknownName: a claim names what the run does not have, or the runs share no scene.
+        InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene.
     """
-    found = _ended(context, run_id)
-    beside = None if other is None else _compared(context, found, other, claims)
-    return write_report(context, found, claims=claims, beside=beside)
+    here = _ended(context, run_id)
+    beside = None if other is None else _compared(context, here, other, claims)
+    ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
+    source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
+    return ReportWith(build_report(source), ledger)
 
 
 def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
     """Compare an ended run with another one of the same scenes.
 
     Raises:
-        NotFound, Conflict, InvalidInput, UnknownName: as `report_with`.
+        NotFound, Conflict, InvalidInput, UnknownName: as for `report_with`.
     """
     return _compared(context, _ended(context, run_id), other, claims)
 
@@ -141,7 +151,8 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
     there = resolve_stored(row, context.settings)
     spec = here.stored.resolved.spec
     before, after = (
-        one.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES}) for one in (spec, there.resolved.spec)
+        document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
+        for document in (spec, there.resolved.spec)
     )
     differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
     return put_beside(
@@ -156,7 +167,7 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
 
 
 def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
-    """Yield place and values of everything in which two JSON documents differ."""
+    """Yield place and both values of every difference between two JSON documents."""
     one, other = _entries(before), _entries(after)
     if one is None or other is None:
         if before != after:
@@ -167,7 +178,7 @@ def _differing(before: object, after: object, place: str = "") -> Iterator[tuple
 
 
 def _entries(value: object) -> JsonObject | None:
-    """Return the parts of a JSON object or list by their names; None of a plain value."""
+    """Return the parts of a JSON object or list by name; None for a plain value."""
     if isinstance(value, Mapping):
         return dict(value)
     return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
@@ -178,7 +189,7 @@ def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> ComparedRun
 
 
 def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
-    """Return (N,) the inputs of the frame that each row is about: its whole scene, camera and sensor values, but no engine."""
+    """Return the (N,) digest of each row's scene, camera and sensor values, without the engine."""
     resolved = stored.resolved
     scenes: dict[str, str] = {}
     names = table.arrow["frame_id"].to_pylist()
@@ -190,7 +201,7 @@ def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
     return np.array([scenes[name] for name in names], dtype=object)
 
 
-def _report_input(context: Context, found: RunResults, claims: Claims | None, beside: Beside | None) -> ReportInput:
+def _report_input(context: Context, found: RunResults) -> ReportInput:
     run, resolved, pins = found.run, found.stored.resolved, found.stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
@@ -225,9 +236,16 @@ def _report_input(context: Context, found: RunResults, claims: Claims | None, be
         rejections=rejected,
         failures=_grouped(found.failures),
         picture=_Pictures(context),
-        claims=claims,
-        beside=beside,
+        odd=read_odd(resolved, found.table),
     )
+
+
+def read_odd(resolved: ResolvedRun, table: EvaluationTable) -> OddCoverage:
+    """Return how much of an operational design domain a run shows; what follows a trajectory is left out."""
+    motion = resolved.times.motion
+    moved = () if motion is None else motion.moved
+    definitions = [definition for definition in resolved.definitions if definition.path not in moved]
+    return odd_coverage(definitions, table, resolved.space[0].values)
 
 
 class _Pictures:
@@ -236,15 +254,18 @@ class _Pictures:
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        kind_of_picture = _KIND_OF_PICTURE[kind]
+    def __call__(
+        self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
+    ) -> bytes | None:
         try:
-            source = find_picture(
-                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
+            source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
+            painted = (
+                paint_picture(self._context, source)
+                if person is None
+                else paint_close_up(self._context, source, person)
             )
-            painted = paint_picture(self._context, source)
         except TransientError:
-            raise  # a report without this picture would stay so
+            raise  # otherwise the report would lack this picture for good
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
@@ -252,7 +273,7 @@ class _Pictures:
 
 
 def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
-    """Return failures of the same kind as one, with their number."""
+    """Return equal failures as one, with their number."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
     for failure in failures:
         error = failure.error
@@ -267,6 +288,6 @@ def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
 
 
 def _renderer(resolved: ResolvedRun, revision: int) -> str:
-    """Return the engine as the report names it."""
+    """Return the engine's name in the report."""
     settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
     return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.work.stages import Maker, run_stage
+from valerie.pipeline.work.stages import Maker, serve_queue
 
 
 class Child:
@@ -15,7 +13,7 @@ class Child:
         self._opened: tuple[Context, Maker] | None = None
 
     def open(self, context: Context, maker: Maker) -> None:
-        """Take what was opened after the fork; called once, in the child, before its first task."""
+        """Set the context and the maker, which were opened after the fork; call once, in the child, before its first task."""
         self._opened = (context, maker)
 
     @property
@@ -27,9 +25,9 @@ class Child:
         """
         return self._both[0]
 
-    def run(self, digests: Sequence[str]) -> None:
-        """Make products; see `valerie.pipeline.work.stages.run_stage`."""
-        run_stage(*self._both, digests)
+    def serve(self, route: str) -> None:
+        """Make products; see `valerie.pipeline.work.stages.serve_queue`."""
+        serve_queue(*self._both, route)
 
     @property
     def _both(self) -> tuple[Context, Maker]:

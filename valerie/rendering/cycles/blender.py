@@ -51,7 +51,7 @@ class BlenderProcess:
         settings: interpreter, device, threads, limits of time and memory.
 
     Attributes:
-        known: the things that Blender holds, by key; maintained by the owner.
+        known: the objects that Blender holds, by key; maintained by the owner.
         settings: the settings of Cycles' persistent data; maintained by the owner.
         version, device, device_name: Blender's own report; the device is ``CPU``, ``CUDA``, ``OPTIX`` ….
         cpu_seconds: CPU time of all requests so far.
@@ -195,7 +195,7 @@ class BlenderProcess:
 
 
 def interpreter(settings: Settings) -> Path:
-    """Return the path of the Python that has Blender.
+    """Return the path of the Python interpreter with Blender.
 
     Raises:
         MissingDependency: there is no interpreter at the path.

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from valerie.analysis.findings.findings import Findings
+from valerie.analysis.findings.findings import Findings, PictureFault
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
@@ -19,6 +19,7 @@ from valerie.statistics.contrasts import Matching
 
 PLACES = {"xs": np.linspace(-2, 7, 6).tolist(), "ys": np.linspace(5, 33, 8).tolist()}
 SUN = "scene.sun-1.azimuth"
+ELEVATION = "scene.sun-1.elevation"
 
 
 def plain(*law):
@@ -242,3 +243,56 @@ def test_an_empty_table_has_no_findings(parameters):
     findings = find_findings(EvaluationTable.from_rows([], parameters))
 
     assert (findings.items, findings.candidates, findings.comparisons) == ((), (), 0)
+
+
+def test_a_finding_that_pictures_without_content_alone_carry_is_a_fault_of_the_picture(
+    synthetic, parameters, grid
+) -> None:
+    # Nobody can find anything under the second sun: its pictures are black.
+    rows = []
+    for number, elevation in enumerate((40.0, -8.0)):
+        for row in synthetic(lambda *_: 0.8, **PLACES):
+            night = elevation < 0
+            scores = {"tp": 0, "fn": row["pixel_area"], "pacc": 0.0} if night else {}
+            levels = {"picture_mean": 0.05 if night else 90.0, "picture_deviation": 0.3 if night else 40.0}
+            index = number * 100_000 + row["variant_index"]
+            named = {"variant_index": index, "frame_id": f"{index}-{row['camera']}", ELEVATION: elevation}
+            rows.append({**row, **scores, **levels, **named})
+    findings = find_findings(EvaluationTable.from_rows(rows, {**parameters, ELEVATION: "ANGLE"}, grid))
+    nights = [item for item in findings.items if item.function and item.steps[0].factor == "sun-1.elevation"]
+    assert len(nights) == 2
+    for finding in nights:
+        assert finding.picture_fault == PictureFault("black", 0.5, None)
+        assert finding.sentence.startswith(
+            "A fault of the picture: 50.0 % of these views are black; without faulty ones nothing is left to compare. "
+            f"{finding.function}: pACC is"
+        )
+    assert typed(Findings, json.loads(json.dumps(asdict(findings)))) == findings
+
+
+def test_black_pictures_among_others_carry_a_finding_only_where_less_than_half_of_it_is_left(
+    synthetic, parameters, grid
+) -> None:
+    # Dusk costs 0.4 by itself. In one place of six its pictures are black, which costs the rest there.
+    rows = []
+    for number, elevation in enumerate((40.0, -2.0)):
+        for row in synthetic(lambda *_: 0.8, **PLACES):
+            dusk, dark = elevation < 0, elevation < 0 and row["scene.person-1.pos.x"] == PLACES["xs"][0]
+            tp = 0 if dark else row["tp"] // 2 if dusk else row["tp"]
+            scores = (
+                {"tp": tp, "fn": row["pixel_area"] - tp, "pacc": tp / row["pixel_area"]} if row["pixel_area"] else {}
+            )
+            levels = {"picture_mean": 0.1 if dark else 90.0, "picture_deviation": 0.3 if dark else 40.0}
+            index = number * 100_000 + row["variant_index"]
+            named = {"variant_index": index, "frame_id": f"{index}-{row['camera']}", ELEVATION: elevation}
+            rows.append({**row, **scores, **levels, **named})
+    findings = find_findings(EvaluationTable.from_rows(rows, {**parameters, ELEVATION: "ANGLE"}, grid))
+    for function in ("a-net", "b-net"):
+        faults = {
+            frozenset(step.factor for step in item.steps): item.picture_fault
+            for item in findings.items
+            if item.function == function
+        }
+        # That dusk is worse in that place is a fault of the picture; that it is worse at all is not.
+        assert faults[frozenset({"sun-1.elevation"})] is None
+        assert faults[frozenset({"sun-1.elevation", "person-1.pos.x"})] is not None

@@ -23,7 +23,8 @@ def frame(
     asset_digest: str = "a",
     **given: Any,
 ) -> FrameDigests:
-    spec = parse({"name": "one", "asset": "urban-street", "functions": FUNCTIONS, **given})
+    neutral = {"sensors": [{"auto_exposure": False}]}
+    spec = parse({"name": "one", "asset": "urban-street", "functions": FUNCTIONS, **neutral, **given})
     return ProductInputs(resolve(spec, street), asset_digest=asset_digest, pins=pins).frame(values, camera)
 
 

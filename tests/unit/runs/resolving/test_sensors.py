@@ -82,7 +82,8 @@ def test_a_plan_warns_of_pictures_that_will_be_black(street: Manifest) -> None:
     assert "sensor day: with the sun 12° below the horizon" in warning
     assert "auto_exposure: true" in warning
     assert resolved(street, **night, sensors=[{"name": "long", "exposure_ev": 10}]).warnings == ()
-    assert resolved(street, constants={"scene.sun-1.elevation": "-2 deg"}).warnings == ()
+    assert resolved(street, constants={"scene.sun-1.elevation": "-2 deg"}, sensors=[{"name": "day"}]).warnings == ()
+    assert resolved(street, **night).warnings == ()  # without sensors, the camera meters
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def test_a_plan_warns_of_pictures_that_will_be_black(street: Manifest) -> None:
     ],
 )
 def test_a_plan_warns_of_values_that_change_nothing(street: Manifest, vary: dict[str, Any], reason: str) -> None:
-    (warning,) = resolved(street, vary=vary).warnings
+    (warning,) = resolved(street, vary=vary, sensors=[{"name": "neutral"}]).warnings
     assert "changes nothing" in warning
     assert reason in warning
 

@@ -1,11 +1,13 @@
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from valerie.errors import InvalidInput, InvalidInputs
 from valerie.runs.resolving.spec import RunSpec, parse
+from valerie.sensing.settings import METERING, SensorSetting
 
 LISTS = """
 name: one
@@ -100,7 +102,12 @@ def test_a_spec_needs_a_name_and_an_asset_alone() -> None:
     assert least.seed == 0
     assert least.renderer == "raster"
     assert least.detection_threshold == 0.5
-    assert [sensor.name for sensor in least.sensors] == ["default"]
+    assert least.sensors == (METERING,)
+    assert (METERING.name, METERING.auto_exposure, METERING.noise.shot) == ("default", True, True)
+    fixed = parse({"name": "one", "asset": "urban-street", "sensors": [{"auto_exposure": False}]})
+    assert fixed.sensors == (SensorSetting(),)
+    assert yaml.safe_load(fixed.to_yaml())["sensors"] == [{"auto_exposure": False}]
+    assert "sensors" not in yaml.safe_load(least.to_yaml())
     assert problems({}) == {"name": "name: this field is missing", "asset": "asset: this field is missing"}
 
 

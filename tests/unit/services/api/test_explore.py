@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import io
 from typing import Any
+from zipfile import ZipFile
 
 import httpx
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from tests.world.drawn import CHARACTERS, FUNCTIONS, DrawnRuns
+from valerie.labels import VOID, to_train_ids
+from valerie.pipeline.export import archive
 from valerie.runs.resolving.spec import parse
 
 
@@ -25,13 +30,15 @@ def test_columns_are_those_with_a_value_and_what_the_run_varied(api: httpx.Clien
     assert "irradiance" not in columns, "the run did not ask for light"
 
 
-@pytest.mark.parametrize("path", ["histograms", "links", "rates", "rows", "scatter", "swings", "spec"])
+@pytest.mark.parametrize("path", ["histograms", "links", "rates", "rows", "scatter", "swings", "spec", "confusion"])
 def test_every_question_takes_an_expression_and_names_what_is_wrong_with_it(
     api: httpx.Client, drawn: DrawnRuns, path: str
 ) -> None:
     common: dict[str, Any] = {"run": drawn.finished}
     if path in ("histograms", "links"):
         common["column"] = ["distance_m", "pacc"]
+    if path == "confusion":
+        common["function"] = FUNCTIONS[0]
     assert api.get(f"/v1/explore/{path}", params={**common, "where": "distance_m > 0"}).status_code == 200
     for wrong in ("nope > 1", "distance_m == 'far'"):
         refused = api.get(f"/v1/explore/{path}", params={**common, "where": wrong})
@@ -52,6 +59,43 @@ def test_selected_rows_are_exported_as_they_are_listed(api: httpx.Client, drawn:
     assert arrow.num_rows == listed["selected"]
     csv = api.get("/v1/explore/rows", params={**asked, "format": "csv"}).text.splitlines()
     assert len(csv) == listed["selected"] + 1
+
+
+def test_a_confusion_matrix_counts_the_pixels_of_the_selected_frames_and_names_those_of_a_cell(
+    api: httpx.Client, drawn: DrawnRuns
+) -> None:
+    asked = {"run": drawn.finished, "where": "camera == 'camera-1' and distance_m < 40", "function": FUNCTIONS[1]}
+    answer = api.get("/v1/explore/confusion", params={**asked, "truth": "person", "predicted": "building"}).json()
+    listing = {"run": drawn.finished, "where": asked["where"], "limit": 1000}
+    rows = api.get("/v1/explore/rows", params=listing).json()["items"]
+    frames = sorted({row["frame_id"] for row in rows if row["function"] == FUNCTIONS[1]})
+    expected, of_cell = np.zeros((19, 20), np.int64), {}
+    for frame in frames:
+
+        def labels(frame: str = frame, **more: str) -> NDArray[np.uint8]:
+            png = api.get(f"/v1/frames/{frame}/labels", params=more).content
+            return to_train_ids(np.array(Image.open(io.BytesIO(png))))
+
+        truth, predicted = labels(), labels(function=FUNCTIONS[1])
+        judged = truth != VOID
+        column = np.where(predicted[judged] == VOID, 19, predicted[judged])
+        counts = np.zeros((19, 20), np.int64)
+        np.add.at(counts, (truth[judged], column), 1)
+        expected += counts
+        of_cell[frame] = int(counts[11, 2])  # person and building
+    matrix = answer["confusion"]
+    assert matrix["evaluations"] == len(frames) > 3
+    np.testing.assert_array_equal(matrix["counts"], expected)
+    listed = [(answer["rows"][str(one["row"])]["frame_id"], one["pixels"]) for one in matrix["frames"]]
+    assert dict(listed) == {frame: pixels for frame, pixels in of_cell.items() if pixels}
+    assert [pixels for _, pixels in listed] == sorted((pixels for _, pixels in listed), reverse=True)
+    for wrong in ({"truth": "person"}, {"truth": "persn", "predicted": "void"}, {"function": "nobody"}):
+        refused = api.get("/v1/explore/confusion", params={**asked, **wrong})
+        assert refused.status_code == 422
+    assert (
+        "did you mean person"
+        in api.get("/v1/explore/confusion", params={**asked, "truth": "persn", "predicted": "void"}).text
+    )
 
 
 def test_a_sheet_holds_a_thumbnail_for_each_tile(api: httpx.Client, drawn: DrawnRuns) -> None:
@@ -133,3 +177,57 @@ def test_a_selection_that_is_not_json_is_refused(api: httpx.Client, body: bytes)
 def test_the_page_has_an_address_of_its_own(api: httpx.Client) -> None:
     answer = api.get("/explore?runs=a,b&where=pacc%20%3C%200.5", follow_redirects=False)
     assert answer.headers["location"] == "/dashboard/#/explore?runs=a,b&where=pacc%20%3C%200.5"
+
+
+def test_more_like_these_moves_selected_variants_by_half_a_step_and_mixes_none(
+    api: httpx.Client, drawn: DrawnRuns
+) -> None:
+    # Two corners of the grid of 3.5 m across and 10 m along: no variant may lie between them.
+    where = "(person-1.pos.x == -1 and person-1.pos.y == 5) or (person-1.pos.x == 2.5 and person-1.pos.y == 35)"
+    asked: dict[str, Any] = {"run": drawn.finished, "where": where, "form": "nearby", "count": 40}
+    child = parse(api.get("/v1/explore/spec", params=asked).json()["yaml"])
+    (block,) = child.blocks
+    assert (block.design, len(block.points), child.parent_run) == ("points", 40, drawn.finished)
+    corners = {(-1.0, 5.0): 0, (2.5, 35.0): 0}
+    for point in block.points:
+        x, y = float(point["scene.person-1.pos.x"]), float(point["scene.person-1.pos.y"])
+        (corner,) = [(a, b) for a, b in corners if abs(x - a) <= 1.75 and abs(y - b) <= 5]
+        corners[corner] += 1
+        assert point["scene.person-1.character"] in CHARACTERS
+        assert x >= -1
+        assert 5 <= y <= 35
+    assert min(corners.values()) > 0
+    assert len({str(point) for point in block.points}) == 40
+    nobody = api.get("/v1/explore/spec", params={**asked, "where": "pacc > 2"})
+    assert nobody.status_code == 422
+
+
+@pytest.mark.parametrize(("form", "labels"), [("cityscapes", "labelIds.png"), ("coco", "instances_val.json")])
+def test_the_frames_of_a_selection_come_as_one_zip_archive(
+    api: httpx.Client, drawn: DrawnRuns, form: str, labels: str
+) -> None:
+    where = "camera == 'camera-1' and person-1.pos.y == 5"
+    rows = api.get("/v1/explore/rows", params={"run": drawn.finished, "where": where, "limit": 100}).json()["items"]
+    frames = {row["frame_id"] for row in rows}
+    answer = api.get("/v1/explore/frames", params={"run": drawn.finished, "where": where, "format": form})
+    assert answer.headers["content-type"] == "application/zip"
+    with ZipFile(io.BytesIO(answer.content)) as files:
+        assert files.testzip() is None
+        names = files.namelist()
+        pictures = [name for name in names if "gtFine" not in name and "panoptic" not in name and name.endswith(".png")]
+        assert len(pictures) == len(frames) > 1
+        assert any(name.endswith(labels) for name in names)
+        shown = {np.array(Image.open(files.open(name))).tobytes() for name in pictures}
+    served = (api.get(f"/v1/frames/{frame}/image").content for frame in frames)
+    assert shown == {np.array(Image.open(io.BytesIO(one))).tobytes() for one in served}
+    for wrong in ({"where": "pacc > 2"}, {"format": "zip"}, {"run": [drawn.finished, drawn.failed]}):
+        assert api.get("/v1/explore/frames", params={"run": drawn.finished, **wrong}).status_code == 422
+
+
+def test_a_download_of_too_many_frames_names_the_command_without_a_limit(
+    api: httpx.Client, drawn: DrawnRuns, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "MAX_FRAMES", 3)
+    answer = api.get("/v1/explore/frames", params={"run": drawn.finished})
+    assert answer.status_code == 422
+    assert "valerie dataset export" in answer.json()["detail"]

@@ -1,7 +1,7 @@
 """Advance studies: take outcomes, submit accepted batches, propose the next.
 
 All state is in the database. Each step is one transaction, which does nothing if another process has done it. A proposal
-depends only on the study and the stored outcomes, so the process that continues after a kill proposes the same.
+depends only on the study and the stored outcomes, so a process that continues after a kill proposes the same.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class StudyKeeper:
         self._pursuits = {row.id: self._pursuits[row.id] for row in rows if row.id in self._pursuits}
 
     def _step(self, study: StudyRow) -> bool:
-        """Advance a study by one step; return whether another step may follow at once."""
+        """Advance a study by one step; return True if another step may follow at once."""
         with reading(self._context.engine) as connection:
             batches = studies.batches(connection, study.id)
             study = studies.get(connection, study.id)
@@ -85,20 +85,14 @@ class StudyKeeper:
     def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> None:
         """Start the run of an accepted batch. The idempotency key finds a run that a killed process has started."""
         pursuit = self._pursuit(study, batches)
-        points = pursuit.points(batch.number)
-        parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
-        parent = parents[-1] if parents else None
-        # A repeated point is the same variant under another random seed.
-        again = pursuit.repeats(batch.number)
-        seed = study.document.spec.seed + (batch.number if again else 0)
-        spec = pursuit.study.spec(points, batch.number, parent=parent, seed=seed)
+        spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
         run_id = submit(self._context, spec, idempotency_key=f"study/{study.id}/{batch.number}")
         with writing(self._context.engine) as connection:
             studies.set_run(connection, study.id, batch.number, run_id)
         log.info("study.batch", study=study.id, batch=batch.number, run=run_id)
 
     def _end(self, study: StudyRow, batch: BatchRow) -> bool:
-        """Store the outcomes of a batch if its run has ended; return whether it has."""
+        """Store the outcomes of a batch if its run has ended; return True if it has."""
         assert batch.run_id is not None, "a submitted batch"
         with reading(self._context.engine) as connection:
             try:
@@ -106,9 +100,9 @@ class StudyKeeper:
             except NotFound:
                 run = None
         if run is None or run.state in (RunState.CANCELLED, RunState.FAILED):
-            what = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
+            ending = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
             self._change(
-                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {what}"
+                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {ending}"
             )
             return False
         if run.state is RunState.COMPLETED_WITH_FAILURES:
@@ -120,7 +114,8 @@ class StudyKeeper:
         stored = resolve_stored(run, self._context.settings)
         with reading(self._context.engine) as connection:
             rows = (person.row for person in evaluated_persons(connection, stored))
-            outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected)
+            price = studies.price(connection, run.id)
+            outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected, price)
         with writing(self._context.engine) as connection:
             studies.end(connection, study.id, batch.number, outcomes)
         return True
@@ -194,7 +189,7 @@ class StudyKeeper:
             studies.set_values(connection, study.id, expected=StudyState.RUNNING, reason=waits, result=result)
 
     def _over_budget(self, study: StudyRow, batches: Sequence[BatchRow], basis: Sequence[BatchRow]) -> str | None:
-        """Return which part of the budget is spent; None while none is."""
+        """Return the reason why the budget is spent; None while it is not."""
         budget = study.document.budget
         if left(study, batches) == 0:
             return f"the budget of {budget.variants:,} variants is spent"
@@ -224,10 +219,15 @@ class StudyKeeper:
 
 
 def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
-    """Return a pursuit that knows every batch before the first that has not ended."""
+    """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
     pursuit.follow([*takewhile(_ended, batches)], everything=True)
     return pursuit
+
+
+def parent_of(batches: Sequence[BatchRow], number: int) -> str | None:
+    """Return the id of the run before that of a batch; None for the first run."""
+    return next((batch.run_id for batch in reversed(batches[:number]) if batch.run_id is not None), None)
 
 
 def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
@@ -237,7 +237,9 @@ def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
 
 def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
     """Return the digest of everything that a proposal depends on."""
-    outcomes = [None if batch.outcomes is None else batch.outcomes.model_dump(mode="json") for batch in basis]
+    outcomes = [
+        None if batch.outcomes is None else batch.outcomes.model_dump(mode="json", exclude_none=True) for batch in basis
+    ]
     return digest("study-basis", [study.document.digest, outcomes])
 
 

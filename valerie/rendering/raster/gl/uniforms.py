@@ -1,0 +1,54 @@
+"""Set the uniforms and textures of a program, except those that the compiler has removed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from valerie.plain import Uniforms
+from valerie.rendering.projection import Points
+
+
+def set_uniforms(program: moderngl.Program, values: Uniforms) -> None:
+    """Set uniforms by name.
+
+    Args:
+        values: numbers and tuples, which are set as they are; float arrays, which are set as float32. Matrices are row-major here
+            and column-major in GLSL.
+    """
+    for name, value in values.items():
+        uniform: Any = program.get(name, None)
+        if uniform is None:
+            continue
+        if isinstance(value, np.ndarray):
+            floats: Points = np.asarray(value, np.float64)
+            ordered = floats.T if floats.ndim == 2 else floats
+            uniform.write(np.ascontiguousarray(ordered, np.float32).tobytes())
+        else:
+            uniform.value = value
+
+
+def bind(
+    program: moderngl.Program,
+    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
+    sampler: moderngl.Sampler | None = None,
+) -> list[int]:
+    """Bind the textures that a program reads to texture units.
+
+    Returns:
+        The units on which ``sampler`` filters texture arrays. The caller clears them.
+    """
+    unit = 0
+    sampled: list[int] = []
+    for name, texture in textures.items():
+        if name in program:
+            texture.use(unit)
+            if sampler is not None and isinstance(texture, moderngl.TextureArray):
+                sampler.use(unit)
+                sampled.append(unit)
+            set_uniforms(program, {name: unit})
+            unit += 1
+    return sampled

@@ -1,0 +1,1 @@
+"""Runs from Python: notebooks, scripts and pipelines."""
