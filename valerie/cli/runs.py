@@ -462,10 +462,13 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
-    table.add_column("tags", overflow="fold")
+    tagged = any(run.tags for run in runs)
+    if tagged:
+        table.add_column("tags", overflow="fold")
     for run in runs:
         created = moment_text(run.created_at)
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, ", ".join(run.tags))
+        tags = [", ".join(run.tags)] if tagged else []
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, *tags)
     out = console()
     out.print(table)
     for run in runs:
