@@ -39,7 +39,15 @@ paper-small: setup ## Run a small part of the paper's experiment and test the pa
 
 .PHONY: paper-part
 paper-part: setup ## Run two of the eight headings of the paper's experiment (an hour) and renew docs/experiment/
-	@exec $(PYTHON_BIN) -m tools.paper_part
+	@exec $(PYTHON_BIN) -m tools.paper part
+
+.PHONY: paper-light
+paper-light: setup ## Run a part with the light on each person (10 CPU minutes) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper light
+
+.PHONY: paper-cycles
+paper-cycles: setup cycles ## Run a part by Cycles, too (an hour) and renew docs/experiment/
+	@exec $(PYTHON_BIN) -m tools.paper cycles
 
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C
@@ -74,6 +82,10 @@ TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
 .PHONY: test
 test: setup-dev ## Run the tests (about 12 minutes on two quiet cores)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
+
+.PHONY: test-browser
+test-browser: setup-dev ## Test the dashboard in Chromium, with axe-core on every page (minutes)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/integration/test_dashboard*.py $(PYTEST_OPTIONS)
 
 # Seeds are spread over two processes. A failing one prints the command that repeats it.
 SCHEDULES ?= 10000

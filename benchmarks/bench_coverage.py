@@ -54,7 +54,7 @@ RESAMPLES: Final = 999
 CHUNK: Final = 250
 #: Designs that consist of replicates.
 EVEN: Final = ("sobol", "latin hypercube")
-#: The designs' names for `sampling_units`; a grid has streets beside it.
+#: The designs' names for `sampling_units`; a grid has sites beside it.
 NAMES: Final = {
     "independent": "random",
     "clustered": "random",
@@ -350,7 +350,7 @@ def intervals(draws: planted.Draws, design: str) -> Iterator[Interval | Refusal]
     unit, row = np.indices((count, rows)).reshape(2, -1)
     replicate = None if draws.replicate is None else draws.replicate[unit]
     if design == "crossed grid":
-        units = sampling_units("grid", unit * rows + row, streets=unit)
+        units = sampling_units("grid", unit * rows + row, sites=unit)
     else:
         units = sampling_units(NAMES[design], unit, replicate=replicate)
     for values, weights in zip(draws.values, draws.weights, strict=True):

@@ -27,7 +27,7 @@ _CHARACTER: Final = "scene.person-1.character"
 def planted_grid(
     values: Mapping[str, NDArray[np.float64]], factors: Mapping[str, NDArray[np.int64]]
 ) -> EvaluationTable:
-    """Return the table of a grid on one street.
+    """Return the table of a grid on one site.
 
     Args:
         values: function to (N,) scores, which are clipped to 0…1 and rounded to 1/10,000.
@@ -66,5 +66,5 @@ def planted_grid(
             "iou": tp / (_PIXELS + _PIXELS // 10),
         },
         types,
-        {"planted": Design((("grid", int(variant.max()) + 1),), street=0)},
+        {"planted": Design((("grid", int(variant.max()) + 1),), site=0)},
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from valerie.analysis.findings.findings import Finding, Step, View
+from valerie.analysis.findings.findings import Finding, ScoredPerson, Step
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.measures import MEASURES
@@ -71,7 +71,7 @@ def planted_table(
     return EvaluationTable.from_columns(filled, {X: "FLOAT"}, {} if design is None else {"planted": design})
 
 
-def planted_finding(before: View, after: View) -> Finding:
+def planted_finding(before: ScoredPerson, after: ScoredPerson) -> Finding:
     """Return a confirmed finding that two views show: the sun of the later one is lower, and so is its pACC."""
     return Finding(
         sentence="planted",

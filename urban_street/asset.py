@@ -1,12 +1,12 @@
 """The asset pack ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
 
-Vehicles in traffic are hidden by default, at no cost. Parked ones belong to the background: each value of a varied colour or
-door needs its own background. All vehicles have nodes for body, doors and wheels.
+Vehicles in traffic are hidden by default and then cost nothing. Parked ones belong to the background, so each value of a varied
+colour or door needs its own background. All vehicles have nodes for body, doors and wheels.
 
 The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
-positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. The truth
-pass measured the following at 960×540 over these positions and both characters, headings mixed (seed 0; *alone* is the
-share of the image with nothing in front):
+positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. The truth pass
+measured the following at 960×540 over these positions and both characters, with mixed headings (seed 0; *alone* is the share of
+the image without occlusion):
 
 ==== ============ ===================
 y    distance     pixel area, alone
@@ -19,8 +19,8 @@ y    distance     pixel area, alone
 35   47.0…47.5 m  0.07…0.11 %
 ==== ============ ===================
 
-In 22…39 % of a camera's frames the person is occluded by 5…75 %, in about half by more than 5 %; 3…5 % of the persons are fully
-hidden. The paper's 17…38.2 m correspond to y 5…26.
+In 22…39 % of a camera's frames the person is occluded by 5…75 %, and in about half by more than 5 %; 3…5 % of the persons are
+fully hidden. The paper's 17…38.2 m correspond to y 5…26.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ import numpy as np
 from pydantic import Field
 
 from urban_street.human.stances import GAITS
+from urban_street.odd import with_meaning
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings
@@ -66,13 +67,13 @@ NAME: Final = "urban-street"
 #: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
 REVISION: Final = 5
 
-#: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
+#: Compass bearing of the street (+y), degrees: south-south-west, so that the noon sun is ahead, a little to the left.
 BEARING_DEG: Final = 200.0
 SUN_AZIMUTH_DEG: Final = 180.0
 SUN_ELEVATION_DEG: Final = 40.0
 SENSOR_WIDTH_MM: Final = 36.0
 
-#: Heights in metres of classes that a camera may look over.
+#: Heights, metres, of classes that a camera may look over.
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
 
@@ -84,7 +85,7 @@ class Settings(StreetSettings, PackSettings):
 
 @dataclass(frozen=True, slots=True)
 class CameraPlace:
-    """The place of a camera: metres and degrees (`camera_transform`), focal length on a 36 mm wide sensor."""
+    """The place of a camera: metres and degrees (`camera_transform`), focal length for a 36 mm wide sensor."""
 
     position: tuple[float, float, float]
     yaw: float
@@ -92,7 +93,7 @@ class CameraPlace:
     focal_length_mm: float = 50.0
 
 
-#: In the lane at a driver's height; near the left kerb, turned a little right; higher on the right, as in a van.
+#: In the lane at a driver's height; near the left kerb, turned slightly right; higher on the right, as in a van.
 CAMERAS: Final = {
     "camera-1": CameraPlace((2.5, -12.0, 1.4), 0.0, 0.0),
     "camera-2": CameraPlace((0.6, -12.0, 1.3), 358.0, 0.0),
@@ -106,7 +107,7 @@ _PEOPLE_Y: Final = 18.0
 
 
 def make_manifest(settings: Settings) -> Manifest:
-    """Return the declarations of the street: milliseconds, no meshes."""
+    """Return the declarations of the street in milliseconds, without meshes."""
     layout = layout_street(settings)
     places = traffic(layout)
     paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
@@ -117,7 +118,7 @@ def make_manifest(settings: Settings) -> Manifest:
         description=f"A generated street of {settings.length_m:.0f} m with houses, trees, vehicles and pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
-        parameters=tuple(_parameters(settings, layout, places)),
+        parameters=tuple(map(with_meaning, _parameters(settings, layout, places))),
         movable=(*paths, *vehicles),
         obstacles=(*_obstacles(layout), *traffic_obstacles(places)),
         ways=tuple(ways(layout)),
@@ -174,7 +175,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
 
 
 def draw_arguments(rng: np.random.Generator) -> AssetArguments:
-    """Draw the arguments of a training street, except its seed; all choices come from ``rng``."""
+    """Draw the arguments of a training street, except its seed, with ``rng``."""
 
     def pick(shares: Mapping[str, float]) -> str:
         return str(rng.choice(list(shares), p=list(shares.values())))
@@ -208,7 +209,7 @@ def parked_cars(layout: StreetLayout) -> list[Placement]:
 
 
 def _with_own_paint(nodes: list[Node], materials: dict[str, Material], paths: list[str]) -> list[Node]:
-    """Return the nodes; those below ``paths`` get paints of their own, which are added to ``materials`` and vary alone."""
+    """Return the nodes. Those below ``paths`` get separate paints, which are added to ``materials``, so that each can vary."""
 
     def own(node: Node) -> Node:
         owner = next((path for path in paths if node.path.startswith(f"{path}.")), None)
@@ -254,8 +255,8 @@ def _parameters(
 def _parked_parameters(car: Placement, seed: int) -> Iterator[ParameterDefinition]:
     yield from place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
     coat = picked_paint(car.kind, vehicle_seed(seed, car.variant))
-    yield choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
-    door = "how far the right front door is open"
+    yield choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "colour of the paint")
+    door = "opening of the right front door"
     yield angle(f"{car.path}.door-2.rot.z", 0.0, Affects.GEOMETRY, door, high=70.0)
 
 
@@ -271,9 +272,17 @@ def _other_parameters() -> Iterator[ParameterDefinition]:
     )
     yield number(
         f"{ENVIRONMENT_PATH}.visibility", 20.0, CLEAR_VISIBILITY_M, CLEAR_VISIBILITY_M, Affects.LIGHT, "m",
-        "in fog (Koschmieder, 2 %); the largest value is no fog",
+        "visibility in fog (Koschmieder, 2 %); the largest value is no fog",
     )  # fmt: skip
-    yield number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
+    yield number(
+        f"{ENVIRONMENT_PATH}.rain",
+        0.0,
+        50.0,
+        0.0,
+        Affects.LIGHT,
+        "mm/h",
+        "wets the road, adds drops, reduces visibility",
+    )
     for lamps, whose in (("street_lamps", "lamp posts"), ("car_lamps", "vehicles in traffic")):
         yield choice(
             f"{ENVIRONMENT_PATH}.{lamps}", POSITIONS, "auto", Affects.LIGHT, f"of {whose}; auto: when it is dark"
@@ -286,12 +295,12 @@ def _other_parameters() -> Iterator[ParameterDefinition]:
 
 def _camera_parameters(path: str, camera: CameraPlace) -> Iterator[ParameterDefinition]:
     x, y, z = camera.position
-    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "of the optical centre")
-    yield number(f"{path}.pos.y", -30.0, 110.0, y, Affects.GEOMETRY, "m", "of the optical centre")
-    yield number(f"{path}.pos.z", 0.2, 60.0, z, Affects.GEOMETRY, "m", "of the optical centre")
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "x of the optical centre")
+    yield number(f"{path}.pos.y", -30.0, 110.0, y, Affects.GEOMETRY, "m", "y of the optical centre")
+    yield number(f"{path}.pos.z", 0.2, 60.0, z, Affects.GEOMETRY, "m", "z of the optical centre")
     yield angle(f"{path}.yaw", camera.yaw, Affects.GEOMETRY, "0 looks along +y, counter-clockwise from above")
     yield number(f"{path}.pitch", -90.0, 90.0, camera.pitch, Affects.GEOMETRY, "deg", "upwards")
     yield angle(f"{path}.roll", 0.0, Affects.GEOMETRY, "lowers the camera's right side")
     yield number(
-        f"{path}.focal_length_mm", 8.0, 400.0, camera.focal_length_mm, Affects.GEOMETRY, "mm", "on a 36 mm wide sensor"
+        f"{path}.focal_length_mm", 8.0, 400.0, camera.focal_length_mm, Affects.GEOMETRY, "mm", "for a 36 mm wide sensor"
     )

@@ -1,7 +1,8 @@
-"""All messages of the system: the Celery app, the names of the tasks, and how messages are sent.
+"""All messages of the system: the Celery app, the names of the tasks, and the sender.
 
-The database is the queue of record; a message is a doorbell: a short list of product digests that share a warm cache. A
-message may be lost, duplicated or late without harm: workers claim products by compare-and-set, and the sweep rings again.
+The database is the queue of record. A message only notifies workers that a packet of products became ready in a queue; the
+worker that takes it claims the packet whose turn it is. A message may be lost, duplicated or late without harm: workers claim
+products by compare-and-set, and the sweep sends it again.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 from valerie.plain import Keywords
 
-# A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
+# On a plain SIGTERM, Celery would wait for the running task without limit. Remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
 os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
 
@@ -26,7 +28,8 @@ from redis.exceptions import TimeoutError as RedisTimeout
 
 from valerie.errors import TransientError
 from valerie.runs.products.ready import Ready
-from valerie.runs.products.states import EVAL_QUEUE, ProductKind, Stage, stage_of
+from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
+from valerie.runs.products.turns import packet_size
 from valerie.settings import Settings
 
 RENDER: Final = "valerie.render"
@@ -36,15 +39,9 @@ FINISH: Final = "valerie.finish"
 
 _TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: EVALUATE}
 
-#: Products per message: large enough to spread overhead, small enough that a killed worker loses little.
-CHUNK: Final = 24
-#: Exceptions: a background takes as long as many layers; 8 predictions are two batches of a GPU.
-_CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
-
-
-#: What the libraries raise when the broker is away.
+#: Errors that the libraries raise when the broker does not answer.
 _SILENCE: Final = (OperationalError, BatchPublishError, RedisError, OSError)
-#: Time limit of an answer of the broker; Redis needs milliseconds.
+#: Time limit for an answer of the broker, seconds. Redis needs milliseconds.
 _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
 
@@ -60,8 +57,8 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     """Build the Celery app of one process from its settings.
 
     Args:
-        settings: of the deployment.
-        answer_seconds: time in which the broker must answer. A consumer has patience, since losing the broker ends it.
+        settings: settings of the deployment.
+        answer_seconds: time limit for an answer of the broker. It is long for consumers, since losing the broker ends them.
     """
     app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
     app.conf.update(
@@ -70,7 +67,7 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
         result_backend=None,
         task_ignore_result=True,
         task_store_errors_even_if_ignored=False,
-        # A message is acknowledged when its work is done, and returned when the process dies.
+        # A message is acknowledged when its work is done, and requeued when the process dies.
         task_acks_late=True,
         task_reject_on_worker_lost=True,
         task_default_queue=EVAL_QUEUE,
@@ -92,13 +89,13 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
         broker_transport_options={
             # Longer than any task. A message that outlives it is delivered twice, which the claim makes harmless.
             "visibility_timeout": settings.visibility_timeout_seconds,
-            # By default kombu restores a killed worker's messages after about 100 s; here within seconds.
+            # By default, kombu would restore a killed worker's messages after about 100 s instead of within seconds.
             "unacked_restore_interval": 1,
             "unacked_restore_throttle": 1,
             "unacked_restore_limit": 1000,
             "socket_timeout": answer_seconds,
             "socket_connect_timeout": min(answer_seconds, 5.0),
-            # No "retry_on_timeout": with it kombu sends one message at a time (see `send_products`).
+            # No "retry_on_timeout": with it, kombu would send one message at a time (see `send_products`).
             "socket_keepalive": True,
         },
         broker_transport="redis" if settings.broker_url.startswith("redis") else None,
@@ -107,7 +104,7 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     return app
 
 
-#: Options of every message. The readable texts in its header are constant: building them costs as much as the rest.
+#: Options of every message. The readable texts in its header are constant, since building them would double the cost.
 _SENDING: Final[Keywords] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
@@ -116,31 +113,28 @@ _SENDING: Final[Keywords] = {
 
 
 class Message(NamedTuple):
-    """A message: a task, the products that it is called with, and the queue."""
+    """A message: a task, its argument (a queue, or the run to finish), and the queue that it is sent to."""
 
     task: str
-    digests: list[str]
+    argument: str
     queue: str
 
 
 def messages_of(ready: Iterable[Ready]) -> list[Message]:
-    """Return messages that each hold products of one route, kind and cache group."""
-    groups: dict[tuple[str, ProductKind, str], list[str]] = {}
-    for product in ready:
-        groups.setdefault((product.route, product.kind, product.cache_group), []).append(product.digest)
+    """Return one message per packet, so that workers that answer them all leave no ready product behind."""
+    packets = Counter((product.route, product.kind, product.cache_group, product.turn) for product in ready)
     return [
-        Message(_TASK_OF_STAGE[stage_of(route)], digests[start : start + size], route)
-        for (route, kind, _), digests in groups.items()
-        for size in (_CHUNKS.get(kind, CHUNK),)
-        for start in range(0, len(digests), size)
+        Message(_TASK_OF_STAGE[stage_of(route)], route, route)
+        for (route, kind, _, _), count in packets.items()
+        for _ in range(0, count, packet_size(kind))
     ]
 
 
 class Broker:
-    """Sends messages and looks at queues; one per process.
+    """Sends messages and measures queues; one per process.
 
-    A broker that is stopped but keeps its connections open does not answer for `_ANSWER_SECONDS`, and is then left alone for
-    `_QUIET_SECONDS`: callers are refused at once meanwhile, so that no thread waits for long.
+    If a broker keeps its connections open but does not answer within `_ANSWER_SECONDS`, callers are refused at once for
+    `_QUIET_SECONDS`, so that no thread waits for long.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -148,7 +142,7 @@ class Broker:
         self._quiet_until = -math.inf
 
     def send_products(self, ready: Iterable[Ready]) -> None:
-        """Tell workers about products that became ready.
+        """Notify workers of ready products.
 
         Raises:
             TransientError: the broker does not answer.
@@ -162,29 +156,25 @@ class Broker:
             except _SILENCE as error:
                 if _timed_out(error):
                     raise
-                # A connection that a restarted broker closed is noticed only now. Messages may arrive twice, which is harmless.
+                # Only sending reveals that a restarted broker has closed the connection. Messages may arrive twice, which is
+                # harmless.
                 self._send_together(messages)
 
     def _send_together(self, messages: Iterable[Message]) -> None:
-        """Send messages in one round trip for a thousand of them."""
+        """Send messages, a thousand per round trip."""
         with self._app.producer_or_acquire() as producer, producer.batch():
-            for task, digests, queue in messages:
+            for task, argument, queue in messages:
                 self._app.send_task(
-                    task,
-                    args=[digests],
-                    queue=queue,
-                    producer=producer,
-                    argsrepr=f"{len(digests)} products",
-                    **_SENDING,
+                    task, args=[argument], queue=queue, producer=producer, argsrepr=argument, **_SENDING
                 )
 
     def send_finish(self, run_id: str) -> None:
         """Ask an evaluation worker to finish a run."""
         with self._answering():
-            self._app.send_task(FINISH, args=[run_id], queue=EVAL_QUEUE, argsrepr=run_id, **_SENDING)
+            self._send_together([Message(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
-        """Return how many messages wait in each queue, without those that a worker holds.
+        """Return the number of messages that wait in each queue, without those that a worker holds.
 
         Raises:
             TransientError: the broker does not answer.
@@ -197,9 +187,9 @@ class Broker:
 
     @contextmanager
     def _answering(self) -> Iterator[None]:
-        """Turn the errors of a stopped broker into ours."""
+        """Convert the errors of a stopped broker to ours."""
         if time.monotonic() < self._quiet_until:
-            raise TransientError("the broker does not answer: it was silent a moment ago")
+            raise TransientError("the broker does not answer: a request timed out a moment ago")
         try:
             yield
         except _SILENCE as error:
@@ -209,7 +199,7 @@ class Broker:
 
 
 def _timed_out(error: BaseException | None) -> bool:
-    """Return whether an error of a library goes back to a time-out."""
+    """Return True if a time-out caused an error."""
     while error is not None:
         if isinstance(error, TimeoutError | RedisTimeout):
             return True

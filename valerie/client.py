@@ -1,4 +1,4 @@
-"""A small client of the REST API for the command line, with typed answers and problems as readable errors."""
+"""A small client of the REST API for the command line, with typed answers and readable errors."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import httpx
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
+from valerie.runs.moments import Moment
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.runs.forecasting.forecast import Plan
@@ -71,8 +73,8 @@ class VariantProgress(_Read):
 
     Attributes:
         total: variants of the spec.
-        fed: variants whose work has been queued.
-        rejected: variants that are illegal or break a constraint.
+        fed: variants whose products have been queued.
+        rejected: variants that are impossible or violate a constraint.
     """
 
     total: int
@@ -99,9 +101,24 @@ class Run(_Read):
     reason: str | None = None
     variant_count: int
     rejected_count: int
-    created_at: str
-    started_at: str | None = None
-    finished_at: str | None = None
+    tags: tuple[str, ...] = ()
+    created_at: Moment
+    started_at: Moment | None = None
+    finished_at: Moment | None = None
+
+
+class Mark(_Read):
+    """Tags and note of a run, a frame or a finding.
+
+    Attributes:
+        kind: run, frame or finding.
+        name: of a frame ``variant.camera.time``, of a finding its sentence; empty for the run.
+    """
+
+    kind: str
+    name: str
+    tags: tuple[str, ...]
+    note: str
 
 
 class Frame(_Read):
@@ -109,7 +126,7 @@ class Frame(_Read):
 
     Attributes:
         id: run.variant.camera.time.
-        state: of its products.
+        state: state of its products.
     """
 
     id: str
@@ -117,12 +134,12 @@ class Frame(_Read):
 
 
 class FailureError(_Read):
-    """Why a product failed for good.
+    """The reason why a product failed for good.
 
     Attributes:
         message: the error; None if an input failed.
         attempts: number of attempts; None if an input failed.
-        cause: digest of the input that failed; None if the product failed itself.
+        cause: digest of the input that failed; None if the product itself failed.
     """
 
     message: str | None = None
@@ -131,12 +148,12 @@ class FailureError(_Read):
 
 
 class Trial(_Read):
-    """A function that was run once, when it was registered.
+    """The trial run of a function at its registration.
 
     Attributes:
-        numeric_class, precision: read back from the compiled model.
-        picture: width and height, pixels.
-        cpu_seconds: of one picture.
+        numeric_class, precision: as read back from the compiled model.
+        picture: width and height of the picture, pixels.
+        cpu_seconds: CPU time of one picture.
     """
 
     numeric_class: str
@@ -146,13 +163,13 @@ class Trial(_Read):
 
 
 class NoTrial(_Read):
-    """Why a function was not run when it was registered."""
+    """The reason why a function had no trial run at its registration."""
 
     skipped: str
 
 
 class _Kept(BaseModel):
-    # Goes into a file again, with all members.
+    # Written to a file again, with all members.
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
@@ -166,8 +183,8 @@ class FunctionDocument(_Kept):
     """The document of a registered function.
 
     Attributes:
-        name: of the function.
-        payload: describes its file; None for kinds without one.
+        name: the function's name.
+        payload: description of its file; None for kinds without a file.
     """
 
     name: str
@@ -178,18 +195,18 @@ class Function(_Read):
     """A function under test with its card.
 
     Attributes:
-        name, digest, architecture, precision, engine, provenance: from its card.
-        numeric_classes: in which living workers offer it.
+        name, digest, architecture, precision, engine, provenance: entries of its card.
+        numeric_classes: numeric classes in which running workers offer it.
         card: title and text of each row of the card.
-        problem: why it cannot be used; None where it can.
+        problem: reason why it cannot be used; None if it can.
         reference: name of this version in specs; None for an installed function.
         kind: network, onnx, huggingface, http or predictions; None for a class of an installed package.
-        version: number of a registered version.
-        classes, unmapped: Cityscapes classes that it can predict, and its own that count as void.
-        judged_by: Cityscapes classes that its scores over all classes are over; empty: all.
-        created_at: of a registered version.
-        document: of a registered version, where one function was asked for.
-        check: the trial, in the answer to a registration.
+        version: number of the registered version.
+        classes, unmapped: Cityscapes classes that it can predict, and its own classes that count as void.
+        judged_by: Cityscapes classes in its scores over all classes; empty for all.
+        created_at: time of registration.
+        document: document of a registered version; None in lists.
+        check: the trial run, in the answer to a registration.
     """
 
     name: str
@@ -212,19 +229,19 @@ class Function(_Read):
     check: Trial | NoTrial | None = None
 
     def as_json(self) -> dict[str, JsonValue]:
-        """Return the members that the registry gave, as JSON values."""
+        """Return the members of the registry's answer, as JSON values."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
 class RegisteredFunction(NamedTuple):
-    """The answer to a registration; ``new`` is False where this version was there already."""
+    """The answer to a registration; ``new`` is False if this version was already registered."""
 
     function: Function
     new: bool
 
 
 class RunSummary(_Read):
-    """Summary, findings and verdicts of an ended run, as documents that `valerie.analysis` reads."""
+    """Summary, findings and verdicts of an ended run, as documents for `valerie.analysis`."""
 
     summary: dict[str, JsonValue]
     findings: dict[str, JsonValue]
@@ -232,7 +249,7 @@ class RunSummary(_Read):
 
 
 class RunDetail(_Read):
-    """The inputs of a run: spec and pins as documents that `valerie.runs` reads, and the digest of its asset."""
+    """The inputs of a run: spec and pins as documents for `valerie.runs`, and the digest of its asset."""
 
     spec: dict[str, JsonValue]
     asset_digest: str
@@ -243,8 +260,8 @@ class Failure(_Read):
     """A product that failed for good.
 
     Attributes:
-        kind: of the product.
-        error: why it failed; None if not recorded.
+        kind: kind of the product.
+        error: reason of the failure; None if not recorded.
     """
 
     kind: str
@@ -252,9 +269,9 @@ class Failure(_Read):
 
 
 class StudyOutcomes(_Read):
-    """Outcomes of a batch: a score of each variant, None where it has none, and the indexes of rejected variants.
+    """Outcomes of a batch: the score of each variant, None if undefined, and the indexes of rejected variants.
 
-    ``second`` has the scores of the second function, where two are compared.
+    ``second`` has the scores of the second function, if two are compared.
     """
 
     scores: tuple[float | None, ...]
@@ -266,19 +283,19 @@ class StudyBatch(_Read):
     """A batch of a study.
 
     Attributes:
-        number: from 0.
-        reason: why these variants.
-        legal: number of variants that count in the budget.
-        accepted_at: None while a person has not accepted it.
-        run_id: its run; None before it starts, and of a batch without variants.
-        outcomes: None while its run goes on.
-        cpu_seconds: spent for its run.
+        number: number of the batch, from 0.
+        reason: reason for these variants.
+        legal: number of variants that count towards the budget.
+        accepted_at: time of acceptance; None until a person accepts it.
+        run_id: its run; None before it starts, and for a batch without variants.
+        outcomes: its outcomes; None while its run continues.
+        cpu_seconds: CPU time of its run.
     """
 
     number: int
     reason: str
     legal: int
-    accepted_at: str | None
+    accepted_at: Moment | None
     run_id: str | None
     outcomes: StudyOutcomes | None
     cpu_seconds: float | None
@@ -295,10 +312,10 @@ class Study(_Read):
 
     Attributes:
         state: running, paused, finished or stopped.
-        reason: what it waits for, or why it ended.
-        by_hand: a person accepts each batch.
-        result: None while nothing is known.
-        batches: empty in a list of studies.
+        reason: the event that it waits for, or the reason why it ended.
+        by_hand: whether a person accepts each batch.
+        result: its result; None while nothing is known.
+        batches: its batches; empty in a list of studies.
     """
 
     id: str
@@ -308,7 +325,7 @@ class Study(_Read):
     by_hand: bool
     goal: str
     result: StudyKnown | None = None
-    created_at: str
+    created_at: Moment
     batches: tuple[StudyBatch, ...] = ()
 
 
@@ -349,10 +366,10 @@ class Client:
     """
 
     def __init__(self, url: str, *, token: str | None = None, transport: httpx.BaseTransport | None = None) -> None:
-        """Prepare the connection; it opens with the first request.
+        """Prepare the connection, which opens with the first request.
 
         Args:
-            url: e.g. ``http://127.0.0.1:8700``.
+            url: address of the server, e.g. ``http://127.0.0.1:8700``.
             token: bearer token, if the server requires one.
             transport: replaces the network, for tests.
 
@@ -362,7 +379,7 @@ class Client:
         self.url = _address(url)
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         timeout = httpx.Timeout(30.0, connect=5.0)
-        # A proxy from the environment must not see requests to this machine.
+        # Requests to this machine must not go through a proxy from the environment.
         local = httpx.URL(self.url).host in ("127.0.0.1", "localhost", "::1")
         self._http = httpx.Client(
             base_url=self.url, headers=headers, timeout=timeout, transport=transport, trust_env=not local
@@ -386,22 +403,33 @@ class Client:
 
         return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
-    def submit(self, spec: bytes, *, idempotency_key: str | None = None) -> Run:
+    def submit(self, spec: bytes, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
         headers = {**_SPEC, **({"Idempotency-Key": idempotency_key} if idempotency_key else {})}
-        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers)
+        query = {"priority": priority.value}
+        return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers, params=query)
 
-    def runs(self, *, limit: int = 20) -> Iterator[Run]:
-        """Yield runs, newest first."""
-        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100)), limit):
+    def runs(self, *, limit: int = 20, tag: str | None = None) -> Iterator[Run]:
+        """Yield runs, newest first; with ``tag`` only those that carry it."""
+        filters = {} if tag is None else {"tag": tag}
+        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100), **filters), limit):
             yield _validated(Run, item)
+
+    def marks(self, run_id: str) -> list[Mark]:
+        """Return the tags and notes on a run, its frames and its findings."""
+        return [_validated(Mark, one) for one in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+
+    def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
+        """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
+        body = mark.model_dump(mode="json")
+        return [_validated(Mark, one) for one in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
         return self._read(Run, "GET", f"/v1/runs/{run_id}")
 
     def annotations(self, run_id: str) -> tuple[str, ...]:
-        """Return the kinds of annotations that the spec of a run asks for."""
+        """Return the kinds of annotations that the spec of a run requests."""
         return self._read(_RunWithSpec, "GET", f"/v1/runs/{run_id}").spec.annotations
 
     def progress(self, run_id: str) -> Progress:
@@ -435,7 +463,7 @@ class Client:
         return self._send("GET", f"/v1/runs/{run_id}/report").content
 
     def cancel(self, run_id: str) -> Run:
-        """Stop a run; finished products stay."""
+        """Stop a run. Finished products remain."""
         return self._read(Run, "POST", f"/v1/runs/{run_id}/cancel")
 
     def resume(self, run_id: str) -> Run:
@@ -455,7 +483,7 @@ class Client:
         return self._read(NextBatch, "POST", "/v1/studies/plan", content=document, headers=_SPEC)
 
     def begin_study(self, document: bytes) -> Study:
-        """Begin a study (YAML or JSON text)."""
+        """Start a study (YAML or JSON text)."""
         return self._read(Study, "POST", "/v1/studies", content=document, headers=_SPEC)
 
     def studies(self, *, limit: int = 20) -> Iterator[Study]:
@@ -472,20 +500,20 @@ class Client:
         return self._read(NextBatch, "GET", f"/v1/studies/{quote(study_id)}/next")
 
     def accept_batch(self, study_id: str, *, count: int | None = None) -> Study:
-        """Accept the proposed batch of a study, with another number of variants if ``count`` names one."""
+        """Accept the proposed batch of a study, with ``count`` variants instead of the proposed number if not None."""
         parameters = {} if count is None else {"count": count}
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/accept", params=parameters)
 
     def set_study_mode(self, study_id: str, *, by_hand: bool) -> Study:
-        """Let a person accept each batch from now on, or no longer."""
+        """Set whether a person accepts each batch from now on."""
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/mode", params={"by_hand": by_hand})
 
     def stop_study(self, study_id: str) -> Study:
-        """End a study with what is known."""
+        """End a study with its present result."""
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/stop")
 
     def resume_study(self, study_id: str) -> Study:
-        """Let a paused study go on."""
+        """Continue a paused study."""
         return self._read(Study, "POST", f"/v1/studies/{quote(study_id)}/resume")
 
     def study_report(self, study_id: str) -> bytes:
@@ -511,11 +539,11 @@ class Client:
 
         Args:
             texts: any of ``document``, ``name``, ``engine``, ``precision``.
-            payload: its file.
-            filename: name of the file on the server; None takes that of ``payload``.
+            payload: the function's file.
+            filename: name of the file on the server; None for that of ``payload``.
         """
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
-        # Converting and testing a large network takes minutes.
+        # Converting and testing a large network may take minutes.
         timeout = httpx.Timeout(3600.0, connect=5.0)
         if payload is None:
             response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
@@ -561,11 +589,11 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._send(method, path, **options).json())
 
-    def _pages(self, path: str, *, page_size: int) -> Iterator[object]:
-        """Yield the items of all pages; a page is read when its first item is needed."""
+    def _pages(self, path: str, *, page_size: int, **filters: str) -> Iterator[object]:
+        """Yield the items of all pages. A page is read when its first item is needed."""
         cursor: str | None = ""
         while cursor is not None:
-            parameters: dict[str, str | int] = {"limit": page_size, **({"cursor": cursor} if cursor else {})}
+            parameters: dict[str, str | int] = {"limit": page_size, **filters, **({"cursor": cursor} if cursor else {})}
             page = self._read(_Page, "GET", path, params=parameters)
             yield from page.items
             cursor = page.next

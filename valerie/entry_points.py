@@ -1,8 +1,8 @@
-"""Plugins: objects that installed distributions offer by name, imported only when they are needed.
+"""Plugins: objects that installed distributions offer by name, imported only when needed.
 
-A distribution offers them as entry points of the groups ``valerie.*``. An entry point is code, and being installed
-(perhaps as a dependency) is no permission to run in every worker. Offers of another distribution therefore count only
-if the operator names it in ``VALERIE_PLUGINS``; those of this distribution always count.
+A distribution offers them as entry points of the groups ``valerie.*``. An entry point is code, and being installed (perhaps as
+a dependency) does not permit it to run in every worker. Offers of another distribution therefore count only if the operator
+names it in ``VALERIE_PLUGINS``. Those of this distribution always count.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from valerie.spelling import package_name
 OWN: Final = "valerie"
 
 
-class Offer(NamedTuple):
+class EntryPoint(NamedTuple):
     """One entry point.
 
     Attributes:
@@ -37,16 +37,16 @@ class Offer(NamedTuple):
     package: str
 
 
-def installed(group: str) -> tuple[Offer, ...]:
+def installed(group: str) -> tuple[EntryPoint, ...]:
     """Return the offers of a group."""
     return _installed(group, tuple(sys.path))
 
 
 @lru_cache
-def _installed(group: str, _path: tuple[str, ...]) -> tuple[Offer, ...]:
-    """Return the offers of a group on a path; cached, since reading them opens a file of every installed distribution."""
+def _installed(group: str, _path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return the offers of a group on a path. Cached, since reading them opens a file of every installed distribution."""
     return tuple(
-        Offer(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
+        EntryPoint(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
         for point in entry_points(group=group)
     )
 
@@ -54,7 +54,7 @@ def _installed(group: str, _path: tuple[str, ...]) -> tuple[Offer, ...]:
 def named_packages() -> frozenset[str]:
     """Return the distributions that the operator names in ``VALERIE_PLUGINS``.
 
-    They are read from the environment of this process, since the code that looks up names has no settings.
+    The environment of this process provides them, since the code that looks up names has no settings.
     """
     return frozenset(load_settings().plugin_packages)
 
@@ -64,9 +64,9 @@ class PluginKind:
     """One kind of plugin.
 
     Attributes:
-        word: noun for one of them, in messages.
-        group: of entry points.
-        built_in: name to ``module:attribute``; distributions cannot replace these.
+        word: noun for such a plugin in messages.
+        group: group of entry points.
+        built_in: name to ``module:attribute``. Distributions cannot replace these.
     """
 
     word: str
@@ -84,11 +84,11 @@ class PluginKind:
         return targets
 
     def left_out(self) -> dict[str, str]:
-        """Return name to package of the plugins that are installed but not allowed."""
+        """Return name to package for the plugins that are installed but not allowed."""
         names = self.names()
         return {offer.name: offer.package for offer in self._offers() if offer.name not in names}
 
-    def _offers(self) -> list[Offer]:
+    def _offers(self) -> list[EntryPoint]:
         return [offer for offer in installed(self.group) if offer.name not in self.built_in]
 
     def names(self) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ class PluginKind:
             plugin = import_module(module)
             return getattr(plugin, attribute) if attribute else plugin
         except ImportError as error:
-            raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
+            raise MissingDependency(f"a dependency of the {self.word} {name!r} is not installed: {error}") from error
 
     def unknown(self, name: str, known: Iterable[str], *, field: str) -> InvalidInput:
         """Return the error for a name that is not in ``known``, with the setting that allows it or similar names."""

@@ -1,6 +1,6 @@
-"""All errors of VALERIE: each holds what went wrong, the data about it, and what to do.
+"""All errors of VALERIE: each states the problem, its data, and a remedy.
 
-They do not depend on HTTP, SQL or Celery: the API maps them to problem documents, the CLI to exit codes, the workers to
+They do not depend on HTTP, SQL or Celery. The API maps them to problem documents, the CLI to exit codes, the workers to
 retries. Messages about input name the field, the value and the limit, so that users need no stack trace.
 """
 
@@ -14,17 +14,17 @@ _LISTED = 12
 
 
 class ValerieError(Exception):
-    """Base class of all errors that VALERIE raises on purpose; the text can be shown to users unchanged."""
+    """Base class of all errors that VALERIE raises on purpose. The text can be shown to users unchanged."""
 
 
 class InvalidInput(ValerieError):
-    """An input of the user is wrong.
+    """An input of the user is invalid.
 
     Args:
         message: the problem, in one sentence.
         field: dotted place in the document, e.g. ``blocks.0.vary.1.step``; empty for the whole input.
-        value: the wrong value as the user wrote it, if it can be shown.
-        limit: the bound or the form that would be accepted.
+        value: the invalid value as the user wrote it, if it can be shown.
+        limit: the accepted bound or form.
     """
 
     def __init__(self, message: str, *, field: str = "", value: object = None, limit: object = None) -> None:
@@ -38,7 +38,7 @@ class InvalidInput(ValerieError):
 
 
 class InvalidInputs(InvalidInput):
-    """Several inputs of the user are wrong; ``problems`` holds one error for each."""
+    """Several inputs of the user are invalid; ``problems`` has an error for each."""
 
     def __init__(self, problems: Sequence[InvalidInput]) -> None:
         self.problems = tuple(problems)
@@ -47,14 +47,14 @@ class InvalidInputs(InvalidInput):
 
 
 class UnknownName(InvalidInput):
-    """A name is unknown; the message lists similar names.
+    """A name is unknown. The message lists similar names.
 
     Args:
         kind: kind of the name, e.g. ``parameter``, ``renderer``.
         name: the unknown name.
         known: all names of that kind.
         field: dotted place of the name.
-        limit: other input that would be accepted.
+        limit: another accepted input.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str], *, field: str = "", limit: object = None) -> None:
@@ -68,7 +68,7 @@ class UnknownName(InvalidInput):
 
 
 class NotFound(ValerieError):
-    """A stored thing that does not exist (or no longer)."""
+    """A stored object does not exist, or no longer exists."""
 
     def __init__(self, kind: str, key: object) -> None:
         self.kind, self.key = kind, key
@@ -80,7 +80,7 @@ class Conflict(ValerieError):
 
 
 class MissingDependency(ValerieError):
-    """A library or program is not installed; the message says how to install it."""
+    """A library or program is not installed. The message tells how to install it."""
 
 
 class TransientError(ValerieError):
@@ -88,7 +88,7 @@ class TransientError(ValerieError):
 
 
 class StorageFull(TransientError):
-    """The artifact store or the database has no space left; a run pauses on this instead of failing."""
+    """The artifact store or the database has no space left. A run then pauses instead of failing."""
 
 
 class StorageUnavailable(TransientError):
@@ -100,11 +100,11 @@ class CorruptArtifact(ValerieError):
 
 
 class MissingInput(ValerieError):
-    """The stored object of a finished input is missing or damaged; the input must be made again.
+    """The stored object of a finished input is missing or damaged, so the input must be computed again.
 
     Args:
-        kind: of the input.
-        digest: of the input.
+        kind: kind of the input.
+        digest: digest of the input.
     """
 
     def __init__(self, kind: str, digest: str) -> None:

@@ -6,7 +6,6 @@ Ground truth stores *label ids* (``person`` = 24), and networks use *train ids* 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,7 +25,7 @@ class Label:
     """One class.
 
     Attributes:
-        name: as Cityscapes spells it, e.g. ``traffic light``.
+        name: the name in Cityscapes, e.g. ``traffic light``.
         id: label id, 0…33.
         train_id: 0…18, or 255 (void).
         category: the Cityscapes category, e.g. ``human``.
@@ -107,7 +106,7 @@ for _label in CITYSCAPES:
 
 
 def to_train_ids(label_ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Map label ids to train ids, any shape; what has none becomes `VOID`."""
+    """Map label ids to train ids, any shape; ids without a train id become `VOID`."""
     mapped: NDArray[np.uint8] = _ID_TO_TRAIN[label_ids]
     return mapped
 
@@ -128,7 +127,7 @@ def label_of_node_class(node_class: str, *, field: str = "") -> Label:
     """Return the label for the class part of a node name (``person`` in ``person-1``).
 
     Raises:
-        UnknownName: no such class.
+        UnknownName: there is no such class.
     """
     try:
         return _BY_NODE_CLASS[node_class]
@@ -145,8 +144,3 @@ def instance_id(label: Label, number: int) -> int:
     if not 0 <= number <= MAX_INSTANCE:
         raise InvalidInput("instance number out of range", field=label.name, value=number, limit=f"0…{MAX_INSTANCE}")
     return label.id * 1000 + number if label.has_instances else 0
-
-
-def instances_of(instance_ids: Iterable[int], label: Label) -> tuple[int, ...]:
-    """Return the distinct instance ids of a label, ascending."""
-    return tuple(sorted({i for i in instance_ids if i // 1000 == label.id}))

@@ -55,7 +55,7 @@ _Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: _float(str(no
 
 
 def load_document(source: str | bytes | Written, *, max_bytes: int = MAX_BYTES) -> Written:
-    """Load a YAML or JSON document, or check one that has been loaded.
+    """Load a YAML or JSON document, or check a loaded one.
 
     Args:
         source: the text, or plain data.
@@ -65,9 +65,9 @@ def load_document(source: str | bytes | Written, *, max_bytes: int = MAX_BYTES) 
         A new document of dictionaries, lists, text, finite numbers, truth values and None.
 
     Raises:
-        InvalidInput: larger than ``max_bytes``, not UTF-8, not YAML or JSON, more than 20 levels deep, not a mapping,
-            duplicate keys, aliases, tags, or a number that is not finite or beyond ±10¹² (an integer ``seed`` may be
-            larger).
+        InvalidInput: the document is larger than ``max_bytes``, not UTF-8, not YAML or JSON, more than 20 levels deep, or not a
+            mapping; or it has duplicate keys, aliases, tags, or a number that is not finite or beyond ±10¹² (an integer
+            ``seed`` may be larger).
     """
     data = _read(_text(source, max_bytes)) if isinstance(source, str | bytes) else source
     if data is None:
@@ -75,8 +75,13 @@ def load_document(source: str | bytes | Written, *, max_bytes: int = MAX_BYTES) 
     if not isinstance(data, dict):
         raise InvalidInput("the document is not a mapping", value=type(data).__name__, limit="key: value")
     checked = _checked(data, "", 1)
-    assert isinstance(checked, dict), "a mapping stays one"
+    assert isinstance(checked, dict), "a mapping remains a mapping"
     return checked
+
+
+def load_value(text: str) -> object:
+    """Return the value of a scalar in YAML's plain style: a number, a truth value, None or the text itself."""
+    return yaml.load(text, Loader=_Loader)  # noqa: S506  a safe loader of our own
 
 
 def _text(source: str | bytes, max_bytes: int) -> str:
@@ -98,7 +103,7 @@ def _read(text: str) -> Any:
         except RecursionError:
             raise _too_deep() from None
         except ValueError:
-            # Not JSON, but YAML's flow style begins in the same way.
+            # It is not JSON, but YAML's flow style begins in the same way.
             pass
     try:
         _check_events(text)

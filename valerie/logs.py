@@ -1,4 +1,4 @@
-"""Structured logs on standard error, as text or JSON; every process configures them once when it starts."""
+"""Structured logs on standard error, as text or JSON. Every process configures them when it starts."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The columns of the long table, which has one row per person, frame, sensor setting and function.
 
-Everything else that has such columns reads them here: Arrow and SQL tables, REST models and their examples, plot axes,
-selections, the index of an exported data set, and the labels of reports and of the dashboard. A new measure of a person
-is one entry here, the code that computes it, and a migration.
+All other code with such columns takes them from here: Arrow and SQL tables, REST models and their examples, plot axes,
+selections, the index of an exported data set, and the labels of reports and of the dashboard. A new measure of a person needs
+an entry here, the code that computes it, and a migration.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import Final
 
 from valerie.errors import UnknownName
 
-#: A value in a row; None: empty.
+#: A value in a row; None if it is empty.
 Cell = str | int | float | None
 #: Values of measures by name. A mapping, since measures are data: a new one is an entry of `MEASURES`, not a field.
 Measures = Mapping[str, Cell]
-#: A row of the long table: its measures, and one column for each parameter that its run varies.
+#: A row of the long table: its measures, and a column for each parameter that its run varies.
 TableRow = dict[str, Cell]
 
 
 class ColumnType(StrEnum):
     """Type of a column's values; all but `NAME` are names of Arrow types."""
 
-    NAME = "name"  # text of which few different values occur
+    NAME = "name"  # text with few different values
     TEXT = "string"
     INT32 = "int32"
     INT64 = "int64"
@@ -45,28 +45,28 @@ class Source(StrEnum):
     FRAME = "frame"
     """Subject of the row: run, frame, sensor, person."""
     PIXELS = "pixels"
-    """The ground truth of one picture; measured again where the sensor distorts."""
+    """The ground truth of one picture; measured again if the sensor distorts."""
     PLACE = "place"
-    """Place of the person in front of the camera."""
+    """Position of the person relative to the camera."""
     LIGHT = "light"
-    """The annotation ``light``; empty in runs that did not ask for it."""
+    """The annotation ``light``; empty in runs that do not request it."""
     CONDITIONS = "conditions"
     """The frame's time, light and weather."""
     FUNCTION = "function"
     """The function under test."""
     PICTURE = "picture"
-    """The picture given to the function; empty where predictions are uploaded."""
+    """The picture given to the function; empty for uploaded predictions."""
     PERSON_SCORE = "person score"
     """Score of the function on the person."""
     FRAME_SCORE = "frame score"
     """Score of the function on the whole frame."""
 
 
-#: Sources that describe a person before any function looks.
+#: Sources that describe a person, independent of any function.
 OF_PERSON: Final = (Source.PLACE, Source.PIXELS, Source.LIGHT)
-#: Sources of the values that are known when a function has looked.
+#: Sources of the values that depend on a function.
 OF_FUNCTION: Final = (Source.FUNCTION, Source.PICTURE, Source.PERSON_SCORE, Source.FRAME_SCORE)
-#: Sources of the values that are known before any function looks.
+#: Sources of the values that do not depend on a function.
 WITHOUT_FUNCTION: Final = tuple(source for source in Source if source not in OF_FUNCTION)
 
 
@@ -75,18 +75,18 @@ class Measure:
     """One column of the long table.
 
     Attributes:
-        name: of the column, in every table.
-        type: of its values.
-        source: where the values come from.
-        title: for people, in lower case.
-        description: the definition, for people.
+        name: the column's name in every table.
+        type: type of its values.
+        source: origin of its values.
+        title: title for users, in lower case.
+        description: definition for users.
         example: a value for documentation.
-        unit: shown after a number that was multiplied by ``scale``.
-        scale: from the column's unit to the shown one; rates are shown in per cent.
+        unit: unit of the shown number, which is multiplied by ``scale``.
+        scale: factor from the column's unit to the shown one. Rates are shown in per cent.
         digits: decimals of a shown number.
         required: whether every row of the long table has a value.
-        low, high: bounds of the values, in the column's unit; None: unbounded.
-        bin_width: width of the bins of pACC over this column, in the column's unit; None: the report does not plot it.
+        low, high: bounds of the values, in the column's unit; None if unbounded.
+        bin_width: width of the bins of pACC over this column, in the column's unit; None if the report does not plot it.
     """
 
     name: str
@@ -109,11 +109,11 @@ class Measure:
         return self.type.python is not str
 
     def text(self, value: float) -> str:
-        """Return a value as people read it: ``17.09 m``, ``5.2 %``."""
+        """Return a value as text for users: ``17.09 m``, ``5.2 %``."""
         return self._with_unit(f"{value * self.scale:,.{self.digits}f}")
 
     def range_text(self, low: float, high: float) -> str:
-        """Return a range as people read it: ``25–30 m``."""
+        """Return a range as text for users: ``25–30 m``."""
         return self._with_unit(f"{low * self.scale:g}–{high * self.scale:g}")
 
     def _with_unit(self, number: str) -> str:
@@ -123,7 +123,7 @@ class Measure:
 def _rate(
     name: str, source: Source, title: str, description: str, example: float, bin_width: float | None = None
 ) -> Measure:
-    """A share, 0…1 in tables and in per cent for people."""
+    """Return the measure of a share, 0…1 in tables and in per cent for users."""
     return Measure(
         name, ColumnType.FLOAT, source, title, description, example,
         unit="%", scale=100.0, digits=1, low=0.0, high=1.0, bin_width=bin_width,
@@ -150,7 +150,7 @@ def _label(
     return Measure(name, ColumnType.NAME, source, title, description, example, required=required)
 
 
-#: In the order of the long table.
+#: All measures in the order of the long table.
 MEASURES: Final = (
     _label("run_id", Source.FRAME, "run", "id of the run", "r1ng219w3v1ks", required=True),
     Measure(
@@ -162,14 +162,14 @@ MEASURES: Final = (
         "r1ng219w3v1ks.5.0.0", required=True,
     ),
     _label("camera", Source.FRAME, "camera", "name of the camera", "camera-1", required=True),
-    _label("character", Source.FRAME, "pedestrian", "which pedestrian the person is", "yellow-shirt"),
+    _label("character", Source.FRAME, "pedestrian", "character of the person", "yellow-shirt"),
     _label("sensor", Source.FRAME, "sensor", "name of the sensor setting", "default", required=True),
     _label(
         "function", Source.FUNCTION, "function", "name of the function under test", "deeplabv3plus-small", required=True
     ),
     Measure(
         "instance_id", ColumnType.INT32, Source.FRAME, "person",
-        "label id × 1000 + n; empty where the frame shows no person", 24001,
+        "label id × 1000 + n; empty if the frame shows no person", 24001,
     ),
     Measure(
         "distance_m", ColumnType.FLOAT, Source.PLACE, "distance",
@@ -186,7 +186,7 @@ MEASURES: Final = (
     ),
     _angle(
         "aspect_deg", Source.PLACE, "aspect",
-        "heading of the person against the line of sight, −180…180: 0 faces the camera, ±180 shows the back", -1.9,
+        "heading of the person relative to the line of sight, −180…180: 0 faces the camera, ±180 shows the back", -1.9,
     ),
     _rate(
         "occlusion_rate", Source.PIXELS, "occlusion",
@@ -211,7 +211,7 @@ MEASURES: Final = (
     ),
     _rate(
         "shadow_share", Source.LIGHT, "body in shadow",
-        "share of the visible body that lies in shadow; empty without a sun", 0.13, bin_width=0.1,
+        "share of the visible body in shadow; empty without a sun", 0.13, bin_width=0.1,
     ),
     Measure(
         "contrast", ColumnType.FLOAT, Source.LIGHT, "contrast to the surroundings",
@@ -225,7 +225,7 @@ MEASURES: Final = (
     ),
     _angle(
         "sun_azimuth_deg", Source.CONDITIONS, "sun azimuth",
-        "azimuth of the sun, clockwise from north, also where date and place give it", 140.0,
+        "azimuth of the sun, clockwise from north, also for a sun by time and place", 140.0,
     ),
     _angle(
         "sun_elevation_deg", Source.CONDITIONS, "sun elevation",
@@ -248,48 +248,48 @@ MEASURES: Final = (
         "white_share", Source.PICTURE, "white pixels",
         "share of the pixels of the picture given to the function that are 255 in all channels", 0.013,
     ),
-    _count("tp", Source.PERSON_SCORE, "person pixels found", "pixels of the person that the function calls person", 1980,
+    _count("tp", Source.PERSON_SCORE, "person pixels found", "pixels of the person that are predicted as person", 1980,
            required=True),
-    _count("fn", Source.PERSON_SCORE, "person pixels missed", "pixels of the person that the function calls something else",
+    _count("fn", Source.PERSON_SCORE, "person pixels missed", "pixels of the person that are predicted as anything else",
            210, required=True),
     _rate(
         "pacc", Source.PERSON_SCORE, "pACC",
-        "share of the person's visible pixels that the function calls person: tp / (tp + fn)", 0.9041,
+        "share of the person's visible pixels that are predicted as person: tp / (tp + fn)", 0.9041,
     ),
     _rate(
         "pacc_empty", Source.PERSON_SCORE, "pACC without the person",
-        "share of the same pixels that the function calls person where it sees the scene without movables; empty where "
+        "share of the same pixels that are predicted as person in the scene without movables; empty if "
         "backgrounds are not inferred", 0.0,
     ),
     _label(
         "undefined_reason", Source.PIXELS, "why pACC is undefined",
-        "why the person has no pACC: absent, outside the image or fully hidden; empty where pACC is defined", None,
+        "reason why the person has no pACC: absent, outside the image or fully hidden; empty if pACC is defined", None,
     ),
     _rate(
         "precision", Source.FRAME_SCORE, "precision",
-        "share of the pixels called person that belong to a person, of the whole frame; empty where none is called so",
+        "share of the frame's pixels predicted as person that show a person; empty if there are none",
         0.8646,
     ),
     _rate(
         "iou", Source.FRAME_SCORE, "IoU",
-        "intersection over union of the class person, of the whole frame; empty where neither truth nor function has it",
+        "intersection over union of the class person in the frame; empty if it is in neither truth nor prediction",
         0.792,
     ),
     _rate(
         "pixel_accuracy", Source.FRAME_SCORE, "pixel accuracy",
-        "share of the frame's labelled pixels that are right, over the classes that the function is judged by", 0.9413,
+        "share of the frame's labelled pixels that are correct, over the classes that the function is judged by", 0.9413,
     ),
     _rate(
         "miou", Source.FRAME_SCORE, "mIoU",
         "mean IoU over the classes in the frame's truth that the function is judged by", 0.6122,
     ),
-    _rate("fwiou", Source.FRAME_SCORE, "fwIoU", "the same, each class weighted by its pixels in the truth", 0.9011),
+    _rate("fwiou", Source.FRAME_SCORE, "fwIoU", "mean IoU with each class weighted by its pixels in the truth", 0.9011),
     _rate(
         "macc", Source.FRAME_SCORE, "mAcc",
         "mean recall over the classes in the frame's truth that the function is judged by", 0.6904,
     ),
     _count("fp", Source.FRAME_SCORE, "false person pixels",
-           "pixels of the whole frame that are called person and belong to none; repeated in each of its rows", 310,
+           "pixels of the frame that are predicted as person but show none; repeated in each of its rows", 310,
            required=True),
 )  # fmt: skip
 _BY_NAME: Final = {measure.name: measure for measure in MEASURES}
@@ -299,7 +299,7 @@ def measure_of(name: str) -> Measure:
     """Return the measure of a column.
 
     Raises:
-        UnknownName: no such column.
+        UnknownName: there is no such column.
     """
     if name not in _BY_NAME:
         raise UnknownName("column", name, _BY_NAME)

@@ -1,8 +1,8 @@
-"""The things that a spec can name, and the class behind each name, imported only when it is asked for.
+"""The plugins that a spec can name, and the class of each, imported only when needed.
 
-Four kinds: render engines, functions under test, samplers, and asset packs (`valerie.scene.assets.asset`). Each has what is
-built in, and what installed packages declare as entry points, where the operator allows it (`valerie.entry_points`). Names come
-from there and from nowhere else: nothing in a message or a spec is ever imported.
+There are four kinds: render engines, functions under test, samplers, and asset packs (`valerie.scene.assets.asset`). Each has
+built-in plugins, and those that installed packages declare as entry points, if the operator allows it (`valerie.entry_points`).
+Names come from nowhere else: nothing in a message or a spec is ever imported.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from valerie.rendering.base import Renderer
     from valerie.rendering.truth import TruthMaker
 
-#: Accepted in specs only where the settings say so.
+#: Engine that specs may name only if the settings allow it.
 TESTING_ENGINE: Final = "blank"
 #: Engines that are built in; all others come from packages.
 RENDERERS: Final = ("raster", "pyrender", "cycles")
@@ -53,18 +53,17 @@ _SAMPLERS: Final = PluginKind("design", "valerie.samplers")
 
 #: Program to the engine that runs in it.
 _PROGRAMS: Final = {"blender": "cycles"}
-#: Suffixes of files that are taken for functions in specs.
+#: Suffixes of names in specs that are probably files of functions.
 _FUNCTION_FILES: Final = (".onnx", ".safetensors", ".pth", ".pt")
 
 _KINDS: Final = (_RENDERERS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
 
 
 def look_at_installed() -> tuple[str, ...]:
-    """Read what installed packages declare, so that no request waits for it (some 50 ms).
+    """Read the declarations of installed packages (some 50 ms), so that no request waits for it.
 
     Returns:
-        Sentences about what an operator may not expect: packages that are installed and left out, or named and without
-        plug-ins.
+        Sentences about packages that are installed but not allowed, or allowed but without plug-ins.
     """
     left_out: dict[str, list[str]] = {}
     for kind in _KINDS:
@@ -77,7 +76,7 @@ def look_at_installed() -> tuple[str, ...]:
             for package in sorted(left_out)
         ),
         *(
-            f"VALERIE_PLUGINS names {package}, and no package of this name with plug-ins is installed here"
+            f"VALERIE_PLUGINS names {package}, but no package of this name with plug-ins is installed here"
             for package in sorted(named_packages() - offering)
         ),
     )
@@ -86,7 +85,7 @@ def look_at_installed() -> tuple[str, ...]:
 def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
-    """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
+    """Return the error for an unknown name in a spec, with near matches or the switch that would allow it."""
     known = tuple(known)
     if word == "renderer" and _PROGRAMS.get(name) in known:
         return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
@@ -102,7 +101,7 @@ def unknown_name(
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
-    """Return all engines that a spec may name; none is imported."""
+    """Return all engines that a spec may name, without importing them."""
     return (*RENDERERS, *_RENDERERS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
@@ -130,7 +129,7 @@ def require_function(name: str, *, field: str) -> None:
 
 
 def declared_engine(name: str) -> Engine:
-    """Return what an engine declares about itself; none of its libraries is imported.
+    """Return the declaration of an engine, without importing its libraries.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
@@ -140,7 +139,7 @@ def declared_engine(name: str) -> Engine:
 
 
 def known_engine(name: str) -> Engine | None:
-    """Return what an engine declares, or None for one that is gone: a stored run outlives what was installed."""
+    """Return the declaration of an engine, or None if it is no longer installed: a stored run outlives its engine."""
     return declared_engine(name) if name in _RENDERERS.names() else None
 
 
@@ -157,7 +156,7 @@ def create_renderer(name: str, settings: Mapping[str, Value] | None = None) -> R
     try:
         opened = getattr(import_module(module), attribute)
     except ImportError as error:
-        raise MissingDependency(f"the renderer {name!r} needs what is not installed: {error}") from error
+        raise MissingDependency(f"a dependency of the renderer {name!r} is not installed: {error}") from error
     renderer: Renderer = opened(chosen) if engine.has_settings else opened()
     return renderer
 
@@ -166,7 +165,7 @@ def engine_settings(name: str, engine: Engine, settings: Mapping[str, Value]) ->
     """Check the settings that a spec gives an engine.
 
     Raises:
-        InvalidInputs: a setting that the engine does not have, or a value that it does not take, as ``renderer.samples``.
+        InvalidInputs: the engine has no such setting, or refuses its value; the field is e.g. ``renderer.samples``.
     """
     model = engine.settings
     if settings and not engine.has_settings:
@@ -186,7 +185,7 @@ def engine_settings(name: str, engine: Engine, settings: Mapping[str, Value]) ->
 
 
 def engine_inputs(name: str, settings: Mapping[str, Value]) -> dict[str, Value]:
-    """Return all settings that an engine's pixels depend on; of an engine that is gone, the settings as they are.
+    """Return all settings that an engine's pixels depend on; for an engine that is gone, the settings as they are.
 
     Raises:
         InvalidInputs: see `engine_settings`.
@@ -202,27 +201,27 @@ def engine_cost(name: str, settings: Mapping[str, Value]) -> float:
 
 
 def create_truth_pass(numeric_class: str) -> TruthMaker:
-    """Open the truth pass: one for all engines, but for the numeric class of the testing engine."""
+    """Open the truth pass, which all engines share; the numeric class of the testing engine has its own."""
     truth_pass: TruthMaker = _TRUTH_PASSES.load(light_engine(numeric_class))()
     return truth_pass
 
 
 def light_engine(numeric_class: str) -> str:
-    """Return the engine that knows what light arrives where, for all engines; it belongs to the truth pass."""
+    """Return the engine that measures the light on surfaces for all engines, given the numeric class of the truth pass."""
     return TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster"
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
-    """Return all functions under test that a spec may name; neither torch nor a network is loaded."""
+    """Return all functions under test that a spec may name, without loading torch or a network."""
     return (*FUNCTIONS, *_FUNCTIONS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
 def create_function(name: str, *, threads: int = 1, device: str = "auto", precision: str = AUTO) -> PerceptionFunction:
-    """Load a function under test; the entry point of an installed package is called without arguments.
+    """Load a function under test. The entry point of an installed package is called without arguments.
 
     Args:
-        name: of a shipped function, or of one of an installed package.
-        threads, device, precision: of a shipped function; see `valerie.perception.shipped.load_function`.
+        name: name of a shipped function, or of a function of an installed package.
+        threads, device, precision: options of a shipped function; see `valerie.perception.shipped.load_function`.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.

@@ -28,7 +28,7 @@ Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
 
 
 class Settings(BaseSettings):
-    """The settings of a deployment; every field is an environment variable ``VALERIE_<FIELD>``."""
+    """The settings of a deployment. Every field is an environment variable ``VALERIE_<FIELD>``."""
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", env_ignore_empty=True)
 
@@ -172,7 +172,7 @@ class Settings(BaseSettings):
 
     @property
     def inference_threads(self) -> int:
-        """Threads of an inference worker; part of the numeric class, since the last bits of sums depend on it."""
+        """Threads of an inference worker. They are part of the numeric class, since the last bits of sums depend on them."""
         return self.infer_threads or os.cpu_count() or 1
 
     @property
@@ -187,14 +187,14 @@ class Settings(BaseSettings):
 
     @property
     def exposed(self) -> bool:
-        """True if the API listens to more than this machine."""
+        """True if the API accepts requests from other machines."""
         return self.api_host not in _LOOPBACK
 
     def require_token(self) -> None:
-        """Check that an API that listens to the network has a token.
+        """Check that an API for other machines has a token.
 
         Raises:
-            InvalidInput: the address is not loopback, and there is no token or it is too short.
+            InvalidInput: the address is not loopback, and the token is missing or too short.
         """
         token = self.api_token.get_secret_value() if self.api_token else ""
         if self.exposed and not token:
@@ -221,12 +221,12 @@ def load_settings(environ: Mapping[str, str] | None = None, **overrides: object)
     """Read the settings from the environment of this process.
 
     Args:
-        environ: checked for unknown names; by default ``os.environ``, which the values always come from.
+        environ: variables to check for unknown names, by default ``os.environ``. The values always come from ``os.environ``.
         overrides: fields that override the environment; None overrides nothing.
 
     Raises:
         UnknownName: a variable begins with ``VALERIE_`` and is not a setting.
-        InvalidInputs: a value is invalid; each problem names its variable.
+        InvalidInputs: values are invalid. Each problem names its variable.
     """
     known = {PREFIX + name.upper() for name in Settings.model_fields}
     for name in sorted(environ if environ is not None else os.environ):

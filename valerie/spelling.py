@@ -7,7 +7,7 @@ import unicodedata
 from hashlib import sha256
 from typing import Final
 
-#: Spellings of letters in ASCII; letters with a mark (é, ç, ő) lose the mark instead.
+#: Spellings of letters in ASCII. Letters with a mark (é, ç, ő) lose the mark instead.
 _SPELLED: Final = str.maketrans(
     {
         "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ẞ": "SS",
@@ -19,14 +19,14 @@ _MARK: Final = 6
 
 
 def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
-    """Return a name of ASCII letters and digits; everything between them becomes one hyphen.
+    """Return a name of ASCII letters and digits. Other characters between them become one hyphen.
 
-    Letters of other scripts are dropped. A name that loses any ends with six hexadecimal digits of its SHA-256, so that
+    Letters of other scripts are dropped. A name that loses letters ends with six hexadecimal digits of its SHA-256, so that
     different names stay different.
 
     Args:
         text: the name.
-        also: punctuation that stays, except at both ends.
+        also: punctuation to keep, except at both ends.
         longest: largest number of characters; None for no limit.
 
     Returns:

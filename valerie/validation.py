@@ -1,4 +1,4 @@
-"""Conversion of pydantic's errors to VALERIE's, with place, value and limit, and similar names for unknown words."""
+"""Convert pydantic's errors to VALERIE's, with field, value and limit, and similar names for unknown words."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _MESSAGES: Final = {
     "dict_type": "a mapping is needed here",
     "union_tag_not_found": "a distribution is needed here",
 }
-#: Problems with a value that must be one of a few words.
+#: Errors for a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
 
 
 def problems_of(error: ValidationError, document: str = "") -> InvalidInputs:
-    """Convert all problems that pydantic found, each with its dotted place below the name of the document."""
+    """Convert all of pydantic's errors, each with its dotted field below the name of the document."""
     first = (document,) if document else ()
     details = error.errors(include_url=False)
     return InvalidInputs([problem_of(detail, ".".join((*first, *map(str, detail["loc"])))) for detail in details])
@@ -56,7 +56,7 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
 
     Args:
         detail: the entry.
-        field: where the user wrote it.
+        field: the field of the user's input.
     """
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind in _OF_A_FEW and isinstance(value, str):
@@ -65,5 +65,5 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     text = detail["msg"].removeprefix("Value error, ")
     # The messages of VALERIE's own validators (value_error) stay unchanged.
     message = _MESSAGES.get(kind, text if kind == "value_error" else text[:1].lower() + text[1:])
-    # A mapping is too long to show; for a missing field, pydantic's input is the mapping around it.
+    # A mapping is too long to show. For a missing field, pydantic's input is the mapping around it.
     return InvalidInput(message, field=field, value=None if isinstance(value, dict) else value, limit=limit)

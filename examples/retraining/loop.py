@@ -24,8 +24,9 @@ from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
 from valerie.pipeline.retraining.comparison import Grouping, compare_versions
-from valerie.pipeline.retraining.loop import Resources, RetrainSettings, Watcher, register_retrained, retrain
+from valerie.pipeline.retraining.loop import TrainingResources, Watcher, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness
+from valerie.runs.study.retraining import RetrainSettings
 from valerie.settings import load_settings
 
 HERE = Path(__file__).parent
@@ -36,7 +37,7 @@ def main() -> int:
     options = _parser().parse_args()
     out, data = options.out, options.out / "data"
     settings = RetrainSettings(
-        frames=options.frames, streets=options.streets, steps=options.steps, batch=4, held_out_frames=0
+        frames=options.frames, sites=options.sites, steps=options.steps, batch=4, held_out_frames=0
     )
     _say("1. validate (products that are there already are not made again)")
     run_id = _validate(data)
@@ -88,15 +89,15 @@ def close_the_loop(
             out / f"{name}.safetensors",
             settings.model_copy(update={"targeted": targeted}),
             folder=out / name,
-            resources=Resources(processes, threads),
+            resources=TrainingResources(processes, threads),
             watcher=Watcher(
-                on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
+                on_site=lambda shard: _say(f"   site {shard.site_seed}: {len(shard.sizes)} frames"),
                 on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
                     now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
                 ),
             ),
         )
-        _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
+        _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, sites {retrained.site_seeds}")
         registered, _ = register_retrained(context, retrained, f"{FUNCTION}-{name}")
         versions.append(registered.document.name)
         training_sets[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
@@ -141,7 +142,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("var/example-loop"), help="folder of all results")
     parser.add_argument("--where", default="pacc < 0.5 and distance_m > 25", help="the weakness")
     parser.add_argument("--frames", type=int, default=24, help="training frames of each kind")
-    parser.add_argument("--streets", type=int, default=3)
+    parser.add_argument("--sites", type=int, default=3)
     parser.add_argument("--steps", type=int, default=120)
     parser.add_argument("--threads", type=int, default=1, help="torch's CPU threads")
     parser.add_argument("--processes", type=int, default=1, help="number of processes that render")

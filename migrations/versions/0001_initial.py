@@ -76,10 +76,12 @@ def upgrade() -> None:
         sa.Column("input_a", sa.String(length=32), nullable=True),
         sa.Column("input_b", sa.String(length=32), nullable=True),
         sa.Column("input_c", sa.String(length=32), nullable=True),
+        sa.Column("turn", sa.Float(), nullable=False),
         sa.Column("attempts", sa.Integer(), nullable=False),
         sa.Column("lease_owner", sa.String(length=64), nullable=True),
         sa.Column("lease_until", sa.Float(), nullable=True),
         sa.Column("sent_at", sa.Float(), nullable=True),
+        sa.Column("not_before", sa.Float(), nullable=True),
         sa.Column("error", DOCUMENT, nullable=True),
         sa.Column("bytes", sa.BigInteger(), nullable=True),
         sa.Column("pixels", sa.BigInteger(), nullable=True),
@@ -118,7 +120,7 @@ def upgrade() -> None:
         )
         batch_op.create_index(
             "ix_products_unfinished",
-            ["state", "route"],
+            ["state", "route", "turn"],
             unique=False,
             sqlite_where=sa.text("state IN ('waiting','ready','running')"),
             postgresql_where=sa.text("state IN ('waiting','ready','running')"),
@@ -139,6 +141,8 @@ def upgrade() -> None:
         sa.Column("variant_count", sa.BigInteger(), nullable=False),
         sa.Column("next_index", sa.BigInteger(), nullable=False),
         sa.Column("rejected_count", sa.BigInteger(), nullable=False),
+        sa.Column("priority", sa.String(length=16), nullable=False),
+        sa.Column("turn", sa.Float(), nullable=False),
         sa.Column("progress", DOCUMENT, nullable=True),
         sa.Column("idempotency_key", sa.String(length=200), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
@@ -163,6 +167,28 @@ def upgrade() -> None:
         sa.Column("seen_at", sa.Float(), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_workers")),
     )
+    op.create_table(
+        "notes",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("name", sa.String(length=1000), nullable=False),
+        sa.Column("text", sa.Text(), nullable=False),
+        sa.Column("changed_at", sa.DateTime(timezone=True), nullable=False),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_notes_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "kind", "name", name=op.f("pk_notes")),
+    )
+    op.create_table(
+        "tags",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("name", sa.String(length=1000), nullable=False),
+        sa.Column("tag", sa.String(length=40), nullable=False),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_tags_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "kind", "name", "tag", name=op.f("pk_tags")),
+    )
+    with op.batch_alter_table("tags", schema=None) as batch_op:
+        batch_op.create_index("ix_tags_tag", ["tag"], unique=False)
+
     op.create_table(
         "blocks",
         sa.Column("run_id", sa.String(length=32), nullable=False),
@@ -390,6 +416,11 @@ def downgrade() -> None:
     op.drop_table("person_scores")
     op.drop_table("person_lights")
     op.drop_table("blocks")
+    with op.batch_alter_table("tags", schema=None) as batch_op:
+        batch_op.drop_index("ix_tags_tag")
+
+    op.drop_table("tags")
+    op.drop_table("notes")
     op.drop_table("workers")
     with op.batch_alter_table("runs", schema=None) as batch_op:
         batch_op.drop_index("ix_runs_state")

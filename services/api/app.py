@@ -16,7 +16,7 @@ from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, explore, frames, functions, health, results, runs, studies
+from services.api.routers import catalog, drafts, explore, frames, functions, health, marks, results, runs, studies
 from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
@@ -66,6 +66,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
             thread.start()
         yield
         stop.set()
+        previews.close()
         if loop is not None and thread is not None:
             loop.wake()
             thread.join(timeout=10)
@@ -82,7 +83,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, studies, frames, results, explore, functions, catalog)]
+    routers = [module.router for module in (runs, drafts, marks, studies, frames, results, explore, functions, catalog)]
     openapi.install(app, [*routers, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import binascii
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import orjson
 from fastapi import Depends, Path, Query, Request
@@ -14,11 +14,11 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 
 from services.api.schemas.base import FRAME_ID, RUN_ID
+from valerie.db.statements import Seen
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
 from valerie.runs.products.frames import FRAME_ID as FRAME_ID_PATTERN
-from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frames import ID, FrameKey
 
 
 def _context(request: Request) -> Context:
@@ -54,7 +54,7 @@ def _declared(dependant: Dependant) -> Iterator[str]:
 
 
 ContextDependency = Annotated[Context, Depends(_context)]
-RunId = Annotated[str, Path(pattern=RUN_ID_PATTERN, description="id of a run", examples=[RUN_ID])]
+RunId = Annotated[str, Path(pattern=ID, description="id of a run", examples=[RUN_ID])]
 
 
 def _frame_key(
@@ -65,6 +65,11 @@ def _frame_key(
     return FrameKey.parse(frame_id)
 
 
+async def _body(request: Request) -> bytes:
+    return await request.body()
+
+
+Body = Annotated[bytes, Depends(_body)]
 FrameDependency = Annotated[FrameKey, Depends(_frame_key)]
 Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
 Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the previous page", examples=["WzVd"])]
@@ -122,3 +127,28 @@ def moment(value: Any) -> datetime:
 def value_of_column(value: Any) -> float | str | None:
     """Check a value of a column: a number, text or null."""
     return value if value is None or type(value) in (int, float) else text(value)
+
+
+class Created(Protocol):
+    """A row of a list that begins with the newest."""
+
+    @property
+    def id(self) -> str: ...
+
+    @property
+    def created_at(self) -> datetime: ...
+
+
+def _oldest_seen(cursor: Cursor = None) -> Seen | None:
+    values = decode_cursor(cursor, moment, text)
+    return None if values is None else Seen(*values)
+
+
+#: The last row that a client has seen of a list that begins with the newest.
+SeenDependency = Annotated[Seen | None, Depends(_oldest_seen)]
+
+
+def next_page(rows: Sequence[Created], limit: int) -> str | None:
+    """Return the cursor behind the first ``limit`` rows; None where there are no more."""
+    last = rows[limit - 1] if len(rows) > limit else None
+    return None if last is None else encode_cursor(last.created_at.isoformat(), last.id)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -62,6 +62,27 @@ def problems(*statuses: int) -> dict[int | str, JsonObject]:
 def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with an example of the answer."""
     return {status: {"content": {media_type: {"example": value}}}}
+
+
+def request_body(description: str, content: Mapping[str, JsonObject]) -> JsonObject:
+    """Return ``openapi_extra=`` of a body that the endpoint reads itself.
+
+    Args:
+        description: of the body.
+        content: media type to schema and example.
+    """
+    return {"requestBody": {"required": True, "description": description, "content": dict(content)}}
+
+
+def document_body(description: str, *, example: JsonObject, yaml: str) -> JsonObject:
+    """Return ``openapi_extra=`` of a document as JSON or YAML, with an example of each."""
+    return request_body(
+        description,
+        {
+            "application/json": {"schema": {"type": "object"}, "example": example},
+            "application/yaml": {"schema": {"type": "string"}, "example": yaml},
+        },
+    )
 
 
 def binary(media_type: str, description: str) -> dict[int | str, JsonObject]:

@@ -34,7 +34,7 @@ def _holds(known: str | None, etag: str) -> bool:
     return etag.removeprefix("W/") in tags or tags == ["*"]
 
 
-class Conditions:
+class RequestConditions:
     """Conditions of a request: the version that the client has, and the part that it wants."""
 
     def __init__(
@@ -67,7 +67,7 @@ class Conditions:
         return start, max(end - start + 1, 0)
 
 
-ConditionsDependency = Annotated[Conditions, Depends()]
+ConditionsDependency = Annotated[RequestConditions, Depends()]
 
 
 def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> Response:
@@ -90,7 +90,7 @@ def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> R
 
 
 def send(
-    conditions: Conditions,
+    conditions: RequestConditions,
     *,
     tag: str,
     media_type: str,

@@ -14,8 +14,8 @@ def register(app: Celery) -> Child:
     child = Child()
 
     @app.task(name=EVALUATE)  # type: ignore[untyped-decorator]
-    def evaluate(digests: list[str]) -> None:
-        child.run(digests)
+    def evaluate(route: str) -> None:
+        child.serve(route)
 
     @app.task(name=FINISH)  # type: ignore[untyped-decorator]
     def finish(run_id: str) -> None:

@@ -13,7 +13,7 @@ def register(app: Celery) -> Child:
     child = Child()
 
     @app.task(name=INFER)  # type: ignore[untyped-decorator]
-    def infer(digests: list[str]) -> None:
-        child.run(digests)
+    def infer(route: str) -> None:
+        child.serve(route)
 
     return child

@@ -13,7 +13,7 @@ def register(app: Celery) -> Child:
     child = Child()
 
     @app.task(name=RENDER)  # type: ignore[untyped-decorator]
-    def render(digests: list[str]) -> None:
-        child.run(digests)
+    def render(route: str) -> None:
+        child.serve(route)
 
     return child

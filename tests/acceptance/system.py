@@ -62,6 +62,15 @@ class System:
         assert answer.status_code == 202, answer.text
         return str(answer.json()["id"])
 
+    def begin(self, document: dict[str, Any]) -> str:
+        """Begin a study; return its id."""
+        answer = self.client.post("/v1/studies", json=document)
+        answer.raise_for_status()
+        return str(answer.json()["id"])
+
+    def study(self, study_id: str) -> dict[str, Any]:
+        return dict(self._answer(f"/v1/studies/{study_id}").json())
+
     def progress(self, run_id: str) -> dict[str, Any]:
         return dict(self._answer(f"/v1/runs/{run_id}/progress").json())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -116,12 +117,61 @@ def test_a_run_survives_kill_9_of_the_child_that_computes(
     assert outcome(system, context, run) == undisturbed[0]
 
 
+STUDY = spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3], ["person-1.pos.y", "UNIFORM", 3, 9]]) | {
+    "measure": "min(pacc) >= 0.5",
+    "goal": {"name": "estimate", "first": 40},
+    "budget": {"variants": 150},
+    "batch": 25,
+}
+
+
+def pursue(system: System, killed: Iterator[str]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Pursue the study to its end, and kill the next service whenever another batch is in work.
+
+    Returns:
+        Its batches and its result, without ids, times and costs.
+    """
+    study = system.begin(STUDY)
+    seen: set[int] = set()
+    deadline = time.monotonic() + 400
+    while (known := system.study(study))["state"] == "running":
+        assert time.monotonic() < deadline, known
+        working = {b["number"] for b in known["batches"] if b["run_id"] and b["outcomes"] is None}
+        if working - seen and (service := next(killed, None)) is not None:
+            kill(system.processes(service))
+        seen |= working
+        time.sleep(0.05)
+    assert known["state"] == "finished", known["reason"]
+    batches = known["batches"]
+    for batch in batches:
+        if batch["run_id"]:
+            system.client.delete(f"/v1/runs/{batch['run_id']}").raise_for_status()
+    own = ("run_id", "accepted_at", "cpu_seconds")
+    return [{k: v for k, v in batch.items() if k not in own} for batch in batches], known["result"]
+
+
+def test_a_study_survives_kill_9_of_every_service_and_decides_what_the_calm_one_does(
+    system: System, context: Context
+) -> None:
+    calm = pursue(system, iter(()))
+    gc.collect(context)
+    assert not system.objects(), "the second study makes every product again"
+    services = ["render", "infer", "eval", "api", "redis"]
+    left = iter(services)
+    before = system.supervisor.pids()
+    assert pursue(system, left) == calm
+    assert next(left, None) is None, "every service was killed"
+    after = system.supervisor.pids()
+    assert all(after[service] != before[service] for service in services)
+    assert len(calm[0]) > len(services)
+
+
 def test_messages_delivered_twice_change_nothing(
     undisturbed: tuple[Outcome, set[int]], system: System, context: Context
 ) -> None:
     run = begin(system, context)
     with reading(context.engine) as connection:
-        columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
+        columns = (Product.digest, Product.kind, Product.route, Product.cache_group, Product.turn)
         everything = [Ready(*row) for row in connection.execute(select(*columns).where(Product.route != ""))]
     context.broker.send_products(everything)
     assert outcome(system, context, run) == undisturbed[0]

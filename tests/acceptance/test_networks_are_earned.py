@@ -1,4 +1,4 @@
-"""The shipped networks see what they are said to see: measured on streets that they were not trained on."""
+"""The shipped networks see what they are said to see: measured on sites that they were not trained on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.shipped import FUNCTIONS, function_card, load_function
-from valerie.perception.training.provenance import streets_seen
+from valerie.perception.training.provenance import sites_seen
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.training_scenes import draw_scene
@@ -27,7 +27,7 @@ from valerie.sensing.sensor import develop
 
 pytestmark = [pytest.mark.gl, pytest.mark.timeout(1200)]
 
-STREETS = (900, 901, 902)
+SITES = (900, 901, 902)
 #: Cameras with their light, and frames behind each: these share a background, which costs more than all else, but no person.
 SETTINGS_PER_STREET = 4
 FRAMES_PER_SETTING = 2
@@ -46,15 +46,15 @@ class Pair:
 
 def render_pairs() -> Iterator[Pair]:
     from valerie.rendering.ground_truth import TruthPass
-    from valerie.rendering.raster.context import process_context
     from valerie.rendering.raster.renderer import RasterRenderer
+    from valerie.rendering.raster.upload.context import process_context
 
     context = process_context()
     renderer, truth_pass = RasterRenderer(context), TruthPass(context)
-    for street in STREETS:
-        crowd = crowd_asset(load_asset({"name": "urban-street", "seed": street}))
+    for site in SITES:
+        crowd = crowd_asset(load_asset({"name": "urban-street", "seed": site}))
         for setting, number in product(range(SETTINGS_PER_STREET), range(FRAMES_PER_SETTING)):
-            seed = [training_scenes.REVISION, street, setting]
+            seed = [training_scenes.REVISION, site, setting]
             drawn = draw_scene(
                 crowd,
                 np.random.default_rng([*seed, 1 + number]),
@@ -118,10 +118,10 @@ def test_removing_the_people_removes_what_was_seen_inside_their_masks(
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_header_says_what_was_held_out_and_what_goes_wrong(name: str) -> None:
     provenance = function_card(name).provenance
-    seen = {seed for seeds in streets_seen(provenance) for seed in seeds}
+    seen = {seed for seeds in sites_seen(provenance) for seed in seeds}
     assert seen
     assert seen <= set(TRAINED_ON)
-    assert seen.isdisjoint(STREETS)
+    assert seen.isdisjoint(SITES)
     assert 0.0 < float(provenance["held-out-person-iou"]) < 1.0
     assert provenance["known-weaknesses"]
     assert provenance["licence"] == "Apache-2.0"

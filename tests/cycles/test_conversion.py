@@ -108,7 +108,7 @@ def test_no_script_of_the_file_is_run(
 
 def test_parts_that_gltf_cannot_hold_and_outside_images_are_named(converted: tuple[Path, tuple[str, ...]]) -> None:
     assert any("material paint: its procedural colour" in note for note in converted[1])
-    assert any("/somewhere/else.png lies outside" in note for note in converted[1])
+    assert any("/somewhere/else.png is outside" in note for note in converted[1])
 
 
 def test_the_converted_file_is_an_asset_as_it_was_modelled(converted: tuple[Path, tuple[str, ...]]) -> None:

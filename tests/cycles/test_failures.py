@@ -14,8 +14,9 @@ import psutil
 import pytest
 
 from valerie.errors import RenderingError, TransientError
+from valerie.parent import Wire
 from valerie.rendering.base import View
-from valerie.rendering.cycles.blender import BlenderHolder, Wire
+from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.settings import Settings

@@ -17,6 +17,7 @@ from valerie.db.models import Product
 from valerie.db.products import Finished, Wanted
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import ProductKind
+from valerie.runs.products.turns import Turns
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -56,27 +57,27 @@ def finish(engine: Engine, *names: str) -> list[str]:
 
 def test_wanted_products_become_ready_one_after_the_other(engine: Engine) -> None:
     with writing(engine) as connection:
-        assert [item.digest for item in products.want(connection, WANTED, 0.0)] == [digest("b"), digest("l")]
+        assert [item.digest for item in products.want(connection, WANTED, 0.0, Turns())] == [digest("b"), digest("l")]
     assert finish(engine, "l") == []
     assert finish(engine, "b") == [digest("p")]
     with writing(engine) as connection:
-        assert products.want(connection, WANTED, 3.0) == []
+        assert products.want(connection, WANTED, 3.0, Turns()) == []
 
 
 def test_what_failed_is_tried_again_where_its_inputs_are_done(engine: Engine) -> None:
     with writing(engine) as connection:
-        products.want(connection, WANTED, 0.0)
+        products.want(connection, WANTED, 0.0, Turns())
     finish(engine, "b", "l")
     with writing(engine) as connection:
         products.fail(connection, digest("p"), owner=None, error=NO, now=1.0)
-        assert [item.digest for item in products.want(connection, WANTED, 3.0)] == [digest("p")]
+        assert [item.digest for item in products.want(connection, WANTED, 3.0, Turns())] == [digest("p")]
         row = connection.execute(select(Product).where(Product.digest == digest("p"))).one()
     assert (row.state, row.error, row.sent_at) == ("ready", None, 3.0)
 
 
 def test_a_failure_is_passed_on_and_counted(engine: Engine) -> None:
     with writing(engine) as connection:
-        products.want(connection, WANTED, 0.0)
+        products.want(connection, WANTED, 0.0, Turns())
     finish(engine, "b")
     with writing(engine) as connection:
         products.fail(connection, digest("l"), owner=None, error=NO, now=1.0)
@@ -95,7 +96,7 @@ def test_a_product_freed_after_its_lease_was_lost_harms_no_other(engine: Engine)
     finished = [Finished(digest(name), bytes=1, pixels=1, cpu_seconds=0.5) for name in "bl"]
     finished[1] = replace(finished[1], person_views=(SeenPerson(24001, measures, None, None),))
     with writing(engine) as connection:
-        products.want(connection, WANTED[:2], 0.0)
+        products.want(connection, WANTED[:2], 0.0, Turns())
         connection.execute(Product.__table__.update().values(state="running", lease_owner="w"))
         sweeping.free(connection, [digest("l")])
         assert products.publish(connection, finished, owner="w", now=1.0) == [digest("b")]
@@ -107,7 +108,7 @@ def test_the_time_of_leases_is_the_servers(engine: Engine, monkeypatch: pytest.M
     real = time.time()
     monkeypatch.setattr(time, "time", lambda: real + 1e6)
     with writing(engine) as connection:
-        products.want(connection, WANTED[:1], database_time(connection))
+        products.want(connection, WANTED[:1], database_time(connection), Turns())
         sent = connection.scalar(select(Product.sent_at))
         assert abs(sent - real) < 1e5
         sweeping.bound_times(connection, now=sent - 1e5, lease_seconds=60.0)

@@ -79,7 +79,7 @@ class Queues:
         self._send(messages_of(ready))
 
     def send_finish(self, run_id: str) -> None:
-        self._send([Message(FINISH, [run_id], EVAL_QUEUE)])
+        self._send([Message(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
         self._answer()

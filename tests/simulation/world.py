@@ -27,7 +27,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.work.finish import finish_run
-from valerie.pipeline.work.stages import run_stage
+from valerie.pipeline.work.stages import serve_queue
 from valerie.runs.products.states import EVAL_QUEUE
 from valerie.storage.keys import run_key
 
@@ -228,9 +228,9 @@ class Simulation:
                 self._held[process] = message
                 try:
                     if message.task == FINISH:
-                        finish_run(context, message.digests[0], write=self._write)
+                        finish_run(context, message.argument, write=self._write)
                     else:
-                        run_stage(context, maker, message.digests)
+                        serve_queue(context, maker, message.argument)
                 except TransientError as error:  # Celery logs it
                     self._schedule.note(f"{process.name} gives up a message: {error}")
                 del self._held[process]

@@ -8,6 +8,7 @@ import pytest
 
 from valerie.client import Client, ServerProblemError, ServerUnavailableError
 from valerie.errors import InvalidInput
+from valerie.runs.products.states import Priority
 
 RUN = {
     "id": "r1",
@@ -38,9 +39,10 @@ def test_a_spec_is_posted_as_it_was_written_with_its_idempotency_key() -> None:
         seen.append(request)
         return httpx.Response(202, json=RUN)
 
-    run = _client(answer).submit(b"name: first\n", idempotency_key="k1")
+    run = _client(answer).submit(b"name: first\n", idempotency_key="k1", priority=Priority.HIGH)
     assert (run.id, run.variant_count) == ("r1", 12)
     assert (seen[0].method, seen[0].url.path) == ("POST", "/v1/runs")
+    assert dict(seen[0].url.params) == {"priority": "high"}
     assert seen[0].content == b"name: first\n"
     assert seen[0].headers["idempotency-key"] == "k1"
     assert seen[0].headers["content-type"] == "application/yaml"

@@ -105,7 +105,7 @@ def test_a_missing_library_is_a_clear_error(install, engine: str) -> None:
         'from valerie.rendering.engine import Engine\nENGINE_WITHOUT_LIBRARY = Engine("no_such_package:Renderer")\n'
     )
     install({"valerie.renderers": {"mine": engine}}, witness=WITNESS + declared)
-    with pytest.raises(MissingDependency, match="'mine' needs what is not installed"):
+    with pytest.raises(MissingDependency, match="'mine' is not installed"):
         plugins.create_renderer("mine")
 
 

@@ -151,15 +151,15 @@ def app() -> Celery:
 @pytest.mark.parametrize(
     ("task", "asked"),
     [
-        ("valerie.render", [f"{0:032x}"]),
-        ("valerie.infer", [f"{1:032x}"]),
-        ("valerie.evaluate", [f"{2:032x}"]),
+        ("valerie.render", "render.blank.blank"),
+        ("valerie.infer", "infer.blank"),
+        ("valerie.evaluate", "eval"),
         ("valerie.finish", "r1ng219w3v1ks"),
     ],
 )
-def test_a_worker_does_what_a_message_asks(app: Celery, monkeypatch: pytest.MonkeyPatch, task: str, asked: Any) -> None:
-    done: list[Any] = []
-    monkeypatch.setattr(Child, "run", lambda _, digests: done.append(digests))
+def test_a_worker_does_what_a_message_asks(app: Celery, monkeypatch: pytest.MonkeyPatch, task: str, asked: str) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(Child, "serve", lambda _, route: done.append(route))
     monkeypatch.setattr(Child, "context", None)
     monkeypatch.setattr(evaluation, "finish_run", lambda _, run_id: done.append(run_id))
     with BrokerConnection("memory://") as connection:

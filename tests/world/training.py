@@ -31,10 +31,10 @@ def draw_frames(
     shards = []
     for seed in settings.seeds():
         size = {"height": settings.height, "width": settings.width}
-        frames = box_frames(settings.per_street, street_seed=seed, kind=int(settings.region is not None), **size)
+        frames = box_frames(settings.per_site, site_seed=seed, kind=int(settings.region is not None), **size)
         shard = write_shard(folder, seed, frames)
         if settings.region is not None:
-            shard = shard.model_copy(update={"drawn": DRAWS * settings.per_street})
+            shard = shard.model_copy(update={"drawn": DRAWS * settings.per_site})
         shards.append(shard)
         progress(shard)
     seeds = settings.seeds()
@@ -52,21 +52,21 @@ def class_here(function: str, settings: Settings) -> str:
 
 
 def box_frames(
-    count: int, *, street_seed: int = 1000, height: int = 64, width: int = 96, kind: int = 0
+    count: int, *, site_seed: int = 1000, height: int = 64, width: int = 96, kind: int = 0
 ) -> list[TrainingFrame]:
-    """Draw frames of one street: sky, road, a yellow box that is a person, and a row of void.
+    """Draw frames of one site: sky, road, a yellow box that is a person, and a row of void.
 
     Args:
         count: number of frames; the box has a place of its own in each.
-        street_seed: of the street.
+        site_seed: of the site.
         height: of a frame, in pixels.
         width: of a frame, in pixels.
-        kind: equal streets of another kind show the box elsewhere.
+        kind: equal sites of another kind show the box elsewhere.
     """
-    return [_frame(np.random.default_rng([street_seed, n, kind]), street_seed, height, width) for n in range(count)]
+    return [_frame(np.random.default_rng([site_seed, n, kind]), site_seed, height, width) for n in range(count)]
 
 
-def _frame(rng: np.random.Generator, street_seed: int, height: int, width: int) -> TrainingFrame:
+def _frame(rng: np.random.Generator, site_seed: int, height: int, width: int) -> TrainingFrame:
     labels = np.full((height, width), _SKY, np.uint8)
     labels[height // 2 :] = _ROAD
     labels[0] = VOID
@@ -76,4 +76,4 @@ def _frame(rng: np.random.Generator, street_seed: int, height: int, width: int) 
     for train_id, colour in _COLOURS.items():
         picture[labels == train_id] = colour
     noise = rng.integers(-15, 16, picture.shape)
-    return TrainingFrame((picture + noise).clip(0, 255).astype(np.uint8), labels, street_seed)
+    return TrainingFrame((picture + noise).clip(0, 255).astype(np.uint8), labels, site_seed)

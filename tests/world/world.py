@@ -24,7 +24,7 @@ from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
-from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
+from valerie.pipeline.work.stages import LooksAhead, MayEnd, make_products
 from valerie.runs.products.pins import AnyOffer
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import Stage, stage_of
@@ -130,7 +130,7 @@ class World:
         for stage, maker in self.makers.items():
             digests = [ready.digest for ready in batch if stage_of(ready.route) == stage]
             if digests:
-                run_stage(self.context, maker, digests)
+                make_products(self.context, maker, digests)
         finishing, self.broker.finish = self.broker.finish, []
         for run_id in finishing:
             finish_run(self.context, run_id)

@@ -1,4 +1,4 @@
-"""The shape of a body: MakeHuman's macro sliders and detail targets applied to the base mesh."""
+"""The shape of a body: MakeHuman's macro sliders and detail targets, applied to the base mesh."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class BodyShape:
     Attributes:
         sex: 0 female … 1 male.
         age: 0 new-born, 0.1875 about 12 years, 0.5 about 25 years, 1 about 90 years.
-        muscle, weight, height: of the grown body.
+        muscle, weight, height: build of the grown body.
         proportions: 0 uncommon … 1 ideal.
         ancestry: weights of ``african``, ``asian``, ``caucasian``, summing to 1.
-        details: further targets and their strength, e.g. ``{"stomach/stomach-tone-incr": 0.4}``.
+        details: further targets with their strengths, e.g. ``{"stomach/stomach-tone-incr": 0.4}``.
     """
 
     sex: float
@@ -49,7 +49,7 @@ class Body:
 
     Attributes:
         vertices: (19158, 3) float64, metres, z up, facing +y, the character's left at −x.
-        heads, tails: (bones, 3) float64, ends of the bones of `data.rig`.
+        heads, tails: (bones, 3) float64, metres, the two ends of each bone of `data.rig`.
     """
 
     vertices: NDArray[np.float64]
@@ -57,12 +57,12 @@ class Body:
     tails: NDArray[np.float64]
 
     def head(self, bone: str) -> NDArray[np.float64]:
-        """Return the (3,) joint at which the bone begins."""
+        """Return the joint at which the bone begins, (3,)."""
         joint: NDArray[np.float64] = self.heads[data.rig().bones.index(bone)]
         return joint
 
     def tail(self, bone: str) -> NDArray[np.float64]:
-        """Return the (3,) end of the bone."""
+        """Return the end of the bone, (3,)."""
         end: NDArray[np.float64] = self.tails[data.rig().bones.index(bone)]
         return end
 
@@ -81,7 +81,7 @@ def shape_body(shape: BodyShape) -> Body:
 
 
 def _targets(shape: BodyShape) -> Iterator[tuple[str, float]]:
-    """Yield names and strengths: each macro target counts with the product of the shares of the words in its name."""
+    """Yield names and strengths. A macro target has the product of the shares of the words in its name."""
     sex = {"female": 1.0 - shape.sex, "male": shape.sex}
     age = _age_shares(shape.age)
     muscle = _tent(shape.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))
@@ -107,7 +107,7 @@ def _targets(shape: BodyShape) -> Iterator[tuple[str, float]]:
 
 
 def _tent(value: float, names: tuple[str, str, str]) -> dict[str, float]:
-    """Return shares of low, middle and high: linear between them, the middle at 0.5."""
+    """Return the shares of low, middle and high: linear between them, with the middle at 0.5."""
     low, middle, high = names
     return {low: max(0.0, 1.0 - 2.0 * value), middle: 1.0 - abs(2.0 * value - 1.0), high: max(0.0, 2.0 * value - 1.0)}
 

@@ -1,4 +1,4 @@
-"""Things that people carry: bags, an umbrella, a phone. They are built on the dressed body, since straps lie on clothes."""
+"""Things that people carry: bags, an umbrella, a phone. They are fitted to the dressed body, since straps lie on clothes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urban_street.human.surface import Indices, Points, normalize
 #: Positions, normals, texture coordinates, faces.
 Piece = tuple[Points, Points, Points, Indices]
 
-#: Distance in metres from shoulder joint to crotch of the body that the sizes below fit.
+#: Distance from shoulder joint to crotch of the body for which the sizes below are made, metres.
 _TORSO: Final = 0.57
 _PARTS: Final = {
     "shoulder-bag": ("carried-shoulder-bag",),
@@ -39,7 +39,7 @@ def takes_a_hand(carries: str) -> bool:
 
 
 def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[Callable[[], textures.Canvas], float]]:
-    """Return the painter of each part, and its roughness."""
+    """Return painter and roughness of each part."""
     return {
         "carried-shoulder-bag": (partial(fabrics.bag, bag, 41), 0.5),
         "carried-backpack": (partial(fabrics.bag, bag, 42), 0.75),
@@ -84,7 +84,7 @@ def _moved(posed: Posed, bone: str, point: Points) -> Points:
 
 
 def _grip(body: Body, posed: Posed, side: str) -> Points:
-    """Return the (3,) middle of the grip of a closed hand."""
+    """Return the middle of the grip of a closed hand, (3,)."""
     _, palm = stances.hand_axes(body, side)
     knuckles = np.mean([body.head(f"{finger}_01_{side}") for finger in ("index", "middle", "ring", "pinky")], axis=0)
     return _moved(posed, f"hand_{side}", knuckles + 0.028 * palm)
@@ -101,7 +101,7 @@ def _trunk(body: Body, posed: Posed, clothes: Points, size: float) -> Points:
 
 
 def _around(flat: Points, start: float, end: float, count: int, off: float) -> Points:
-    """Return (count, 2) places on the convex hull of (V, 2) points, by angle in degrees about its middle, ``off`` outside."""
+    """Return (count, 2) places ``off`` outside the convex hull of (V, 2) points, by angle in degrees about its middle."""
     hull = ConvexHull(flat)
     corners = flat[hull.vertices]
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -179,7 +179,7 @@ def _umbrella(grip: Points, head: Points) -> tuple[Piece, Piece]:
     other = np.cross(axis, side)
     shares = np.linspace(0.0, 1.0, 10)[:, None]
     angle = np.arange(64) / 64 * 2.0 * np.pi
-    between = np.abs(np.sin(4.0 * angle))  # eight ribs: 0 on a rib, 1 half-way between two
+    between = np.abs(np.sin(4.0 * angle))  # eight ribs: 0 on a rib, 1 half-way between ribs
     reach = 0.50 * np.sin(shares * 1.15) / np.sin(1.15) * (1.0 - 0.055 * between * shares**2)
     fall = -0.21 * (1.0 - np.cos(shares * 1.15)) / (1.0 - np.cos(1.15)) + 0.012 * between * shares**2
     points = (
@@ -220,7 +220,7 @@ def _placed(posed: Posed, bone: str, piece: Piece) -> Piece:
 
 
 def _pillow(centre: Points, half: Points, sharpness: float) -> Piece:
-    """Return a superellipsoid: a box of cloth with round edges, the rounder the higher ``sharpness``."""
+    """Return a superellipsoid: a box of cloth with round edges, rounder for a higher ``sharpness``."""
 
     def bent(value: Points) -> Points:
         return np.asarray(np.sign(value) * np.abs(value) ** sharpness)
@@ -298,7 +298,7 @@ def _ribbon(path: Points, inside: Points, width: float, thickness: float) -> Pie
 
 
 def _outwards(points: Points, faces: Indices, uvs: Points) -> Piece:
-    """Return a closed tube's faces turned so that it has a positive volume, with smooth normals."""
+    """Return a closed tube with its faces oriented outwards and smooth normals."""
     corners = points[faces] - points.mean(axis=0)
     if np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]).sum() < 0.0:
         faces = faces[:, ::-1]
@@ -306,7 +306,7 @@ def _outwards(points: Points, faces: Indices, uvs: Points) -> Piece:
 
 
 def _smooth_path(path: Points, count: int, rounds: int = 2) -> Points:
-    """Return the path at even distances, its corners rounded."""
+    """Return ``count`` points at even distances along the path, with rounded corners."""
     for _ in range(rounds):
         path = np.concatenate([path[:1], 0.25 * path[:-2] + 0.5 * path[1:-1] + 0.25 * path[2:], path[-1:]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])

@@ -1,4 +1,4 @@
-"""The catalogue of characters: twelve people who differ in sex, age, build, skin, hair and clothes, one in two outfits."""
+"""The characters: twelve people who differ in sex, age, build, skin, hair and clothes, one of them in two outfits."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _HOOD: Final = Collar(
     folded=True,
 )  # fmt: skip
 
-_HEADS: Final[Mapping[str, tuple[Colour, Colour]]] = {  # skin and lips
+_HEADS: Final[Mapping[str, tuple[Colour, Colour]]] = {  # colours of skin and lips
     "pale": ((226, 180, 156), (192, 112, 104)),
     "fair": ((222, 174, 148), (188, 112, 102)),
     "olive": ((196, 148, 112), (164, 98, 86)),
@@ -77,7 +77,7 @@ def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: objec
 
 
 def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
-    """Return a jacket, sweater or shirt; ``k`` is the body's size relative to a grown person's."""
+    """Return a jacket, sweater or shirt; ``k`` is the body's size relative to an adult's."""
     looks: dict[str, object] = {"roughness": 0.8, "specular": 0.7, "thickness": 0.003, "collar": _CREW_NECK}
     looks |= {key: more.pop(key) for key in tuple(more) if key in looks}
     cut: dict[str, object] = {"upper": 0.006 * k, "sleeve": 1.93, "ease": 0.012 * k, "hang": 0.6}

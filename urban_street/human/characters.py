@@ -1,4 +1,4 @@
-"""Characters: a body, posed and dressed, as meshes, materials and textures of a scene."""
+"""Characters: posed and dressed bodies as meshes, materials and textures of a scene."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ CHARACTERS: Final = tuple(LOOKS)
 class Character:
     """A person in one stance, with the materials and textures of its meshes.
 
-    The frame is the scene's (metres, z up), feet on z = 0, the origin between the feet, facing +y.
+    The frame is the scene's (metres, z up). The feet are on z = 0, the origin is between them, and the person faces +y.
 
     Attributes:
         name: e.g. ``black-outfit``.
-        meshes: one per material.
-        materials: by name; a name is ``<character>/<part>``, and the part of everything worn starts with ``cloth-``,
-            others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
-        textures: by name, with the same prefix.
-        height_m: from the ground to the highest point.
-        footprint_radius_m: of the upright cylinder around the origin that holds the whole person.
-        licence: of the data, with their source.
+        meshes: one mesh per material.
+        materials: materials by name, ``<character>/<part>``. Parts of clothes start with ``cloth-``, others with ``skin-``,
+            ``hair-``, ``shoe-`` or ``carried-``.
+        textures: textures by name, with the same prefix.
+        height_m: height of the highest point above the ground.
+        footprint_radius_m: radius of the upright cylinder around the origin that contains the whole person.
+        licence: licence of the data, with their source.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Character:
 
 
 def build_character(name: str, stance: Stance | None = None) -> Character:
-    """Build one of `CHARACTERS`; the same name and stance always give the same bytes.
+    """Build one of `CHARACTERS`. Equal arguments give equal bytes.
 
     Raises:
         UnknownName: no such character, pose or thing to carry.
@@ -55,12 +55,12 @@ def build_character(name: str, stance: Stance | None = None) -> Character:
 
 
 def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tuple[Character, Seat]:
-    """Return one of `CHARACTERS` on a bicycle or motorcycle, in the frame of that; equal arguments give equal bytes.
+    """Return one of `CHARACTERS` on a bicycle or motorcycle, in its frame. Equal arguments give equal bytes.
 
     Args:
-        name: of the character.
+        name: the character's name.
         contact: the places of seat, hands and feet.
-        bare_head: False leaves hair and hat out, for a rider with a helmet.
+        bare_head: False to leave out hair and hat, for a rider with a helmet.
 
     Returns:
         The character, and the places of its head and joints.

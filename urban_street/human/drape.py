@@ -1,8 +1,8 @@
 """Cloth: garments that settle on a posed body.
 
-Position-based dynamics (Müller et al. 2007, doi:10.1016/j.jvcir.2007.01.005) with Jacobi iterations: threads resist
-stretching, yield to compression, which makes folds, and stay outside the body. The number of steps is fixed and the arrays
-are float64, so the result is a pure function of its input.
+Position-based dynamics (Müller et al. 2007, doi:10.1016/j.jvcir.2007.01.005) with Jacobi iterations: threads resist stretching,
+yield to compression, which forms folds, and stay outside the body. The number of steps is fixed and the arrays are float64, so
+the result is a pure function of its input.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from urban_street.human.surface import Indices, Points, edges_of, even_edges, neighbours, vertex_normals
 
-#: Distance in metres that separates the surfaces of different regions in the lookup of the nearest point.
+#: Distance that separates the surfaces of different regions in the lookup of the nearest point, metres.
 _REGION_STEP: Final = 10.0
-#: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations let heavy cloth stretch,
-#: and only the settled shape matters.
+#: Fall per step, metres. It is far below gravity's (g/60² = 2.7 mm), since a few Jacobi iterations would let heavy cloth
+#:stretch. Only the settled shape matters.
 _FALL: Final = 0.00015
 _DAMPING: Final = 0.85
 _REACH: Final = 0.03
@@ -27,12 +27,12 @@ _REACH: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Fabric:
-    """The behaviour of a cloth.
+    """The properties of a cloth.
 
     Attributes:
         stretch: share of a thread's excess length that one iteration removes.
-        compression: the same for missing length; low values fold easily.
-        bending: the same for the distance of opposite corners of two triangles; high values are stiff.
+        compression: the same share of missing length; low values fold easily.
+        bending: the same share for the distance of opposite corners of two triangles; high values are stiff.
         thickness: distance of the cloth from the surface under it, metres.
         friction: share of the sideways motion that contact removes.
         steps: iterations of motion and contact.
@@ -52,7 +52,7 @@ class Obstacle:
 
     Attributes:
         points, normals: (N, 3) a dense sample of the surface, normals outwards.
-        regions: (N,) int64; cloth collides only with its own region (an arm does not push the trunk's cloth).
+        regions: (N,) int64. Cloth collides only with its own region, so that an arm does not push the trunk's cloth.
     """
 
     points: Points
@@ -72,7 +72,7 @@ def settle(
     """Let a garment settle.
 
     Args:
-        start: (V, 3) first guess in the pose, e.g. by skinning.
+        start: (V, 3) initial positions in the pose, e.g. by skinning.
         rest: (V, 3) the garment's own shape, which gives the lengths of its threads.
         faces: (F, 3).
         pinned: (V,) vertices that do not move.
@@ -102,7 +102,7 @@ def settle(
             np.where(free[:, None], position + _DAMPING * (position - previous) + fall, position),
             position,
         )
-        # Axes first: whole rows are several times faster to gather and to add up than triples.
+        # Axes come first, since whole rows are several times faster to gather and sum than triples.
         axes = np.ascontiguousarray(position.T)
         for _ in range(3):
             delta = axes.take(b, axis=1) - axes.take(a, axis=1)
@@ -120,7 +120,7 @@ def settle(
     smooth = neighbours(faces, len(rest))
     for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin smoothing removes the iterations' noise and keeps the folds.
         position[free] += (factor * (smooth @ position - position))[free]
-    position = np.where(free[:, None], even_edges(position, faces), position)  # a hem is stiff: sewn over twice
+    position = np.where(free[:, None], even_edges(position, faces), position)  # hems are stiff
     for _ in range(3):
         nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
         own = under.regions[nearest] == regions
@@ -129,7 +129,7 @@ def settle(
 
 
 def outside_normals(points: Points, faces: Indices, regions: Indices) -> Obstacle:
-    """Return an obstacle made of a surface's own vertices."""
+    """Return a surface's vertices as an obstacle."""
     return Obstacle(points, vertex_normals(points, faces), regions)
 
 
@@ -155,12 +155,12 @@ def _with_region(points: Points, regions: Indices) -> Points:
 
 
 def _scatter(columns: Indices, axes: Points, count: int) -> Points:
-    """Return (3, ``count``): the sums of (3, N) vectors by column."""
+    """Return the sums of (3, N) vectors by column, (3, ``count``)."""
     return np.stack([np.bincount(columns, axis, minlength=count) for axis in axes])
 
 
 def _opposite_corners(faces: Indices, sides: Indices, number_of_edges: int) -> Indices:
-    """Return (B, 2): the two corners that face each other across every inner edge."""
+    """Return the two corners opposite each inner edge, (B, 2)."""
     order = np.argsort(sides.ravel(), kind="stable")
     edge = sides.ravel()[order]
     corner = np.roll(faces, -2, axis=1).ravel()[order]  # the corner that is not on side k

@@ -18,21 +18,21 @@ from urban_street.human.textures import (
     weave,
 )
 
-#: Texels a side of textures without a pattern.
+#: Texels per side of textures without a pattern.
 _SMALL: Final = 64
 
 Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
 
 
 def plain(colour: Colour, seed: int) -> Canvas:
-    """Paint one colour, hardly worn."""
+    """Paint one colour with little wear."""
     canvas = Canvas.plain(colour, _SMALL)
     canvas.shade(1.0 + 0.02 * noise(np.random.default_rng(seed), (1.0, 1.0), _SMALL))
     return canvas
 
 
 def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
-    """Paint a T-shirt or jersey, plain, striped across, or with a band around the chest; ribbed at neck and cuffs."""
+    """Paint a T-shirt or jersey, ribbed at neck and cuffs: plain, striped across, or with a band around the chest."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -54,7 +54,7 @@ def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") ->
 
 
 def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
-    """Paint knitwear with ribs at hem and cuffs; with a pouch and cords, a hooded sweater."""
+    """Paint knitwear with ribs at hem and cuffs; with ``pocket``, a hooded sweater with a pouch and cords."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.22)
@@ -124,7 +124,7 @@ def coat_skirt(colour: Colour, seed: int) -> Canvas:
 
 
 def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
-    """Paint a skirt or the lower part of a dress: u around, v from waist to hem."""
+    """Paint a skirt or the lower part of a dress; u runs around, v from waist to hem."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -209,7 +209,7 @@ def paper(colour: Colour, seed: int) -> Canvas:
 
 
 def canopy(colour: Colour, seed: int) -> Canvas:
-    """Paint an umbrella's cloth: eight panels with seams along the ribs, a hem."""
+    """Paint an umbrella's cloth: eight panels with seams along the ribs, and a hem."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 256)
     canvas.shade(1.0 + 0.03 * noise(random, (1.0, 1.0), 256))

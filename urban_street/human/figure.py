@@ -36,10 +36,10 @@ from valerie.errors import UnknownName
 from valerie.scene.graph.deferred import DeferredMesh, DeferredTexture
 from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 
-#: Stances of a figure whose meshes are kept: a walk cycle, and the other poses.
+#: Number of stances of a figure whose meshes are cached: a walk cycle, and the other poses.
 _KEPT_STANCES: Final = 24
 _HIDDEN_MARGIN: Final = 0.04
-#: Larger margin, since the view reaches further under a skirt.
+#: A larger margin, since the view reaches further under a skirt.
 _SKIRT_MARGIN: Final = 0.14
 
 
@@ -53,7 +53,7 @@ class Shape(NamedTuple):
 
 
 class StanceKey(NamedTuple):
-    """The parts of a stance that determine the shape: pose, instant of the walk, and the carried thing (never ``own``)."""
+    """The parts of a stance that determine the shape: pose, instant of the walk, and the carried thing, never ``own``."""
 
     pose: str
     step: int
@@ -64,7 +64,7 @@ class Seat(NamedTuple):
     """The places of parts of a seated body, in the frame of the vehicle.
 
     Attributes:
-        head: (4, 4) a frame on the head: the origin inside the skull at brow height, axes as the rest pose's.
+        head: (4, 4) frame of the head: origin inside the skull at brow height, axes of the rest pose.
         joints: (len(JOINTS), 3) metres.
     """
 
@@ -80,7 +80,7 @@ def figure(name: str) -> Figure:
     """Return the figure of a character in its default stance.
 
     Raises:
-        UnknownName: no such character.
+        UnknownName: there is no such character.
     """
     if name not in LOOKS:
         raise UnknownName("character", name, LOOKS)
@@ -91,9 +91,9 @@ class Figure:
     """See `valerie.scene.graph.model.Figure`.
 
     Args:
-        model: the character; shared by all its figures.
+        model: the character, which all its figures share.
         stance: its stance.
-        rename: maps names of materials to other names; None keeps them.
+        rename: maps names of materials to other names; None to keep them.
     """
 
     def __init__(self, model: Model, stance: Stance, rename: Callable[[str], str] | None) -> None:
@@ -110,12 +110,12 @@ class Figure:
 
     @property
     def materials(self) -> dict[str, Material]:
-        """Return all materials that some stance may need, by their own names."""
+        """Return the materials of all stances, by their original names."""
         return self._model.materials
 
     @property
     def textures(self) -> dict[str, Texture]:
-        """Return all textures that these materials name."""
+        """Return the textures of these materials."""
         return self._model.textures
 
     @cached_property
@@ -132,7 +132,7 @@ class Figure:
         return self._model.joints(self._key)
 
     def taking(self, stance: Stance) -> Figure:
-        """Return the figure in another stance. Stances that look alike give the same object."""
+        """Return the figure in another stance. Stances with equal shapes give the same object."""
         if stance.pose not in POSES:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
@@ -142,11 +142,11 @@ class Figure:
         return self._siblings.setdefault(figure._key, figure)
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
-        """Return meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""
+        """Return the meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""
         return self._model.seated(contact)
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
-        """Return the figure with materials called ``rename(name)``."""
+        """Return the figure with materials renamed by ``rename(name)``."""
         before = self._rename
         return Figure(self._model, self._stance, rename if before is None else lambda name: rename(before(name)))
 
@@ -159,13 +159,12 @@ class Figure:
 
 
 class Model:
-    """A character: its look, and everything that follows from the look, each built once.
+    """A character: its look, and everything derived from it, each built once.
 
     Attributes:
-        name: e.g. ``black-outfit``; materials are called ``<name>/<part>``, and the part of everything worn starts
-            with ``cloth-``, others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
+        name: e.g. ``black-outfit``. For names of materials, see `urban_street.human.characters.Character`.
         look: body, clothes and colours.
-        materials, textures: by name; the images are painted on first use.
+        materials, textures: materials and textures by name. The images are painted on first use.
     """
 
     def __init__(self, name: str, look: outfits.Look) -> None:
@@ -219,7 +218,7 @@ class Model:
 
     @cached_property
     def covered(self) -> NDArray[np.bool_]:
-        """Return the (19158,) mask of body vertices under clothes, away from the clothes' edges."""
+        """Return the mask of body vertices under clothes, (19158,), except near the clothes' edges."""
         body, weights = self.body, data.rig().weights
         hidden = np.zeros(len(body.vertices), bool)
         for garment in self.look.garments:
@@ -242,7 +241,7 @@ class Model:
 
     @cached_property
     def _slim(self) -> dict[str, surface.Mapped]:
-        """Return the simplification of each part, decided at the first instant of the walk for all stances."""
+        """Return the simplification of each part, computed at the first instant of the walk and used for all stances."""
         full, _ = self._first
         keep = {"skin-head": 0.62, "skin-limbs": 0.62, "shoe-upper": 0.75}
         simplified = {}
@@ -264,13 +263,13 @@ class Model:
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
 
     def _origin(self, posed: pose.Posed) -> Points:
-        """Return the origin of the meshes in the body's frame: (3,), on the ground, between the soles."""
+        """Return the origin of the meshes in the body's frame, (3,): on the ground between the soles."""
         soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
         middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
         return np.array([middle[0], middle[1], np.concatenate(soles)[:, 2].min()])
 
     def joints(self, key: StanceKey) -> Points:
-        """Return the places of the joints in a stance, in the frame of its meshes: (len(JOINTS), 3)."""
+        """Return the joints in a stance, in the frame of its meshes, (len(JOINTS), 3)."""
         posed = self.posed(key)
         return pose.joints(self.body, posed) - self._origin(posed)
 
@@ -300,7 +299,7 @@ class Model:
         }
 
     def posed(self, key: StanceKey) -> pose.Posed:
-        """Return the places of the bones in a stance."""
+        """Return the posed bones in a stance."""
         look = self.look
         rotations = stances.rotations(self.body, look.gait, key.pose, key.step, key.carries)
         soles = {side: (pair[1].points, pair[1].weights) for side, pair in self.pairs.items()}
@@ -315,7 +314,7 @@ class Model:
         return tuple(cloths)
 
     def _full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
-        """Return all parts with all their triangles in the body's frame."""
+        """Return all parts, not simplified, in the body's frame."""
         shapes = dict(self._dressed(posed))
         shapes |= self._bare(posed)
         shapes |= self._on_head(posed)
@@ -428,7 +427,7 @@ class Model:
 
 @dataclass(eq=False)
 class _Painting:
-    """Colour and relief of one canvas, which is dropped once both are read."""
+    """Colour and relief of one canvas, which is dropped after painting."""
 
     canvas: Callable[[], textures.Canvas]
     _colour: NDArray[np.uint8] | None = None

@@ -1,4 +1,4 @@
-"""Hair: a cap grown from the scalp, combed from the crown to a hairline, optionally falling below the ears."""
+"""Hair: a cap on the scalp, combed from the crown to a hairline, optionally falling below the ears."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class HairCut:
 
     Attributes:
         hairline: elevation of its edge seen from the head's centre, by azimuth from the front (0) to the back (180).
-        thickness: at the crown.
+        thickness: thickness at the crown.
         edge: thickness at the hairline.
-        fall: by azimuth, its length below the centre of the head where the hairline lies below the centre.
+        fall: length below the centre of the head by azimuth, if the hairline is below the centre.
         strand: depth of the grooves between strands, as a share of the thickness.
         parting: azimuth of the parting, or None.
-        tied: a ``bun``, a ``ponytail`` or nothing.
-        ragged: unevenness of the hairline; 0 is a clean edge.
+        tied: ``bun``, ``ponytail`` or none.
+        ragged: unevenness of the hairline; 0 for a clean edge.
     """
 
     hairline: Mapping[float, float]
@@ -45,7 +45,7 @@ class HairCut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hair:
-    """(V, 3) rest positions on the head bone, (F, 3) faces, (V, 2) texture coordinates: around, and crown to tip."""
+    """(V, 3) rest positions on the head bone, (F, 3) faces, (V, 2) texture coordinates: u around, v from crown to tip."""
 
     points: Points
     faces: Indices
@@ -53,7 +53,7 @@ class Hair:
 
 
 def head_centre(body: Body) -> Points:
-    """Return (3,) inside the skull, at the height of the brows, half-way between forehead and back of the head."""
+    """Return the point, (3,), inside the skull at the height of the brows, half-way between forehead and back of the head."""
     points = _head_points(body)
     eyes = body.vertices[np.unique(data.base_mesh().groups["joint-l-eye"].quads)].mean(axis=0)
     level = points[np.abs(points[:, 2] - eyes[2] - 0.03) < 0.015]
@@ -61,7 +61,7 @@ def head_centre(body: Body) -> Points:
 
 
 def build_hair(cut: HairCut, body: Body, seed: int) -> Hair:
-    """Grow the hair of ``cut`` on a body's head in the rest pose; ``seed`` places the strands."""
+    """Build the hair of ``cut`` on a body's head in the rest pose. ``seed`` determines the strands."""
     random = np.random.default_rng(seed)
     centre = head_centre(body)
     azimuth = np.arange(COLUMNS) / COLUMNS * 2.0 * np.pi - np.pi  # −π and π are the back
@@ -163,7 +163,7 @@ def _grid_surface(grid: Points) -> Hair:
     rows = len(grid)
     ids = np.arange(rows * COLUMNS).reshape(rows, COLUMNS)
     faces = np.concatenate([surface.strip(ids[k], ids[k + 1])[:, ::-1] for k in range(rows - 1)])
-    faces = faces[COLUMNS:]  # the first ring is the crown, one point: half of its strip has no area
+    faces = faces[COLUMNS:]  # the first ring is one point, the crown, so half of its strip has no area
     around = np.tile(np.arange(COLUMNS) / COLUMNS, rows)
     down = np.repeat(np.arange(rows) / (rows - 1), COLUMNS)
     return Hair(grid.reshape(-1, 3), faces, np.stack([around, down], axis=1))
@@ -179,7 +179,7 @@ def _head_points(body: Body) -> Points:
 
 
 def _skull_radius(body: Body, directions: Points) -> Points:
-    """Return distance from the head's centre to the skin, ears left out, along unit ``directions`` (..., 3), in metres."""
+    """Return the distance from the head's centre to the skin, without ears, along unit ``directions`` (..., 3), metres."""
     mesh, rig = data.base_mesh(), data.rig()
     rows = np.unique(mesh.groups["body"].quads)
     weights = rig.weights[rows][:, [rig.bones.index(n) for n in ("head", "neck_01")]].sum(axis=1)
@@ -196,11 +196,11 @@ def _skull_radius(body: Body, directions: Points) -> Points:
 
 
 def _clumps(random: np.random.Generator) -> Points:
-    """Return (ROWS, COLUMNS) in about −1…1: strands run down the columns and wander a little."""
+    """Return noise in about −1…1, (ROWS, COLUMNS): strands run down the columns and wander slightly."""
     noise = random.normal(size=(ROWS, COLUMNS))
     smooth = ndimage.gaussian_filter(noise, (5.0, 0.7), mode=("nearest", "wrap"))
     smooth /= np.abs(smooth).max()
-    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # All strands meet at the crown.
+    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # all strands meet at the crown
     return smooth * fade
 
 

@@ -1,4 +1,4 @@
-"""Hats: a beanie, a peaked cap, a hat with a brim, each grown over the skull like hair."""
+"""Hats: a beanie, a peaked cap, a hat with a brim, each built over the skull like hair."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Hat:
 
     Attributes:
         kind: ``beanie``, ``cap`` (peaked in front) or ``brimmed``.
-        texture: paints it; u around, v from the crown to the edge.
+        texture: paints it; u runs around, v from the crown to the edge.
     """
 
     kind: Literal["beanie", "cap", "brimmed"]
@@ -45,7 +45,7 @@ def build_hat(hat: Hat, body: Body) -> hair.Hair:
 
 
 def _brim(edge: Points, *, peaked: bool) -> hair.Hair:
-    """Return a sheet with two sides that goes out from the hat's edge: all around, or a peak in front."""
+    """Return a two-sided sheet that extends from the hat's edge: all around, or as a peak in front."""
     azimuth = np.arange(hair.COLUMNS) / hair.COLUMNS * 2.0 * np.pi - np.pi
     out = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=1)
     peak = 0.07 * np.clip(np.cos(azimuth * 1.12), 0.0, 1.0) ** 0.6 * (np.abs(azimuth) < 1.3)

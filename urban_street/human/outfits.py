@@ -1,4 +1,4 @@
-"""The parts of a character: body, gait, clothes and looks; and the two characters of the paper (others: `catalogue`)."""
+"""The parts of a character: body, gait, clothes and colours; and the paper's two characters (others: `catalogue`)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Garment:
     """One garment.
 
     Attributes:
-        name: of its material after ``cloth-``.
+        name: name of its material after ``cloth-``.
         cut: its pattern.
-        texture: paints colour and relief.
-        roughness, specular: of the cloth.
-        thickness: of the hems, metres.
-        collar: of a top.
-        over: worn over the garments before it.
+        texture: paints its colour and relief.
+        roughness, specular: material of the cloth.
+        thickness: thickness of the hems, metres.
+        collar: collar of a top.
+        over: whether it is worn over the garments before it.
     """
 
     name: str
@@ -46,14 +46,14 @@ class Look:
     """The look of a character.
 
     Attributes:
-        garments: from the inside out.
-        shoe_texture, sole: of the shoes' uppers, and the soles' linear colour.
-        hair: None for none.
-        hair_colour: sRGB.
-        seed: of the small irregularities.
-        hat: worn over the hair.
+        garments: garments from the inside out.
+        shoe_texture, sole: texture of the shoes' uppers, and linear colour of the soles.
+        hair: its hair; None for none.
+        hair_colour: colour of the hair, sRGB.
+        seed: seed of small irregularities.
+        hat: hat over the hair.
         carries: one of `urban_street.human.stances.CARRIED` except ``own``.
-        bag_colour, umbrella_colour: sRGB, of the carried thing.
+        bag_colour, umbrella_colour: colours of the carried things, sRGB.
     """
 
     shape: BodyShape
@@ -150,7 +150,7 @@ def black_outfit() -> Look:
 
 
 def yellow_outfit() -> Look:
-    """Return the person of `black_outfit` in the colours of `yellow_shirt`: the same body, step and cut of the clothes."""
+    """Return the person of `black_outfit`, with the same step and cut of the clothes, in the colours of `yellow_shirt`."""
     look = black_outfit()
     trousers, jacket = look.garments
     return replace(

@@ -1,7 +1,7 @@
 """Poses: joint rotations in anatomical terms, a walking gait, and linear blend skinning.
 
-Rotations are given about the *world* axes of the rest pose (x to the character's right, y forward, z up), so that no
-bone roll enters: a positive turn about x swings a hanging limb forward.
+Rotations are about the *world* axes of the rest pose (x to the character's right, y forward, z up), so bone roll has no effect.
+A positive turn about x swings a hanging limb forward.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from urban_street.human.surface import Points, normalize
 from valerie.errors import InvalidInput
 from valerie.scene.graph.model import JOINTS
 
-# Sagittal joint angles of level walking in degrees over the gait cycle in percent (0 = heel strike). They have the shape of
-# measured curves (two peaks of the knee, push-off of the ankle), but were set by eye and come from no study.
+# Sagittal joint angles of level walking, degrees, over the gait cycle, percent (0 is heel strike). They have the shape of
+# measured curves (two peaks of the knee, push-off of the ankle), but were set by eye and not taken from a study.
 _HIP: Final = {0: 28, 10: 24, 20: 15, 30: 6, 40: -4, 50: -11, 60: -5, 70: 12, 80: 25, 90: 30}
 _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 47, 90: 17, 96: 4}
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
 _TOES: Final = {0: 8, 8: 0, 30: 0, 45: 8, 55: 26, 62: 20, 70: 5, 85: 8}
 
-#: Joint to the bone that begins at it; of a limb without its side.
+#: Joint to the bone that begins at it; without the side for limbs.
 _BONES: Final = {
     "pelvis": "pelvis", "spine": "spine_02", "chest": "spine_03", "neck": "neck_01", "head": "head", "shoulder": "upperarm",
     "elbow": "lowerarm", "wrist": "hand", "hip": "thigh", "knee": "calf", "ankle": "foot", "toes": "ball",
 }  # fmt: skip
 
-#: Feet whose soles differ by more than this in height (metres) are not both on the ground.
+#: Largest difference in height of the soles of two feet on the ground, metres.
 _DOUBLE_SUPPORT: Final = 0.08
 
 
@@ -43,13 +43,13 @@ class Gait:
     """One instant of a walk.
 
     Attributes:
-        phase: of the left leg, 0 = its heel strike … 1 = the next one.
-        stride: factor on the sagittal angles of the legs; 1 is natural cadence.
+        phase: phase of the left leg: 0 is its heel strike, 1 the next one.
+        stride: factor of the sagittal angles of the legs; 1 for natural cadence.
         arm_swing_deg: amplitude of the shoulders.
         elbow_deg: mean flexion of the elbows.
         arm_out_deg: angle of the upper arms away from the body.
-        step_width_m: sideways distance between the ankles.
-        lean_deg: of the trunk, forward.
+        step_width_m: lateral distance between the ankles.
+        lean_deg: forward lean of the trunk.
     """
 
     phase: float
@@ -67,7 +67,7 @@ class Gait:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posed:
-    """The places of all bones.
+    """The poses of all bones.
 
     Attributes:
         transforms: (bones, 4, 4) float64, rest to posed.
@@ -76,14 +76,14 @@ class Posed:
     transforms: NDArray[np.float64]
 
     def apply(self, points: Points, weights: Points) -> Points:
-        """Linear blend skinning of (V, 3) rest points with (V, bones) weights."""
+        """Apply linear blend skinning to (V, 3) rest points with (V, bones) weights."""
         blended = np.einsum("vb,bij->vij", weights, self.transforms[:, :3, :], optimize=True)
         moved: Points = np.einsum("vij,vj->vi", blended[:, :, :3], points) + blended[:, :, 3]
         return moved
 
 
 def joints(body: Body, posed: Posed) -> Points:
-    """Return the joints of a posed body in its frame: (len(JOINTS), 3)."""
+    """Return the joints of a posed body in its frame, (len(JOINTS), 3)."""
     bones = data.rig().bones
     places = []
     for name in JOINTS:
@@ -94,7 +94,7 @@ def joints(body: Body, posed: Posed) -> Points:
 
 
 def _joint(body: Body, name: str) -> tuple[str, Points]:
-    """Return the bone that carries a joint, and the joint's place in the rest pose."""
+    """Return the bone of a joint, and the joint's place in the rest pose."""
     if name == "head_top":
         return "head", body.tail("head")
     side, _, part = name.rpartition("_")
@@ -106,7 +106,7 @@ def _joint(body: Body, name: str) -> tuple[str, Points]:
 
 
 def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:
-    """Forward kinematics: each rotation turns its bone, and all below it, about the bone's joint."""
+    """Return the posed bones. Each rotation turns its bone, and all below it, about the bone's joint."""
     rig = data.rig()
     transforms = np.zeros((len(rig.bones), 4, 4))
     for index, (bone, parent) in enumerate(zip(rig.bones, rig.parents, strict=True)):
@@ -120,8 +120,8 @@ def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:
 
 
 def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Return rotations of all bones at one instant of a walk."""
-    twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # The pelvis goes forward with the striking leg.
+    """Return the rotations of all bones at one instant of a walk."""
+    twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # the pelvis turns forward with the striking leg
     rotations = {
         "pelvis": turn(z=-twist),
         "spine_01": turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
@@ -142,7 +142,7 @@ def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[
     hip, ankle = body.head(f"thigh_{side}"), body.head(f"foot_{side}")
     current, target = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
     inwards = np.degrees(np.arctan2(current[0], -current[2]) - np.arctan2(target[0], -current[2]))
-    # the pelvis turned: turn the leg back, so that the feet point ahead
+    # Turn the leg back against the pelvis, so that the feet point ahead.
     splay = 0.6 * (body.tail(f"foot_{side}") - ankle)[:2]
     toes_in = np.degrees(np.arctan2(splay[0], splay[1])) * 0.45
     level = turn(y=-inwards)
@@ -161,7 +161,7 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
     fore = normalize(body.tail(f"lowerarm_{side}") - body.head(f"lowerarm_{side}"))
     out = np.radians(gait.arm_out_deg)
     hanging = np.array([outwards * np.sin(out), 0.0, -np.cos(out)])
-    # an arm swings against the leg of its side: furthest back at that leg's heel strike
+    # An arm swings opposite to the leg of its side: it is furthest back at that leg's heel strike.
     swing = -np.cos(2.0 * np.pi * phase)
     lower = between(upper, hanging)
     flexion_axis = normalize(np.cross(upper, [0.0, 1.0, 0.0]))
@@ -177,7 +177,7 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
 
 
 def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
-    """Return fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
+    """Return the rotations of fingers curled towards the palm, the little finger most; ``grip`` 1 is relaxed, 3 a fist."""
     hand = body.head(f"hand_{side}")
     across = body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}")
     along = body.head(f"middle_01_{side}") - hand
@@ -200,7 +200,7 @@ def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
 
 
 def _curve(knots: Mapping[int, float], phase: float) -> float:
-    """Return the periodic cubic spline through knots given in percent of the cycle."""
+    """Return the value at ``phase`` of the periodic cubic spline through knots in percent of the cycle."""
     places = [*(percent / 100.0 for percent in knots), 1.0]
     values = [*knots.values(), next(iter(knots.values()))]
     return float(CubicSpline(places, values, bc_type="periodic")(phase % 1.0))
@@ -223,15 +223,15 @@ def between(start: Points, end: Points) -> Rotation:
 def plant(
     body: Body, rotations: Mapping[str, Rotation], soles: Mapping[str, tuple[Points, Points]]
 ) -> dict[str, Rotation]:
-    """Bring both feet to the ground when the gait has both on it.
+    """Bring both feet to the ground if the gait has both on it.
 
-    Measured mean angles leave a gap of centimetres under one foot; the knee of the leg that reaches lower gives way
-    until both soles touch the same plane. Feet further apart than that (a leg in swing) are left as they are.
+    The joint angles leave a gap of centimetres under one foot. The knee of the leg that reaches lower bends until both soles
+    touch the same plane. Feet further apart (a leg in swing) are left as they are.
 
     Args:
         body: the shaped body.
-        rotations: of all bones.
-        soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
+        rotations: rotations of all bones.
+        soles: side to (V, 3) rest points of the sole and their (V, bones) weights.
     """
 
     def lowest(knees: Mapping[str, Rotation], side: str) -> float:

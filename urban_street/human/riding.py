@@ -14,9 +14,9 @@ from urban_street.human.surface import Points, normalize
 
 Place = tuple[float, float, float]
 
-#: From the saddle's surface up to the hip joints, and forward, metres.
+#: Offset of the hip joints above the saddle's surface, and forward, metres.
 _SEAT_TO_HIPS = (0.035, 0.085)
-#: The ball of the foot is this far above the pedal: the shoe's sole and the foot.
+#: Height of the ball of the foot above the pedal, metres: the shoe's sole and the foot.
 _SOLE = 0.030
 
 
@@ -26,9 +26,9 @@ class Contact:
 
     Attributes:
         seat: top of the saddle under the sit bones.
-        grip: middle of the right grip; the left one is its mirror image.
-        foot: under the ball of the right and of the left foot.
-        lean_deg: of the trunk, forward.
+        grip: middle of the right grip. The left one is its mirror image.
+        foot: places under the ball of the right and of the left foot.
+        lean_deg: forward lean of the trunk.
         knees_out: outward turn of the knees, 0 … 1.
     """
 
@@ -43,7 +43,7 @@ def ride(body: Body, contact: Contact) -> tuple[dict[str, Rotation], Points]:
     """Return the pose of a seated body.
 
     Returns:
-        Rotations of the bones for `pose_body`, and the (3,) vehicle's origin in the posed body's frame.
+        Rotations of the bones for `pose_body`, and the vehicle's origin, (3,), in the posed body's frame.
     """
     lean = contact.lean_deg
     rotations = {
@@ -104,7 +104,7 @@ def _arm(
     pointing = normalize(np.array([-0.12 * outwards, 1.0, -0.22]))
     down = normalize(np.array([-0.25 * outwards, -0.15, -1.0]))
     turned = _frame(pointing, down) @ _frame(finger - hand, palm).T
-    # The palm lies on the grip: it is under the knuckles.
+    # The palm, which is under the knuckles, lies on the grip.
     wrist = grip - turned @ (0.92 * (finger - hand) + 0.028 * palm)
     pole = np.array([outwards * 0.75, -0.35, -0.9])
     elbow = _joint(shoulder, wrist, float(np.linalg.norm(fore - upper)), float(np.linalg.norm(hand - fore)), pole)
@@ -120,7 +120,7 @@ def _arm(
 
 
 def _joint(start: Points, end: Points, first: float, second: float, pole: Points) -> Points:
-    """Return the (3,) place of knee or elbow, towards ``pole``; a limb stretches to at most 99.7 % of its length."""
+    """Return the place of knee or elbow, (3,), towards ``pole``. A limb stretches to at most 99.7 % of its length."""
     line = end - start
     length = float(np.linalg.norm(line))
     along = line / length
@@ -131,7 +131,7 @@ def _joint(start: Points, end: Points, first: float, second: float, pole: Points
 
 
 def _frame(direction: Points, hinge: Points) -> Points:
-    """Return (3, 3) columns: direction, hinge made perpendicular to it, and their product."""
+    """Return the (3, 3) columns: direction, hinge made perpendicular to it, and their cross product."""
     ahead = normalize(direction)
     axis = normalize(hinge - (hinge @ ahead) * ahead)
     return np.column_stack([ahead, axis, np.cross(ahead, axis)])

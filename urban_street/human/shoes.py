@@ -1,4 +1,4 @@
-"""Shoes: uppers cut from the second skin's feet, on a sole lofted along each foot."""
+"""Shoes: uppers cut from the feet of the second skin, on soles lofted along each foot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ShoeCut:
     """The cut of a shoe, in metres.
 
     Attributes:
-        height: of the opening above the foot's sole.
+        height: height of the opening above the foot's sole.
         sole: thickness under the ball of the foot.
         heel: thickness under the heel.
         ease: room around the foot.
@@ -39,8 +39,8 @@ class ShoePart:
     """A part of a shoe in the rest pose.
 
     Attributes:
-        points: (V, 3) metres; weights: (V, bones); faces: (F, 3).
-        uvs: (V, 2): across (0.5 on top of the foot) and along (0 heel … 1 toe).
+        points: (V, 3) metres; weights: (V, bones); faces: (F, 3). uvs: (V, 2), across (0.5 on top of the foot) and along (0
+            heel … 1 toe).
     """
 
     points: Points
@@ -61,7 +61,7 @@ def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: fl
     """
     own = share(skin.weights, _FOOT, f"_{side}") > 0.5
     faces = surface.triangles(skin.quads)
-    # the opening rises a little towards the back, as a shoe's heel counter does
+    # The opening rises slightly towards the back, as in real shoes.
     heel = body.head(f"foot_{side}")[1] - 0.04
     opening = ground + cut.height + 0.12 * np.clip(heel - skin.rest[:, 1], 0.0, 0.1)
     piece = surface.clip(faces, np.where(own, skin.rest[:, 2] - opening, 1.0))
@@ -83,7 +83,7 @@ def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: fl
 
 
 def _axis(points: Points, body: Body, side: str) -> tuple[Points, Points, float]:
-    """Return heel end on the ground plane, direction to the toes (both with z = 0), and length."""
+    """Return the heel's end, the direction to the toes (both with z = 0), and the length."""
     direction = (body.tail(f"ball_{side}") - body.head(f"foot_{side}")) * np.array([1.0, 1.0, 0.0])
     forward = surface.normalize(direction)
     along = points @ forward
@@ -99,7 +99,7 @@ def _upper_uvs(points: Points, heel: Points, forward: Points, length: float) -> 
 
 
 def _turn_in(upper: ShoePart) -> ShoePart:
-    """Give the opening an edge of 4 mm and an inside."""
+    """Add an edge of 4 mm and an inside to the opening."""
     loop = surface.boundary_loops(upper.faces)[0]
     normals = surface.vertex_normals(upper.points, upper.faces)[loop]
     edge = upper.points[loop]
@@ -116,7 +116,7 @@ def _turn_in(upper: ShoePart) -> ShoePart:
 
 
 def _sole(cut: ShoeCut, upper: ShoePart, heel: Points, forward: Points, length: float, ground: float) -> ShoePart:
-    """Return a closed slab under the upper: outline from the upper's width in 26 places along the foot."""
+    """Return a closed slab under the upper, with an outline from the upper's width at 26 places along the foot."""
     right = np.array([forward[1], -forward[0], 0.0])
     low = upper.points[upper.points[:, 2] < ground + 0.03]
     along, across = (low - heel) @ forward, (low - heel) @ right

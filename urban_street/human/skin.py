@@ -1,4 +1,4 @@
-"""Bare parts of a body: head with painted face, hands and arms, eyes."""
+"""Bare parts of a body: head with painted face, limbs, eyes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from urban_street.human import data, hair, surface, textures
 from urban_street.human.body import Body
 from urban_street.human.surface import Indices, Points
 
-#: The head's texture spans this many metres down from its top edge.
+#: Height of the head's texture, metres.
 _HEAD_SPAN: Final = 0.40
 _HEAD_ABOVE: Final = 0.16
 
@@ -25,10 +25,10 @@ class Face:
     """The colours of skin and face, sRGB.
 
     Attributes:
-        skin, lips, brows, iris, scalp: colours; the scalp's shows through thin hair and above the hairline.
+        skin, lips, brows, iris, scalp: colours. The scalp's shows through thin hair and above the hairline.
         beard: 0 none … 1 dark stubble.
-        brow_height: thickness of the brows in metres.
-        hairline: as `hair.HairCut.hairline`, for the scalp's colour.
+        brow_height: thickness of the brows, metres.
+        hairline: hairline of the scalp's colour, see `hair.HairCut.hairline`.
     """
 
     skin: textures.Colour
@@ -43,7 +43,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPart:
-    """Part of the bare body: (V,) base-mesh vertex of each vertex, (V, 2) uvs (v down), (F, 3) faces."""
+    """A part of the bare body: (V,) base-mesh vertex of each vertex, (V, 2) uvs (v down), (F, 3) faces."""
 
     vertices: Indices
     uvs: Points
@@ -51,7 +51,7 @@ class SkinPart:
 
 
 def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPart]:
-    """Return head with neck, and limbs, of the body without the faces whose vertices are all ``hidden`` (19158,)."""
+    """Return head with neck, and limbs, of the body, without faces whose vertices are all ``hidden``, (19158,)."""
     mesh, rig = data.base_mesh(), data.rig()
     quads, uvs = _outside()
     keep = ~hidden[quads].all(axis=1)
@@ -84,7 +84,7 @@ def lash_part(side: str) -> SkinPart:
 
 
 def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
-    """Paint the texture of head and neck: u around (0.5 in front), v down from above the crown."""
+    """Paint the texture of head and neck; u runs around (0.5 in front), v down from above the crown."""
     canvas = textures.skin(face.skin, seed)
     random = np.random.default_rng(seed + 1)
     u, v = textures.grid()
@@ -92,7 +92,7 @@ def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
     eyes = _joint(body, "joint-l-eye")
     mouth = _joint(body, "joint-mouth")
     centre = hair.head_centre(body)
-    depth = float(np.linalg.norm((eyes - centre)[:2])) + 0.012  # radius that turns angles into metres on the face
+    depth = float(np.linalg.norm((eyes - centre)[:2])) + 0.012  # radius that converts angles to metres on the face
     across = np.abs(angle) * depth
     eye_across = abs(float(np.arctan2(eyes[0], eyes[1] - centre[1]))) * depth
     # warm cheeks and nose, cool sockets
@@ -156,7 +156,7 @@ def _metres(body: Body, u: Points, v: Points) -> tuple[Points, Points]:
 
 
 def _mask_on_head(body: Body, name: str) -> Points:
-    """Return one of MakeHuman's skin masks, carried from its texture layout to the head's: (SIZE, SIZE) in 0…1."""
+    """Return one of MakeHuman's skin masks, mapped from its texture layout to the head's, (SIZE, SIZE) in 0…1."""
     mesh = data.base_mesh()
     quads, quad_uvs = _outside()
     rig = data.rig()
@@ -166,7 +166,7 @@ def _mask_on_head(body: Body, name: str) -> Points:
     mask = data.mask(name)
     texel = (coordinates[first] * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # Only the front counts: the back has its own azimuths, but the mouth's inside shares those of the lips.
+    # Only the front counts, since the mouth's inside shares the azimuths of the lips.
     places = _head_uvs(body, body.vertices[corners])
     front = body.vertices[corners, 1] > hair.head_centre(body)[1] + 0.05
     u, v = textures.grid()
@@ -186,7 +186,7 @@ def _outside() -> tuple[Indices, Indices]:
     mask = data.mask("inside-mouth")
     texel = (mesh.uvs[group.quad_uvs].mean(axis=1) * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # The lips' inner rim stays, since it is visible between open lips.
+    # The lips' inner rim remains, since it is visible between open lips.
     keep = ndimage.minimum_filter(mask[::4, ::4], 9)[row // 4, column // 4] < 128
     return group.quads[keep], group.quad_uvs[keep]
 

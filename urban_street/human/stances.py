@@ -16,7 +16,7 @@ from urban_street.human.surface import Points, normalize
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import Stance
 
-#: Poses of a figure, and those of them that walk.
+#: Poses of a figure, and the walking ones among them.
 POSES: Final = ("walking", "standing", "phone", "waving")
 GAITS: Final = ("walking",)
 #: Things that a figure can carry. ``own`` is the character's own thing.
@@ -26,24 +26,24 @@ DEFAULT: Final = Stance("walking", 0.0, "own")
 #: Number of instants of the walk: a gait phase is rounded to the nearest instant.
 GAIT_STEPS: Final = 16
 
-#: Share of the cycle after each heel strike during which both feet carry.
+#: Share of the cycle after each heel strike during which both feet carry weight.
 _DOUBLE_SUPPORT: Final = 0.12
-#: Metres between the ground and a foot that swings through.
+#: Distance between the ground and a swinging foot, metres.
 _CLEARANCE: Final = 0.012
 
 Direction = tuple[float, float, float]
-#: By side ``l`` and ``r``: (V, 3) rest points of a sole and their (V, bones) weights.
+#: Side ``l`` or ``r`` to (V, 3) rest points of the sole and their (V, bones) weights.
 Soles = Mapping[str, tuple[Points, Points]]
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """The place of the right arm, as directions seen from the trunk (x right, y ahead, z up); the left arm mirrors x.
+    """The pose of the right arm, as directions seen from the trunk (x right, y ahead, z up). The left arm mirrors x.
 
     Attributes:
-        upper, fore: of upper arm and forearm.
-        hand: of the hand, from the wrist to the knuckles.
-        palm: direction that the palm faces.
+        upper, fore: directions of upper arm and forearm.
+        hand: direction of the hand, from the wrist to the knuckles.
+        palm: direction in which the palm faces.
         grip: curl of the fingers beyond the rest pose.
     """
 
@@ -61,22 +61,22 @@ _LOAD: Final = Reach((0.20, 0.00, -1.0), (0.10, 0.10, -1.0), (0.02, 0.05, -1.0),
 
 
 def gait_step(phase: float) -> int:
-    """Return the instant, 0…`GAIT_STEPS` − 1, that a gait phase of 0…1 is rounded to."""
+    """Return the nearest instant, 0…`GAIT_STEPS` − 1, to a gait phase of 0…1."""
     return round(phase * GAIT_STEPS) % GAIT_STEPS
 
 
 def rotations(body: Body, gait: Gait, pose: str, step: int, carries: str) -> dict[str, Rotation]:
-    """Return rotations of all bones.
+    """Return the rotations of all bones.
 
     Args:
         body: the shaped body.
-        gait: its gait, whose phase is the first instant.
+        gait: its gait, with the phase of the first instant.
         pose: one of `POSES`.
-        step: `GAIT_STEPS`-ths of a cycle after the first instant.
-        carries: the carried thing; an umbrella takes the right hand, a shopping bag the left one.
+        step: number of instants after the first, see `GAIT_STEPS`.
+        carries: the carried thing. It may change the pose of an arm.
 
     Raises:
-        UnknownName: no such pose.
+        UnknownName: there is no such pose.
     """
     if pose not in POSES:
         raise UnknownName("pose", pose, POSES)
@@ -104,12 +104,12 @@ def feet_on_ground(
 ) -> dict[str, Rotation]:
     """Bring the feet that carry weight to the ground.
 
-    While both feet carry (standing, and the first eighth of each step, see `plant`), both are planted. Otherwise the
-    carrying foot lies flat until its heel rises, and the other foot is lifted clear of the ground.
+    The feet of a standing body become level. In a walk, both feet are planted while both carry weight. Otherwise the carrying
+    foot is flat until its heel rises, and the other foot is lifted clear of the ground.
 
     Args:
         body, gait, pose, step: as for `rotations`, whose result is ``turns``.
-        soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
+        soles: see `Soles`.
     """
     if pose != "walking":
         return _levelled(body, _levelled(body, turns, "l", 1.0), "r", 1.0)
@@ -122,7 +122,7 @@ def feet_on_ground(
 
 
 def _levelled(body: Body, turns: Mapping[str, Rotation], side: str, share: float) -> dict[str, Rotation]:
-    """Turn a foot so that its sole, flat in the rest pose, is level again; ``share`` of the way."""
+    """Turn a foot by ``share`` of the way to a level sole, which is flat in the rest pose."""
     foot = data.rig().bones.index(f"foot_{side}")
     ahead = pose_body(body, turns).transforms[foot, :3, :3] @ np.array([0.0, 1.0, 0.0])
     pitch = np.degrees(np.arcsin(ahead[2]))
@@ -130,7 +130,7 @@ def _levelled(body: Body, turns: Mapping[str, Rotation], side: str, share: float
 
 
 def _lifted(body: Body, turns: Mapping[str, Rotation], carrying: str, free: str, soles: Soles) -> dict[str, Rotation]:
-    """Bend the free knee until its foot is clear of the ground that the carrying one stands on."""
+    """Bend the free knee until its foot is clear of the ground under the carrying foot."""
 
     def height(rotations: Mapping[str, Rotation], side: str) -> float:
         return float(pose_body(body, rotations).apply(*soles[side])[:, 2].min())
@@ -144,12 +144,12 @@ def _lifted(body: Body, turns: Mapping[str, Rotation], carrying: str, free: str,
 
 
 def umbrella_side(pose: str) -> str:
-    """Return the hand, ``l`` or ``r``, that holds an umbrella: the one that the pose does not use."""
+    """Return the hand, ``l`` or ``r``, that holds an umbrella because the pose does not use it."""
     return "l" if pose in {"phone", "waving"} else "r"
 
 
 def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Return the rotations of a body that stands upright on both legs, feet a hand apart."""
+    """Return the rotations of a body that stands upright on both legs, with its feet a hand apart."""
     still = replace(
         gait,
         phase=0.25,
@@ -176,7 +176,7 @@ def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
     shoulder = between(upper, towards(reach.upper))
     elbow = between(fore, shoulder.inv().apply(towards(reach.fore)))
     turn = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
-    # half of the wrist's twist belongs to the forearm: its two bones turn about each other
+    # The forearm takes half of the wrist's twist, since its two bones turn about each other.
     wrist = (shoulder * elbow).inv() * turn
     half = Rotation.from_rotvec(0.5 * _twist(wrist, fore) * fore)
     elbow = elbow * half
@@ -189,7 +189,7 @@ def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
 
 
 def hand_axes(body: Body, side: str) -> tuple[Points, Points]:
-    """Return two unit vectors of the rest pose, at right angles: from wrist to knuckles, and the one that the palm faces."""
+    """Return two perpendicular unit vectors in the rest pose: from wrist to knuckles, and out of the palm."""
     hand = body.head(f"hand_{side}")
     along = normalize(body.head(f"middle_01_{side}") - hand)
     palm = np.cross(along, body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}"))
@@ -204,7 +204,7 @@ def _frame(along: Points, palm: Points) -> Rotation:
 
 
 def _twist(rotation: Rotation, axis: Points) -> float:
-    """Return the radians of a rotation about an axis (swing–twist decomposition)."""
+    """Return the twist of a rotation about an axis, radians (swing–twist decomposition)."""
     x, y, z, w = rotation.as_quat()
     angle = 2.0 * np.arctan2(np.array([x, y, z]) @ axis, w)
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,7 +1,7 @@
-"""Operations on polygon surfaces, each a linear map on vertex attributes: subdivide, cut, smooth.
+"""Operations on polygon surfaces as linear maps on vertex attributes: subdivide, cut, smooth.
 
-A map is a sparse (new vertices, old vertices) matrix, so that the same cut applies to positions, skinning weights and
-texture coordinates alike.
+A map is a sparse (new vertices, old vertices) matrix, so that the same cut applies to positions, skinning weights and texture
+coordinates.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Mapped:
     """A surface derived from another one.
 
     Attributes:
-        matrix: sparse (V', V); ``matrix @ attribute`` carries any vertex attribute over.
+        matrix: sparse (V', V); ``matrix @ attribute`` maps any vertex attribute.
         faces: (F', 3 or 4) int64.
     """
 
@@ -31,7 +31,7 @@ class Mapped:
 
 
 def triangles(quads: Indices) -> Indices:
-    """Split (F, 4) quads along their first diagonal into (T, 3) triangles; degenerate ones are left out."""
+    """Split (F, 4) quads along their first diagonal into (T, 3) triangles, without degenerate ones."""
     both = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     keep = (both[:, 0] != both[:, 1]) & (both[:, 1] != both[:, 2]) & (both[:, 0] != both[:, 2])
     solid: Indices = both[keep]
@@ -39,7 +39,7 @@ def triangles(quads: Indices) -> Indices:
 
 
 def compact(faces: Indices, count: int) -> Mapped:
-    """Drop the vertices, of ``count``, that no face uses."""
+    """Drop those of ``count`` vertices that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)
     rows = np.arange(len(used))
     matrix = sparse.csr_matrix((np.ones(len(used)), (rows, used)), shape=(len(used), count))
@@ -47,7 +47,7 @@ def compact(faces: Indices, count: int) -> Mapped:
 
 
 def edges_of(faces: Indices) -> tuple[Indices, Indices]:
-    """Return undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
+    """Return undirected edges, (E, 2), lower index first, ascending; and the edge index of every face side, (F, n)."""
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     low_high = np.sort(sides.reshape(-1, 2), axis=1)
     base = int(faces.max()) + 1 if faces.size else 1
@@ -56,9 +56,9 @@ def edges_of(faces: Indices) -> tuple[Indices, Indices]:
 
 
 def subdivide(quads: Indices, count: int) -> Mapped:
-    """Apply one Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) on ``count`` vertices.
+    """Apply one Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) to ``count`` vertices.
 
-    Boundary edges follow the cubic B-spline rule. New vertices: the old ones, then edge points, then face points.
+    Boundary edges follow the cubic B-spline rule. The new vertices are the old ones, then edge points, then face points.
     """
     edges, sides = edges_of(quads)
     number_of_faces, number_of_edges = len(quads), len(edges)
@@ -103,7 +103,7 @@ def subdivide(quads: Indices, count: int) -> Mapped:
 
 
 def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
-    """Keep the part of a triangle surface where ``field`` ≤ 0, with a clean edge along field = 0.
+    """Keep the part of a triangle surface with ``field`` ≤ 0, with a clean edge along field = 0.
 
     Args:
         faces: (F, 3).
@@ -175,7 +175,7 @@ def vertex_normals(points: Points, faces: Indices) -> Points:
 
 
 def normalize(vectors: Points, *, fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Points:
-    """Return unit vectors along the last axis; a vector without length becomes ``fallback``."""
+    """Return unit vectors along the last axis. A vector without length becomes ``fallback``."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array(fallback))
 
@@ -190,7 +190,7 @@ def neighbours(faces: Indices, count: int) -> Any:
 
 
 def boundary_loops(faces: Indices) -> list[Indices]:
-    """Return closed boundary loops as ordered vertex indices, in the direction of the faces' own sides, longest first."""
+    """Return closed boundary loops as ordered vertex indices, in the direction of the faces' sides, longest first."""
     edges, sides = edges_of(faces)
     uses = np.bincount(sides.ravel(), minlength=len(edges))
     directed = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[uses[sides] == 1]
@@ -215,7 +215,7 @@ def _averages(groups: Indices, count: int) -> Any:
 
 
 def even_edges(points: Points, faces: Indices, rounds: int = 8) -> Points:
-    """Take the zigzag out of the open edges: each vertex on one moves towards its two neighbours along it."""
+    """Smooth the open edges: each of their vertices moves towards its two neighbours."""
     even = points.copy()
     for loop in boundary_loops(faces):
         for _ in range(rounds):
@@ -225,12 +225,12 @@ def even_edges(points: Points, faces: Indices, rounds: int = 8) -> Points:
 
 
 def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[Indices, Points, Indices]:
-    """Give every corner its texture coordinate: vertices are doubled where a seam passes.
+    """Give every corner its texture coordinate. Vertices are doubled along seams.
 
     Args:
         faces: (F, 3).
-        corner_uvs: (F, 3, 2) of each face's corners.
-        wraps: u is periodic with period 1; a face across the wrap gets coordinates beyond 1.
+        corner_uvs: (F, 3, 2) texture coordinates of each face's corners.
+        wraps: whether u has period 1; a face across the wrap then gets coordinates beyond 1.
 
     Returns:
         (V',) old vertex of each new vertex, (V', 2) its texture coordinates, (F, 3) new faces.
@@ -240,7 +240,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
         across = np.ptp(uvs[..., 0], axis=1) > 0.5
         low = across[:, None] & (uvs[..., 0] < 0.5)
         uvs[..., 0] += low
-    # coordinates between −2 and 6 in millionths make one number with the vertex
+    # One number combines coordinates between −2 and 6, in millionths, with the vertex.
     u, v = (np.round(uvs.reshape(-1, 2) * 1e6).astype(np.int64) + 2_000_000).T
     keys = (faces.ravel() * 8_000_000 + u) * 8_000_000 + v
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
@@ -248,7 +248,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
 
 
 def strip(first: Indices, second: Indices) -> Indices:
-    """Return (2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
+    """Return the triangles, (2·n, 3), between two closed rings of equal length. They face left of the first ring's direction.
 
     A ring that follows a surface's own sides (`boundary_loops`) gets a strip that continues the surface.
     """
@@ -257,9 +257,9 @@ def strip(first: Indices, second: Indices) -> Indices:
 
 
 def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.bool_] | None = None) -> Mapped:
-    """Collapse short, flat edges until about ``target`` triangles are left; open edges keep their vertices.
+    """Collapse short, flat edges until about ``target`` triangles are left. Open edges keep their vertices.
 
-    Rounds of independent collapses to the edges' middles, cheapest first: an edge costs its length, more where
+    Independent edges collapse to their middles in rounds, cheapest first. The cost of an edge is its length, increased where
     the surface bends.
     """
     count = len(points)
@@ -291,7 +291,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 def _collapsible(
     points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], number: int
 ) -> NDArray[np.int64]:
-    """Return up to ``number`` edges, cheapest first, none of which touches the neighbourhood of another."""
+    """Return up to ``number`` edges, cheapest first, whose neighbourhoods do not touch."""
     count = len(points)
     normals = vertex_normals(points, faces)
     free = ~fixed[edges].any(axis=1)
@@ -321,7 +321,7 @@ def _collapsible(
 
 
 def _shifted(count: int, vertices: Indices, others: Indices, shares: Points) -> Any:
-    """Return a sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
+    """Return a sparse (count, count) identity, except that ``vertices`` move by ``shares`` of the way to ``others``."""
     diagonal = np.ones(count)
     diagonal[vertices] = 1.0 - shares
     return (sparse.diags(diagonal) + sparse.csr_matrix((shares, (vertices, others)), shape=(count, count))).tocsr()

@@ -39,8 +39,8 @@ def analyze(
         classes: their scores over all classes, for the summary.
         precisions: function to the precision that it ran in; see `valerie.analysis.findings.search.incomparable`.
         threshold: detection threshold t, 0 < t ≤ 1.
-        seed: of everything that is drawn: places that search, folds, bands.
-        spec: of the run; its findings then propose a run that examines them.
+        seed: of all random choices: places that search, folds, bands.
+        spec: of the run; if present, each finding proposes a run that examines it.
 
     Raises:
         InvalidInput: the threshold is out of bounds.

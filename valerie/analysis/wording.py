@@ -1,4 +1,4 @@
-"""Words that every text about results shares: rates, titles and reasons."""
+"""Wording shared by all texts about results: rates, titles and reasons."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def pedestrian(character: str) -> str:
 
 
 def setting_labels(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Return a title for each (function, sensor), in the order of ``pairs``; it names the sensor where there are several."""
+    """Return a title for each (function, sensor), in the order of ``pairs``; it names the sensor if there are several."""
     distinct = dict.fromkeys(pairs)
     several = len({sensor for _, sensor in distinct}) > 1
     return {
@@ -33,7 +33,7 @@ def setting_labels(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], st
 
 
 def reasons_text(undefined: Mapping[str, int]) -> str:
-    """Return how many persons have no pACC and why: ``2 outside the image``."""
+    """Return the numbers and reasons of persons without pACC: ``2 outside the image``."""
     return ", ".join(f"{count:,} {reason}" for reason, count in undefined.items()) or "none"
 
 

@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, write_ou
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.claims.claims import Claims, Entry
+    from valerie.analysis.claims.claims import Claims, LedgerEntry
 
 #: Formats of the ledger, by the end of the file's name.
 _FORMATS = (".csv", ".parquet", ".json", ".md")
@@ -41,7 +41,14 @@ def claims(
     """
     if output is not None and output.suffix not in _FORMATS:
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(_FORMATS))
-    show_ledger(read_claims(document), run_id, output=output, as_json=as_json, url=url, data_dir=data_dir)
+    from valerie.analysis.claims.claims import write_ledger
+
+    statements = read_claims(document)
+    run = run_reader(url, data_dir)(run_id)
+    entries = write_ledger(statements, run.table, seed=run.spec.seed)
+    if output is not None:
+        write_output(output, _content(statements, entries, output.suffix))
+    show_ledger(statements, entries, as_json=as_json)
 
 
 def read_claims(path: Path) -> Claims:
@@ -56,31 +63,21 @@ def read_claims(path: Path) -> Claims:
     return parse_claims(load_document(read_spec(path)))
 
 
-def show_ledger(
-    statements: Claims,
-    run_id: str,
-    *,
-    output: Path | None = None,
-    as_json: bool = False,
-    url: str | None = None,
-    data_dir: Path | None = None,
-) -> None:
-    """Test claims on an ended run, print the ledger, and write it to a file of one of `_FORMATS`."""
-    from valerie.analysis.claims.claims import write_ledger
-
-    run = run_reader(url, data_dir)(run_id)
-    entries = write_ledger(statements, run.table, seed=run.spec.seed)
-    if output is not None:
-        write_output(output, _content(statements, entries, output.suffix))
+def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: bool = False) -> None:
+    """Print claims with their answers."""
     if as_json:
         typer.echo(json.dumps(list(map(asdict, entries)), ensure_ascii=False))
         return
     from rich.padding import Padding
     from rich.text import Text
 
-    from valerie.analysis.claims.claims import Outcome
+    from valerie.analysis.claims.claims import ClaimOutcome
 
-    styles = {Outcome.REPRODUCED: "bold green", Outcome.NOT_REPRODUCED: "bold red", Outcome.UNDECIDED: "bold yellow"}
+    styles = {
+        ClaimOutcome.REPRODUCED: "bold green",
+        ClaimOutcome.NOT_REPRODUCED: "bold red",
+        ClaimOutcome.UNDECIDED: "bold yellow",
+    }
     console().print(Text(statements.title, style="bold"))
     for entry in entries:
         head = Text.assemble(
@@ -93,7 +90,7 @@ def show_ledger(
         console().print(Padding(Text(entry.finding), (0, 0, 0, 2)))
 
 
-def _content(statements: Claims, entries: Sequence[Entry], suffix: str) -> bytes:
+def _content(statements: Claims, entries: Sequence[LedgerEntry], suffix: str) -> bytes:
     from valerie.analysis.claims.claims import ledger_table, ledger_text
     from valerie.analysis.rows.table import encoded
 

@@ -59,11 +59,11 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
 
 
 @contextmanager
-def runs_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folder]:
-    """Open the runs of the server at ``url`` or on the data folder; without a server, those in the data folder.
+def source_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folder]:
+    """Open the server at ``url`` or on the data folder, to read runs and studies; without a server, open the folder.
 
     Raises:
-        ServerUnavailableError: no server runs, and the data folder has no runs.
+        ServerUnavailableError: no server runs, and the data folder has no database.
         ValerieError: the database is of another version.
     """
     settings = settings_of(data_dir)

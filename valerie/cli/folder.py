@@ -1,21 +1,25 @@
-"""The runs of the data folder, for commands that work without a server."""
+"""The runs and studies of the data folder, for commands that work without a server."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from valerie.client import Failure, Progress, Run, RunSummary
+from valerie.client import Failure, Progress, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from valerie.db.runs import RunRow
+    from valerie.db.studies import BatchRow, StudyRow
     from valerie.pipeline.base.context import Context
 
 
 class Folder:
-    """The questions of `valerie.client.Client` about runs, answered from the data folder.
+    """The questions of `valerie.client.Client` about runs and studies, answered from the data folder.
 
-    Every method with a run's id may raise `NotFound`; those about results raise `Conflict` for a run that has not ended.
+    Every method with an id may raise `NotFound`; those about the results of a run raise `Conflict` before it has ended.
     """
 
     def __init__(self, context: Context, up: str) -> None:
@@ -28,13 +32,15 @@ class Folder:
         self._context = context
         self._up = up
 
-    def runs(self, *, limit: int = 20) -> list[Run]:
-        """Return runs, newest first."""
-        from valerie.db import runs
+    def runs(self, *, limit: int = 20, tag: str | None = None) -> list[Run]:
+        """Return runs, newest first; with ``tag`` only those that carry it."""
+        from valerie.db import marks, runs
         from valerie.db.engine import reading
 
         with reading(self._context.engine) as connection:
-            return [_run(row) for row in runs.page(connection, limit=limit)]
+            rows = runs.page(connection, limit=limit, tag=tag)
+            tags = marks.tags_of_runs(connection, [row.id for row in rows])
+        return [_run(row, tags.get(row.id, ())) for row in rows]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""
@@ -77,13 +83,35 @@ class Folder:
 
         return self._artifact(run_id, REPORT)
 
+    def studies(self, *, limit: int = 20) -> list[Study]:
+        """Return studies, newest first."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return [_study(row) for row in studies.page(connection, limit=limit)]
+
+    def study(self, study_id: str) -> Study:
+        """Return a study with its batches."""
+        from valerie.db import studies
+        from valerie.db.engine import reading
+
+        with reading(self._context.engine) as connection:
+            return _study(studies.get(connection, study_id), studies.batches(connection, study_id))
+
+    def study_report(self, study_id: str) -> bytes:
+        """Return the self-contained HTML report of a study, with what is known now."""
+        from valerie.pipeline.control.studies.reporting import report
+
+        return report(self._context, study_id).encode()
+
     def _artifact(self, run_id: str, name: str) -> bytes:
         from valerie.pipeline.base.run_artifacts import artifact_key
 
         return self._context.store.get(artifact_key(self._context, run_id, name))
 
 
-def _run(row: RunRow) -> Run:
+def _run(row: RunRow, tags: Iterable[str] = ()) -> Run:
     return Run(
         id=row.id,
         name=row.name,
@@ -91,5 +119,34 @@ def _run(row: RunRow) -> Run:
         reason=row.reason,
         variant_count=row.variant_count,
         rejected_count=row.rejected_count,
-        created_at=row.created_at.isoformat(),
+        tags=tuple(tags),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        finished_at=row.finished_at,
+    )
+
+
+def _study(row: StudyRow, batches: Iterable[BatchRow] = ()) -> Study:
+    return Study(
+        id=row.id,
+        name=row.name,
+        state=row.state,
+        reason=row.reason,
+        by_hand=row.by_hand,
+        goal=row.document.goal.name,
+        result=None if row.result is None else StudyKnown(sentences=row.result.sentences),
+        created_at=row.created_at,
+        batches=tuple(map(_batch, batches)),
+    )
+
+
+def _batch(row: BatchRow) -> StudyBatch:
+    return StudyBatch(
+        number=row.number,
+        reason=row.reason,
+        legal=row.legal,
+        accepted_at=row.accepted_at,
+        run_id=row.run_id,
+        outcomes=None if row.outcomes is None else StudyOutcomes(**row.outcomes.model_dump()),
+        cpu_seconds=row.cpu_seconds,
     )

@@ -10,9 +10,8 @@ from typing import Final
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
 from valerie.cli.folder import Folder
-from valerie.cli.shell import Exit, console
+from valerie.cli.shell import Exit, console, save
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
-from valerie.errors import StorageUnavailable
 from valerie.plain import typed
 from valerie.runs.products.states import RunState
 from valerie.settings import Settings
@@ -86,7 +85,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         json_lines: True prints one JSON line instead.
     """
     summary = _summary(client, run_id, progress)
-    path = save_report(client, run_id, report) if summary is not None and report is not None else None
+    path = save(client.report(run_id), report) if summary is not None and report is not None else None
     if json_lines:
         print_event(
             "finished",
@@ -144,29 +143,6 @@ def report_path(settings: Settings, name: str, run_id: str) -> Path:
     """Return the default path of a run's report: ``reports/<name>-<run>.html`` next to the data folder."""
     plain = plain_name(name, longest=60).lower() or "run"
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
-
-
-def save_report(source: Client | Folder, run_id: str, path: Path) -> Path:
-    """Write a run's report to a file, and return its path as people would type it.
-
-    Raises:
-        StorageUnavailable: the file cannot be written.
-    """
-    return save(source.report(run_id), path)
-
-
-def save(content: bytes, path: Path) -> Path:
-    """Write a report to a file, and return its path as people would type it.
-
-    Raises:
-        StorageUnavailable: the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise StorageUnavailable(f"the report cannot be written to {path}: {error.strerror}") from error
-    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def _show_failures(client: Client, run_id: str, progress: Progress) -> None:

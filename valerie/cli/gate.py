@@ -48,6 +48,19 @@ def gate(
             help="Smallest drop of pACC to detect; decides how many places are needed.",
         ),
     ] = 0.05,
+    before: Annotated[
+        bool,
+        typer.Option("--before", help="Judge nothing: say how many places it will take, with RUN as the baseline."),
+    ] = False,
+    deviation: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="With --before: standard deviation of a place's change.",
+            show_default="as between two functions of the run",
+        ),
+    ] = None,
     mixed: Annotated[
         bool, typer.Option("--mixed", help="Also compare functions that ran in unequal numeric classes.")
     ] = False,
@@ -71,6 +84,9 @@ def gate(
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
     read = run_reader(url, data_dir)
     run = read(run_id)
+    if before:
+        _say_places(run, function=function, effect=effect, deviation=deviation, as_json=as_json)
+        return
     other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
     result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
     if junit is not None:
@@ -84,6 +100,26 @@ def gate(
             console().print(part)
     if not result.passed:
         raise typer.Exit(Exit.GATE_FAILED)
+
+
+def _say_places(run: GateRun, *, function: str | None, effect: float, deviation: float | None, as_json: bool) -> None:
+    from rich.text import Text
+
+    from valerie.analysis.verdicts.gate import places_before
+
+    needs = places_before(run, function=function, effect=effect, deviation=deviation)
+    if as_json:
+        typer.echo(json.dumps(list(map(asdict, needs)), ensure_ascii=False))
+        return
+    for need in needs:
+        takes = "more places than any run has" if need.needed is None else f"{need.needed:,} places"
+        text = (
+            f"{need.function}: a drop of {100 * effect:g} points in one of {len(need.slices):,} slices takes {takes}, "
+            f"if the change of a place deviates by {100 * need.deviation:.1f} points"
+        )
+        console().print(Text(text, style="bold"))
+        for name, places in need.too_few.items():
+            console().print(Text(f"  too few: {name}, {places:,} places", style="dim"))
 
 
 def renderables(result: GateResult) -> list[RenderableType]:

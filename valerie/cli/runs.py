@@ -25,12 +25,15 @@ from valerie.cli.shell import (
     say,
     settings_of,
 )
-from valerie.cli.specs import Functions, require_resolvable, spec_text
+from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
+from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
+    from valerie.analysis.claims.claims import Claims
     from valerie.cli.connecting import System
     from valerie.client import Client, Run
+    from valerie.pipeline.reading.reports import ReportWith
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
 
@@ -59,13 +62,14 @@ def run(
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.display import display_of, print_event
-    from valerie.cli.following import exit_code, follow, report_path, save, show_result
+    from valerie.cli.following import exit_code, follow, report_path, show_result
+    from valerie.cli.shell import save
 
     _bind_to_parent(end_with_parent)
     statements = None if claims is None else read_claims(claims)
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
-    require_resolvable(text, settings)
+    resolvable(text, settings)
     with system_of(settings) as system:
         with own_assets(settings, system.client):
             run = system.client.submit(text)
@@ -80,8 +84,10 @@ def run(
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            show_ledger(statements, run.id, url=system.client.url, data_dir=data_dir, as_json=json_lines)
-            save(_report_with(run.id, claims, None, data_dir), path)
+            # Its report is saved already, so that a claim which does not fit the run costs no result.
+            answered = _report_with(run.id, statements, None, data_dir)
+            show_ledger(statements, answered.ledger, as_json=json_lines)
+            save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
@@ -116,6 +122,9 @@ def submit(
         str | None,
         typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
+    priority: Annotated[
+        Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
+    ] = Priority.NORMAL,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -127,7 +136,7 @@ def submit(
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         with own_assets(settings, client):
-            run = client.submit(text, idempotency_key=key)
+            run = client.submit(text, idempotency_key=key, priority=priority)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
             say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")
@@ -142,6 +151,7 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
+    tag: Annotated[str | None, typer.Option("--tag", help="Only runs that carry this tag.")] = None,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -151,7 +161,7 @@ def status(
     Needs no server, except to follow a run. With --watch, the exit code is that of
     the run, as with `valerie run`.
     """
-    from valerie.cli.connecting import System, client_of, runs_of
+    from valerie.cli.connecting import System, client_of, source_of
     from valerie.cli.display import display_of, progress_table
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
@@ -162,9 +172,9 @@ def status(
             progress = follow(system, run_id, display_of(f"{run.name} ({run_id})", run_id, json_lines=json_lines))
             show_result(client, run_id, progress, None, json_lines=json_lines)
             raise typer.Exit(exit_code(progress.state))
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         if run_id is None:
-            _list(list(source.runs()), as_json=json_lines)
+            _list(list(source.runs(tag=tag)), as_json=json_lines)
             return
         run, progress = source.run(run_id), source.progress(run_id)
         if json_lines:
@@ -205,10 +215,12 @@ def report(
     With --claims or --beside the report is made anew from the data folder. A
     file FILE.pdf is printed by Chromium.
     """
-    from valerie.cli.connecting import runs_of
-    from valerie.cli.following import report_path, save
+    from valerie.cli.claims import read_claims
+    from valerie.cli.connecting import source_of
+    from valerie.cli.following import report_path
+    from valerie.cli.shell import save
 
-    with runs_of(data_dir, url) as source:
+    with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
         if claims is None and beside is None:
             content = source.report(run_id)
@@ -217,7 +229,8 @@ def report(
                 "--claims and --beside read the data folder", field="--url", value=url, limit="--data-dir"
             )
         else:
-            content = _report_with(run_id, claims, beside, data_dir)
+            statements = None if claims is None else read_claims(claims)
+            content = _report_with(run_id, statements, beside, data_dir).html.encode()
     if path.suffix == ".pdf":
         from valerie.cli.printing import pdf_of
 
@@ -225,14 +238,12 @@ def report(
     typer.echo(save(content, path))
 
 
-def _report_with(run_id: str, claims: Path | None, beside: str | None, data_dir: Path | None) -> bytes:
-    from valerie.cli.claims import read_claims
+def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:
     from valerie.cli.deployment import context_of
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
-        document = None if claims is None else read_claims(claims)
-        return report_with(context, run_id, claims=document, other=beside).encode()
+        return report_with(context, run_id, claims=claims, other=beside)
 
 
 def compare(
@@ -300,6 +311,54 @@ def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
         client.delete(run_id)
     gc = _command_line("gc", data_dir=data_dir)
     say(f"run {run_id} is deleted; `{gc}` removes products that no other run needs")
+
+
+def mark(
+    target: Annotated[str, typer.Argument(metavar="RUN|FRAME", help="Id of a run or of a frame.")],
+    finding: Annotated[
+        int | None, typer.Option("--finding", metavar="N", help="A finding of the run, by its number.")
+    ] = None,
+    tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
+    untag: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,
+    note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Put tags and a note on a run, a frame or a finding; without options, show those of the run.
+
+    They are for people: no spec, digest or result contains them. They go when the run is deleted.
+    """
+    from valerie.client import Mark
+
+    run_id, _, name = target.partition(".")
+    with _client(url, data_dir) as client:
+        marks = client.marks(run_id)
+        kind = "frame" if name else "run"
+        if finding is not None:
+            kind, name = "finding", _sentence(client, run_id, finding)
+        if tags or untag or note is not None:
+            present = next((one for one in marks if (one.kind, one.name) == (kind, name)), None)
+            kept = set(present.tags if present else ()) - set(untag or ()) | set(tags or ())
+            text = note if note is not None else present.note if present else ""
+            marks = client.put_mark(run_id, Mark(kind=kind, name=name, tags=tuple(sorted(kept)), note=text))
+    for one in marks:
+        if as_json:
+            typer.echo(one.model_dump_json())
+        else:
+            subject = run_id if one.kind == "run" else f"{run_id}.{one.name}" if one.kind == "frame" else one.name
+            typer.echo(": ".join(part for part in (subject, ", ".join(one.tags), one.note) if part))
+
+
+def _sentence(client: Client, run_id: str, number: int) -> str:
+    """Return the sentence of a finding by its number, from 1."""
+    items = client.summary(run_id).findings["items"]
+    assert isinstance(items, list), "the server lists its findings"
+    if not 1 <= number <= len(items):
+        raise InvalidInput("no such finding", field="--finding", value=number, limit=f"1…{len(items)}")
+    item = items[number - 1]
+    assert isinstance(item, dict), "a finding is an object"
+    return str(item["sentence"])
 
 
 def _client(url: str | None, data_dir: Path | None) -> Client:
@@ -393,8 +452,6 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     if not runs:
         say(f"no runs yet; start one with: {command_name()} run SPEC")
         return
-    from datetime import datetime
-
     from rich.table import Table
 
     from valerie.runs.moments import moment_text
@@ -405,9 +462,10 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
+    table.add_column("tags", overflow="fold")
     for run in runs:
-        created = moment_text(datetime.fromisoformat(run.created_at))
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created)
+        created = moment_text(run.created_at)
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, ", ".join(run.tags))
     out = console()
     out.print(table)
     for run in runs:

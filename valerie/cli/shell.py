@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from enum import IntEnum
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
 
@@ -196,8 +197,8 @@ def command_name() -> str:
     return os.path.relpath(program) if program.is_relative_to(Path.cwd()) else str(program)
 
 
-def write_output(path: Path, content: bytes) -> None:
-    """Write a file that the user asked for, and say so.
+def save(content: bytes, path: Path) -> Path:
+    """Write a file that the user asked for, and return its path as people would type it.
 
     Raises:
         StorageUnavailable: it cannot be written.
@@ -207,7 +208,42 @@ def write_output(path: Path, content: bytes) -> None:
         path.write_bytes(content)
     except OSError as error:
         raise StorageUnavailable(f"{path} cannot be written: {error.strerror}") from error
-    say(f"wrote {path}")
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Write a file that the user asked for, and say so.
+
+    Raises:
+        StorageUnavailable: it cannot be written.
+    """
+    say(f"wrote {save(content, path)}")
+
+
+def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
+    """Write the commented ``template.yaml`` of a package to a file, or print it for ``-``, and say what comes next.
+
+    Args:
+        package: with the template.
+        path: of the file.
+        force: True replaces an existing file.
+        then: the command that takes the file, such as ``plan``.
+
+    Raises:
+        InvalidInput: the file exists, or cannot be written.
+    """
+    text = resources.files(package).joinpath("template.yaml").read_text(encoding="utf-8")
+    if str(path) == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        with path.open("w" if force else "x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise InvalidInput("the file exists; --force replaces it", value=str(path)) from None
+    except OSError as error:
+        raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
+    say(f"wrote {path}; see what it costs with: {command_name()} {then} {path}")
 
 
 def read_spec(path: Path) -> bytes:

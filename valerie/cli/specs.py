@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,18 +15,17 @@ from valerie.cli.shell import (
     DataDir,
     Json,
     Url,
-    command_name,
     console,
     read_spec,
-    say,
     settings_of,
+    write_output,
 )
-from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from valerie.runs.forecasting.forecast import Plan
+    from valerie.runs.resolving.spec import ResolvedRun
     from valerie.settings import Settings
 
 Functions = Annotated[
@@ -44,23 +43,22 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a commented spec to start from."""
-    text = resources.files("valerie.runs").joinpath("template.yaml").read_text(encoding="utf-8")
-    if str(path) == "-":
-        typer.echo(text, nl=False)
-        return
-    try:
-        with path.open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise InvalidInput("the file exists; --force replaces it", value=str(path)) from None
-    except OSError as error:
-        raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
-    say(f"wrote {path}; see what it costs with: {command_name()} plan {path}")
+    write_template("valerie.runs", path, force=force, then="plan")
 
 
 def plan(
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")],
     functions: Functions = None,
+    truth_only: Annotated[
+        bool, typer.Option("--truth-only", help="Measure the persons of all variants, without rendering pictures.")
+    ] = False,
+    where: Annotated[
+        str | None,
+        typer.Option("--where", metavar="EXPRESSION", help='Choose variants by their truth: "occlusion_rate > 0.1".'),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the spec of the chosen variants.")
+    ] = None,
     as_json: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -68,15 +66,62 @@ def plan(
     """Show what a spec would produce and cost, without storing anything.
 
     Asks the server that runs on the data folder, or computes the plan here if
-    there is none. Only files in --functions are registered.
+    there is none. Only files in --functions are registered. --truth-only measures
+    distance, area and occlusion here, for a small part of a rendering's cost.
     """
     settings = settings_of(data_dir)
+    if not truth_only and (where is not None or output is not None):
+        option = "--output" if where is None else "--where"
+        raise InvalidInput("variants are chosen by their truth", field=option, limit="with --truth-only")
     text = spec_text(spec, functions, partial(open_registry, settings, url, create=True))
+    if truth_only:
+        _choose(text, settings, where=where, output=output, as_json=as_json)
+        return
     plan = _plan(text, url, settings)
     if as_json:
         typer.echo(plan.model_dump_json(indent=1))
         return
     show_plan(plan)
+
+
+#: Variants that are rendered to know the price of a picture.
+_PRICED = 3
+
+
+def _choose(text: bytes, settings: Settings, *, where: str | None, output: Path | None, as_json: bool) -> None:
+    """Measure the truth of a spec's variants, choose among them, and compare its price with that of pictures."""
+    from valerie import plugins
+    from valerie.pipeline.work.truth_only import chosen_spec, measure_truths, price_of_layers
+    from valerie.runs.resolving.where import choices_of, compile_where
+    from valerie.scene.assets.asset import load_asset
+
+    resolved = resolvable(text, settings)
+    condition = None
+    if where is not None:
+        choices = choices_of(resolved.spec, resolved.cameras)
+        condition = compile_where(where, resolved.definitions, choices=choices, field="--where")
+        if condition.scored:
+            raise InvalidInput("nothing is scored yet", field="--where", value=where, limit="measures of the truth")
+    asset = load_asset(resolved.spec.asset, asset_dir=settings.asset_dir)
+    truth_pass = plugins.create_truth_pass(resolved.spec.engine)
+    try:
+        variants = list(measure_truths(resolved, asset, truth_pass))
+    finally:
+        truth_pass.close()
+    chosen = [v for v in variants if condition is None or any(map(condition.holds, v.rows))]
+    for variant in chosen if as_json else ():
+        typer.echo(json.dumps({"variant": variant.assignment.index, "rows": variant.rows}))
+    say(f"{len(chosen):,} of {len(variants):,} legal variants chosen")
+    if len(variants) > 1:  # the first draws the statics
+        cost = sum(variant.cpu_seconds for variant in variants[1:]) / (len(variants) - 1) / len(resolved.cameras)
+        layer = price_of_layers(resolved, asset, variants[:_PRICED])
+        engine = resolved.spec.engine
+        say(f"CPU time of a frame: {1000 * cost:.1f} ms for its truth, {1000 * layer:.1f} ms for its layer by {engine}")
+        say(f"a layer costs {layer / cost:.1f} times a truth, here and now")
+    if output is not None:
+        if not chosen:
+            raise InvalidInput("no variant is chosen", field="--where", value=where)
+        write_output(output, chosen_spec(resolved, chosen).to_yaml().encode())
 
 
 def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
@@ -99,8 +144,8 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
     return parse({**parse(text).short(), "functions": functions_named(functions, opening)}).to_yaml().encode()
 
 
-def require_resolvable(text: bytes, settings: Settings) -> None:
-    """Check a spec before anything is started for it.
+def resolvable(text: bytes, settings: Settings) -> ResolvedRun:
+    """Return a spec resolved, before anything is started for it.
 
     Raises:
         InvalidInputs: every problem, with field, value and limit.
@@ -115,7 +160,7 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
         migrate_database(settings)  # as the system would do when it starts
     with deployment_or_empty(settings) as context, reading(context.engine) as connection:
         registered = names(connection, known(connection, spec.functions))
-    resolve_new(spec, settings, registered=registered)
+    return resolve_new(spec, settings, registered=registered)
 
 
 def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:

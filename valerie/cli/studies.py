@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +22,7 @@ from valerie.cli.shell import (
     say,
     settings_of,
     write_output,
+    write_template,
 )
 from valerie.errors import InvalidInput
 
@@ -50,14 +49,7 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a commented study to start from."""
-    text = resources.files("valerie.studies").joinpath("template.yaml").read_text(encoding="utf-8")
-    if str(path) == "-":
-        typer.echo(text, nl=False)
-        return
-    if path.exists() and not force:
-        raise InvalidInput("the file exists; --force replaces it", value=str(path))
-    write_output(path, text.encode())
-    say(f"see its first batch and price with: {command_name()} study plan {path}")
+    write_template("valerie.studies", path, force=force, then="study plan")
 
 
 @app.command()
@@ -101,14 +93,27 @@ def run(
         Path | None,
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
     ] = None,
+    retrain: Annotated[
+        bool,
+        typer.Option("--retrain", help="Where the requirement is not met: find failures, train on them, verify again."),
+    ] = False,
+    until_met: Annotated[
+        bool, typer.Option("--until-met", help="With --retrain: as often as `rounds` and the budget allow.")
+    ] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
     """Pursue a study on this machine to its end, and write its report.
 
     Uses the server that runs on the data folder, or starts one that ends with this command. After Ctrl-C,
-    `valerie study run STUDY` with the id of the study, or `valerie up`, continues it.
+    `valerie study run STUDY` with the id of the study, or `valerie up`, continues it. With --retrain, the same
+    command continues.
     """
+    if until_met and not retrain:
+        raise InvalidInput("without a new version, the verdict stays", field="--until-met", limit="with --retrain")
+    if retrain:
+        _go_round(file, once=not until_met, report=report, as_json=as_json, data_dir=data_dir)
+        return
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
     from valerie.runs.study.document import StudyState, parse_study
@@ -127,7 +132,7 @@ def run(
         else:
             with own_assets(settings, client):
                 study = client.begin_study(text)
-        if by_hand != study.by_hand and by_hand:
+        if by_hand and not study.by_hand:
             study = client.set_study_mode(study.id, by_hand=True)
         say(f"study {study.id}: {client.url}/v1/studies/{study.id}")
         try:
@@ -140,6 +145,44 @@ def run(
     write_output(path, page)
     _show(study, as_json=as_json)
     if study.state != "finished":
+        raise typer.Exit(Exit.NOT_COMPLETED)
+
+
+def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, data_dir: Path | None) -> None:
+    """Verify, find, train and verify again; rewrite the report after every stage."""
+    from valerie.cli.connecting import own_assets, system_of
+    from valerie.cli.deployment import context_of
+    from valerie.cli.training import Steps, say_site
+    from valerie.pipeline.retraining.loop import Watcher
+    from valerie.pipeline.rounds.flow import Ending, Surroundings, check_flow, until_met
+    from valerie.pipeline.rounds.reporting import flow_report
+    from valerie.runs.study.document import parse_study
+    from valerie.spelling import plain_name
+
+    settings = settings_of(data_dir)
+    document = parse_study(read_spec(file))
+    if once:
+        document = document.model_copy(update={"rounds": document.rounds.model_copy(update={"most": 1})})
+    check_flow(document)
+    folder = settings.data_dir.parent
+    path = report or folder / "reports" / f"{plain_name(document.name, longest=60).lower() or 'flow'}-flow.html"
+    with system_of(settings) as system, own_assets(settings, system.client), context_of(data_dir) as context:
+
+        def wait(study_id: str) -> None:
+            say(f"study {study_id}: {system.client.url}/v1/studies/{study_id}")
+            _follow(system, study_id, quiet=as_json)
+
+        around = Surroundings(wait, folder / "training", watcher=Watcher(say_site, Steps()))
+        for flow in until_met(context, document, around):
+            write_output(path, flow_report(context, flow).encode())
+    if as_json:
+        rounds = [
+            (each.function, None if each.verification is None else each.verification.outcome) for each in flow.rounds
+        ]
+        typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
+    else:
+        say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
+    if flow.ending is not Ending.MET:
         raise typer.Exit(Exit.NOT_COMPLETED)
 
 
@@ -164,7 +207,9 @@ def status(
     data_dir: DataDir = None,
 ) -> None:
     """Show the latest studies, or one with its batches, its cost and what it knows. Needs no server."""
-    with _source(url, data_dir) as source:
+    from valerie.cli.connecting import source_of
+
+    with source_of(data_dir, url) as source:
         if study_id is not None:
             _show(source.study(study_id), as_json=as_json)
             return
@@ -245,87 +290,12 @@ def report(
     data_dir: DataDir = None,
 ) -> None:
     """Write the self-contained HTML report of a study, with what is known now. Needs no server."""
+    from valerie.cli.connecting import source_of
     from valerie.cli.following import report_path
 
-    with _source(url, data_dir) as source:
+    with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.study(study_id).name, study_id)
         write_output(path, source.study_report(study_id))
-
-
-class _Folder:
-    """The questions of `Client` about studies, answered from the data folder."""
-
-    def __init__(self, context: object) -> None:
-        from valerie.pipeline.base.context import Context
-
-        assert isinstance(context, Context)
-        self._context = context
-
-    def studies(self, *, limit: int = 20) -> Iterator[Study]:
-        """Yield studies, newest first."""
-        from valerie.db import studies
-        from valerie.db.engine import reading
-
-        with reading(self._context.engine) as connection:
-            rows = studies.page(connection, limit=limit)
-        for row in rows:
-            yield self._study(row, ())
-
-    def study(self, study_id: str) -> Study:
-        """Return a study with its batches."""
-        from valerie.db import studies
-        from valerie.db.engine import reading
-
-        with reading(self._context.engine) as connection:
-            row, batches = studies.get(connection, study_id), studies.batches(connection, study_id)
-        return self._study(row, batches)
-
-    def study_report(self, study_id: str) -> bytes:
-        """Return the report of a study."""
-        from valerie.pipeline.control.studies.reporting import report
-
-        return report(self._context, study_id).encode()
-
-    @staticmethod
-    def _study(row: object, batches: object) -> Study:
-        from valerie.client import Study
-        from valerie.db.studies import BatchRow, StudyRow
-
-        assert isinstance(row, StudyRow)
-        assert isinstance(batches, list | tuple)
-        return Study.model_validate(
-            {
-                **vars(row),
-                "goal": row.document.goal.name,
-                "created_at": row.created_at.isoformat(),
-                "result": None if row.result is None else row.result.model_dump(),
-                "batches": [
-                    {
-                        **vars(batch),
-                        "legal": batch.legal,
-                        "accepted_at": None if batch.accepted_at is None else batch.accepted_at.isoformat(),
-                        "outcomes": None if batch.outcomes is None else batch.outcomes.model_dump(),
-                    }
-                    for batch in batches
-                    if isinstance(batch, BatchRow)
-                ],
-            }
-        )
-
-
-@contextmanager
-def _source(url: str | None, data_dir: Path | None) -> Iterator[Client | _Folder]:
-    from valerie.cli.connecting import client_of
-    from valerie.cli.deployment import context_of, has_database
-    from valerie.embedded import running
-
-    settings = settings_of(data_dir)
-    if url is None and running.find(settings.data_dir) is None and has_database(settings):
-        with context_of(data_dir) as context:
-            yield _Folder(context)
-        return
-    with client_of(settings, url) as client:
-        yield client
 
 
 def _client(url: str | None, data_dir: Path | None) -> Client:
@@ -429,11 +399,11 @@ def refine(
     Without a selection, the whole run is refined. Needs no server.
     """
     from valerie.cli.deployment import context_of
-    from valerie.pipeline.control.refine import Selection, refine_run
+    from valerie.pipeline.control.refine import RefinedPart, refine_run
 
     with context_of(data_dir) as context:
         text, region = refine_run(
-            context, run_id, Selection(where, finding, requirement), add=add or (), drop=drop or ()
+            context, run_id, RefinedPart(where, finding, requirement), add=add or (), drop=drop or ()
         )
     if region:
         say(f"region: {region}")

@@ -15,7 +15,7 @@ from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, con
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.analysis.comparison.before_after import Comparison
+    from valerie.analysis.comparison.before_after import VersionComparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
     from valerie.pipeline.retraining.loop import Retrained
@@ -47,7 +47,7 @@ def train(
         Path | None, typer.Option("--out", metavar="FILE", help="Also write the function file here (….safetensors).")
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
-    streets: Annotated[int, typer.Option("--streets", min=1, help="Streets to spread them over.")] = 8,
+    sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8,
     broad_share: Annotated[
         float, typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that are drawn anywhere.")
     ] = 0.5,
@@ -66,7 +66,7 @@ def train(
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
 
-    The frames are new, on streets that neither run nor function saw. `train frames` and
+    The frames are new, on sites that neither run nor function saw. `train frames` and
     `train fit` train from scratch; `train compare` compares versions on a run's frames.
     """
     if context.invoked_subcommand is not None:
@@ -89,18 +89,18 @@ def train(
         raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.loop import (
-        Resources,
-        RetrainSettings,
+        TrainingResources,
         Watcher,
         register_retrained,
         retrain,
         training_folder,
     )
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
+    from valerie.runs.study.retraining import RetrainSettings
 
     settings = RetrainSettings(
         frames=frames,
-        streets=streets,
+        sites=sites,
         broad_share=broad_share,
         targeted=not anywhere,
         steps=steps,
@@ -123,8 +123,8 @@ def train(
             folder / f"{called}.safetensors" if out is None else out,
             settings,
             folder=folder,
-            resources=Resources(processes, threads),
-            watcher=Watcher(_say_street, _Steps()),
+            resources=TrainingResources(processes, threads),
+            watcher=Watcher(say_site, Steps()),
         )
         registered, new = register_retrained(deployment, retrained, called)
     _say_retrained(retrained, folder)
@@ -191,7 +191,7 @@ def _compare(
     *,
     threads: int | None = None,
     mixed: bool = False,
-) -> Comparison:
+) -> VersionComparison:
     from valerie.cli.datasets import Lines
     from valerie.pipeline.functions.references import open_reference
     from valerie.pipeline.retraining.comparison import Grouping, compare_versions
@@ -210,7 +210,7 @@ def _compare(
         )
 
 
-def _show(comparison: Comparison, *, as_json: bool) -> None:
+def _show(comparison: VersionComparison, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(comparison.as_document(), ensure_ascii=False))
         return
@@ -224,20 +224,21 @@ def _say_weakness(weakness: Weakness) -> None:
     say(f"region: {weakness.region}")
 
 
-def _say_street(shard: Shard) -> None:
+def say_site(shard: Shard) -> None:
+    """Report that the frames of a site are rendered."""
     drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
-    say(f"street {shard.street_seed}: {len(shard.sizes)} frames{drawn}")
+    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
 
 
 def _say_retrained(retrained: Retrained, folder: Path) -> None:
-    first, last = retrained.street_seeds
-    say(f"{retrained.frames:,} frames kept of {retrained.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
+    first, last = retrained.site_seeds
+    say(f"{retrained.frames:,} frames kept of {retrained.drawn:,} scenes drawn on sites {first}–{last} (in {folder})")
     say(
         f"wrote {retrained.file}, digest {retrained.digest[:12]}, after {retrained.steps} steps; curve: {retrained.curve}"
     )
 
 
-class _Steps:
+class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:

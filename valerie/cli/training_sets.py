@@ -25,12 +25,12 @@ _STEPS_PER_LINE: Final = 50
 def frames(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Empty folder to render into.")],
-    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Which streets.")] = "train",
+    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Which sites.")] = "train",
     first_seed: Annotated[
-        int | None, typer.Option("--first-seed", help="First street seed.", show_default="the split's first")
+        int | None, typer.Option("--first-seed", help="First site seed.", show_default="the split's first")
     ] = None,
-    streets: Annotated[int, typer.Option("--streets", help="Number of streets.")] = 100,
-    per_street: Annotated[int, typer.Option("--per-street", help="Frames of each street.")] = 30,
+    sites: Annotated[int, typer.Option("--sites", help="Number of sites.")] = 100,
+    per_site: Annotated[int, typer.Option("--per-site", help="Frames of each site.")] = 30,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the frames, pixels.")] = "960x540",
     processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
     asset: Annotated[
@@ -43,7 +43,7 @@ def frames(
         ),
     ] = None,
 ) -> None:
-    """Render a training set into an empty folder: streets of seeds that no run uses by default."""
+    """Render a training set into an empty folder: of sites whose seeds no run uses by default."""
     from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
 
     width, height = _size(size)
@@ -52,8 +52,8 @@ def frames(
             {
                 "split": split,
                 "first_seed": first_seed,
-                "streets": streets,
-                "per_street": per_street,
+                "sites": sites,
+                "per_site": per_site,
                 "width": width,
                 "height": height,
                 **({} if asset is None else {"asset": asset}),
@@ -64,8 +64,8 @@ def frames(
         def tell(shard: Shard) -> None:
             nonlocal done
             done += 1
-            rate = done * settings.per_street / (time.monotonic() - started)
-            typer.echo(f"street {shard.street_seed}: {done}/{settings.streets} streets, {rate:.1f} frames/s")
+            rate = done * settings.per_site / (time.monotonic() - started)
+            typer.echo(f"site {shard.site_seed}: {done}/{settings.sites} sites, {rate:.1f} frames/s")
 
         rendered = render_frames(folder, settings, processes=processes, progress=tell)
     typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")

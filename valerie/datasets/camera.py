@@ -1,9 +1,9 @@
-"""Cameras as Cityscapes' ``camera`` files describe them.
+"""Cameras in the form of Cityscapes' ``camera`` files.
 
-Extrinsics lead from the camera to the vehicle's axes as in ISO 8855: x forward, y left, z up, with
-R = Rz(yaw) · Ry(pitch) · Rx(roll), radians; a positive pitch looks *down* (Cityscapes' csCalibration.pdf). A scene has no
-vehicle: the world's origin takes its place, looking along the street (+y). Image coordinates count pixel centres
-from 0, so the principal point of a centred camera is ((W − 1) / 2, (H − 1) / 2).
+Extrinsics lead from the camera's axes to the vehicle's as in ISO 8855: x forward, y left, z up, with R = Rz(yaw) · Ry(pitch) ·
+Rx(roll), radians; a positive pitch looks *down* (Cityscapes' csCalibration.pdf). A scene has no vehicle. The world's origin
+takes its place, facing ahead (+y). Image coordinates count pixel centres from 0, so the principal point of a centred
+camera is ((W − 1) / 2, (H − 1) / 2).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from valerie.scene.graph.transforms import camera_angles
 
 
 class Extrinsic(TypedDict):
-    """Place and direction of a camera: baseline, x, y, z in metres; yaw, pitch, roll in radians."""
+    """Position and direction of a camera: baseline, x, y, z in metres; yaw, pitch, roll in radians."""
 
     baseline: float
     x: float
@@ -47,8 +47,8 @@ def camera_document(camera: Camera, width: int, height: int) -> CameraDocument:
     """Return the document of a camera.
 
     Args:
-        camera: in the world: z up, y along the street.
-        width, height: of the image, square pixels.
+        camera: a camera in the world: z up, y ahead.
+        width, height: size of the image, square pixels.
     """
     x, y, z = (float(value) for value in camera.position)
     yaw, pitch, roll = (math.radians((angle + 180.0) % 360.0 - 180.0) for angle in camera_angles(camera.transform))

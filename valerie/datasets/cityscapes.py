@@ -4,11 +4,10 @@
 
     leftImg8bit/<split>/<city>/<name>_leftImg8bit.png             picture
     gtFine/<split>/<city>/<name>_gtFine_labelIds.png              label ids
-    gtFine/<split>/<city>/<name>_gtFine_instanceIds.png           16 bit: label id × 1000 + n; label id where no instance is
-    gtFine/<split>/<city>/<name>_gtFine_color.png                 for people
-    gtFine/<split>/<city>/<name>_gtFine_polygons.json             optional
-    camera/<split>/<city>/<name>_camera.json                      `valerie.datasets.camera`
-    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png   a prediction, as label ids
+    gtFine/<split>/<city>/<name>_gtFine_instanceIds.png 16 bit: label id × 1000 + n; label id if there is no instance
+    gtFine/<split>/<city>/<name>_gtFine_color.png for people gtFine/<split>/<city>/<name>_gtFine_polygons.json optional
+    camera/<split>/<city>/<name>_camera.json `valerie.datasets.camera`
+    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png a prediction, as label ids
 """
 
 from __future__ import annotations
@@ -53,14 +52,14 @@ def prediction_path(function: str, split: str, name: FrameName) -> Path:
 
 
 def write_picture(root: Path, split: str, frame: LabelledFrame) -> Path:
-    """Write the picture alone; return its path below ``root``."""
+    """Write only the picture, and return its path below ``root``."""
     path = picture_path(split, frame.name)
     save_png(root / path, frame.picture)
     return path
 
 
 def write_labels(root: Path, split: str, frame: LabelledFrame, polygons: PolygonsDocument | None = None) -> None:
-    """Write label ids, instance ids, colours, the camera and, if given, polygons."""
+    """Write label ids, instance ids, colours, the camera, and polygons if there are any."""
     save_png(root / labels_path(split, frame.name, "labelIds.png"), frame.class_map)
     save_png(root / labels_path(split, frame.name, "instanceIds.png"), frame.segment_ids)
     save_png(root / labels_path(split, frame.name, "color.png"), colorize(frame.class_map))
@@ -71,7 +70,7 @@ def write_labels(root: Path, split: str, frame: LabelledFrame, polygons: Polygon
 
 
 def write_prediction(root: Path, split: str, name: FrameName, function: str, train_ids: NDArray[np.uint8]) -> Path:
-    """Write a prediction ((H, W) train ids) as label ids (void as 0, unlabeled); return its path below ``root``."""
+    """Write a prediction, (H, W) train ids, as label ids (void as 0, unlabeled), and return its path below ``root``."""
     path = prediction_path(function, split, name)
     save_png(root / path, to_label_ids(train_ids))
     return path
@@ -86,14 +85,14 @@ class _Entry:
 
 
 class CityscapesFolder(Sequence[LabelledFrame]):
-    """The frames of one split, by ascending name; each is read when it is needed.
+    """The frames of one split, by ascending name. Each is read when needed.
 
     Args:
-        root: folder that holds ``leftImg8bit`` and ``gtFine``.
+        root: folder with ``leftImg8bit`` and ``gtFine``.
         split: ``train``, ``val`` …
 
     Raises:
-        NotFound: no such split, or a picture without its ``_gtFine_labelIds.png``.
+        NotFound: there is no such split, or a picture has no ``_gtFine_labelIds.png``.
     """
 
     def __init__(self, root: Path, split: str) -> None:
@@ -105,7 +104,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
 
     @classmethod
     def splits(cls, root: Path) -> tuple[str, ...]:
-        """Return the splits that the folder has pictures of."""
+        """Return the splits of which the folder has pictures."""
         return tuple(sorted(path.name for path in (root / _PICTURE).glob("*") if path.is_dir()))
 
     @property
@@ -114,7 +113,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
 
     @property
     def has_instances(self) -> bool:
-        """True where every frame tells instances apart."""
+        """True if every frame has a map of instances."""
         return all(entry.instances is not None for entry in self._entries)
 
     def __len__(self) -> int:
@@ -127,11 +126,11 @@ class CityscapesFolder(Sequence[LabelledFrame]):
     def __getitem__(self, index: slice) -> list[LabelledFrame]: ...
 
     def __getitem__(self, index: int | slice) -> LabelledFrame | list[LabelledFrame]:
-        """Read one frame, or several.
+        """Read one or several frames.
 
         Raises:
-            CorruptArtifact: a file is no picture.
-            InvalidInput: sizes differ, or a label id that Cityscapes does not have.
+            CorruptArtifact: a file is not a picture.
+            InvalidInput: sizes differ, or Cityscapes has no such label id.
         """
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
@@ -160,7 +159,7 @@ def read_prediction(root: Path, function: str, split: str, name: FrameName) -> N
     """Read a prediction that `write_prediction` wrote: (H, W) uint8 label ids.
 
     Raises:
-        NotFound, CorruptArtifact: no such file, or no picture.
+        NotFound, CorruptArtifact: the file is missing, or is not a picture.
     """
     return _labels(root / prediction_path(function, split, name))
 
@@ -205,7 +204,7 @@ def _ids(path: Path, largest: int) -> NDArray[np.integer]:
 
 
 def save_png(path: Path, pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Write a PNG, folders included."""
+    """Write a PNG, and create its folders."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.ascontiguousarray(pixels)).save(path, "PNG", compress_level=3)
 

@@ -1,11 +1,11 @@
 """Data sets in COCO's formats: panoptic segmentation, and instances with amodal masks.
 
-Categories carry Cityscapes' label ids and names. A panoptic picture codes a segment's id as R + 256 G + 256² B; the id is
-label id × 1000 + n of an instance, else the label id; 0 is void (Kirillov et al. 2019, arXiv:1801.00868). Pixels of a
-class with instances that belong to none are one segment with ``iscrowd`` 1, as cityscapesScripts does.
+Categories have Cityscapes' label ids and names. A panoptic picture codes a segment's id as R + 256 G + 256² B. The id is label
+id × 1000 + n for an instance, else the label id; 0 is void (Kirillov et al. 2019, arXiv:1801.00868). If a class has instances,
+its pixels outside them are one segment with ``iscrowd`` 1, as in cityscapesScripts.
 
-Amodal convention: ``segmentation``, ``bbox`` and ``area`` are what is *visible*, so that every COCO tool measures that.
-Beside them stand, named as in KINS (Qi et al. 2019, doi:10.1109/CVPR.2019.00313), ``a_segm``, ``a_bbox``, ``a_area`` of the
+Amodal convention: ``segmentation``, ``bbox`` and ``area`` describe the *visible* part, so that every COCO tool measures it. An
+annotation also has, named as in KINS (Qi et al. 2019, doi:10.1109/CVPR.2019.00313), ``a_segm``, ``a_bbox``, ``a_area`` of the
 whole person within the image and ``i_segm``, ``i_bbox``, ``i_area`` of its visible part. A fully hidden person has no
 annotation; the Parquet index lists it.
 """
@@ -22,7 +22,7 @@ from valerie.datasets.frame import LabelledFrame
 from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
 from valerie.plain import JsonObject
 
-#: The 19 evaluated classes; ``isthing`` where objects are labelled one by one.
+#: The 19 evaluated classes; ``isthing`` is 1 for classes with instances.
 CATEGORIES: Final = tuple(
     {
         "id": label.id,
@@ -118,8 +118,8 @@ def assemble(
 ) -> JsonObject:
     """Return a whole COCO document of images and annotations that have their ids.
 
-    ``key_points`` and ``limbs`` (pairs of their places, from 0) describe the key points of persons and riders, where an
-    annotation has any.
+    If an annotation has key points, ``key_points`` (their names) and ``limbs`` (pairs of indices, from 0) describe those of
+    persons and riders.
     """
     pointed = any("keypoints" in annotation for annotation in annotations)
     named = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
@@ -138,9 +138,9 @@ def assemble(
 def run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
     """Return a mask in COCO's compressed run-length code.
 
-    The code holds the lengths of runs in column order, beginning with a run of zeros. From the fourth on it holds the
-    difference to the length before last. Each number is written in groups of five bits, lowest first, as characters from
-    "0"; a sixth bit says that more groups follow.
+    The code holds the lengths of runs in column order, starting with a run of zeros. From the fourth length on, it holds the
+    difference from the length before last. Each number is written in groups of five bits, lowest first, as characters from "0";
+    a sixth bit marks that more groups follow.
     """
     flat = np.asarray(mask, np.bool_).ravel(order="F")
     edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1

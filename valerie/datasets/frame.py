@@ -17,13 +17,13 @@ from valerie.labels import BY_ID, VOID
 from valerie.measures import Measures
 from valerie.spelling import plain_name
 
-#: A part of a name: underscores separate the parts.
+#: A part of a name. Underscores separate the parts.
 _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*")
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameName:
-    """Name of a frame as Cityscapes spells it: ``<city>_<sequence>_<frame>``.
+    """The name of a frame as in Cityscapes: ``<city>_<sequence>_<frame>``.
 
     Attributes:
         city: recording place; for exported runs the run's name and the camera.
@@ -31,7 +31,7 @@ class FrameName:
         frame: six digits or more; for exported runs the time index.
 
     Raises:
-        InvalidInput: a part is empty or holds anything but letters, digits and hyphens.
+        InvalidInput: a part is empty or contains other characters than letters, digits and hyphens.
     """
 
     city: str
@@ -45,7 +45,7 @@ class FrameName:
 
     @classmethod
     def of(cls, city: str, sequence: int, frame: int) -> Self:
-        """Return a name from numbers; the city is spelled with letters, digits and hyphens."""
+        """Return a name from a city, reduced to letters, digits and hyphens, and two numbers."""
         return cls(plain_name(city) or "valerie", f"{sequence:06}", f"{frame:06}")
 
     @classmethod
@@ -53,7 +53,7 @@ class FrameName:
         """Read the name in a file name with all its suffixes: ``aachen_000000_000019_leftImg8bit.png``.
 
         Raises:
-            InvalidInput: not such a name.
+            InvalidInput: the file name does not begin with such a name.
         """
         parts = stem.split("_")
         if len(parts) < 3:
@@ -85,13 +85,13 @@ class LabelledFrame:
         picture: (H, W, 3) uint8 sRGB.
         class_map: (H, W) uint8 Cityscapes label ids.
         instance_map: (H, W) uint16, label id × 1000 + n; 0 where there is no instance.
-        camera: Cityscapes' camera document; None where unknown.
-        amodal: instance id to (H, W) bool: all pixels that the person would cover alone, within the image.
-        persons: instance id to measures of the person (occlusion, distance …), for formats that carry them.
+        camera: Cityscapes' camera document; None if unknown.
+        amodal: instance id to (H, W) bool, all pixels of the person rendered alone, within the image.
+        persons: instance id to measures of the person (occlusion, distance …), for formats that hold them.
         key_points: instance id to the person's joints, likewise.
 
     Raises:
-        InvalidInput: shapes or types differ from that.
+        InvalidInput: shapes or types differ from these.
     """
 
     name: FrameName
@@ -123,10 +123,10 @@ class LabelledFrame:
 
 
 def require_label_ids(class_map: NDArray[np.uint8], *, field: str) -> None:
-    """Refuse a map that holds anything but label ids; 255 is a license plate (id −1) and is ignored.
+    """Refuse a map with values that are not label ids; 255 is a license plate (id −1) and is ignored.
 
     Raises:
-        InvalidInput: names the first unknown id.
+        InvalidInput: an id is unknown; the message names the first.
     """
     present = np.flatnonzero(np.bincount(class_map.ravel(), minlength=256))
     for number in present.tolist():

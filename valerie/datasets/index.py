@@ -1,4 +1,4 @@
-"""The plain index of a data set: one Parquet row per person of a frame, with its measures and the paths of its files."""
+"""The index of a data set: one Parquet row per person of a frame, with its measures and the paths of its files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from valerie.errors import InvalidInput
 from valerie.measures import WITHOUT_FUNCTION, Cell, measures_from
 
-#: A row of an index: `COLUMNS`, and one column for each parameter of the run.
+#: A row of an index: `COLUMNS`, and a column for each parameter of the run.
 IndexRow = dict[str, Cell | list[int]]
 _BOX: Final = pa.list_(pa.int32())
 #: The columns that only an index has.
@@ -20,9 +20,9 @@ _OF_FILES: Final = (
     ("name", pa.string(), "name of the frame: city_sequence_frame"),
     ("split", pa.string(), "train, val …"),
     ("picture", pa.string(), "path of the picture below the data set"),
-    ("label_ids", pa.string(), "path of the label ids; empty where the format cityscapes was not asked for"),
-    ("width", pa.int32(), "of the picture, pixels"),
-    ("height", pa.int32(), "of the picture, pixels"),
+    ("label_ids", pa.string(), "path of the label ids; empty without the format cityscapes"),
+    ("width", pa.int32(), "width of the picture, pixels"),
+    ("height", pa.int32(), "height of the picture, pixels"),
     ("time_index", pa.int32(), "place of the frame in its sequence"),
     ("box", _BOX, "x0, y0, x1, y1 of the visible pixels, end exclusive"),
     ("amodal_box", _BOX, "box of the person rendered alone, within the image"),
@@ -42,11 +42,11 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, str], ...]] = (
 
 
 def write_index(path: Path, rows: Iterable[IndexRow], parameters: Mapping[str, pa.DataType]) -> int:
-    """Write the index; return its number of rows.
+    """Write the index, and return its number of rows.
 
     Args:
-        path: of the file.
-        rows: column to value; what a row lacks is empty.
+        path: the file.
+        rows: column to value; missing values are empty.
         parameters: path to Arrow type of the parameters' columns.
 
     Raises:

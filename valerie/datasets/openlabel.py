@@ -1,8 +1,8 @@
 """Labels of a sequence as ASAM OpenLABEL 1.0 (https://www.asam.net/standards/detail/openlabel/).
 
 An object is an instance of an evaluated class. Its boxes are ``visible`` and, for persons, ``amodal``: x and y of the centre,
-width and height, in pixels. Its masks are COCO's compressed run-length codes. Pixel centres count from 0, and the camera's
-place and direction are those of `valerie.datasets.camera`; its own axes are x right, y down, z ahead.
+width and height, in pixels. Its masks are COCO's compressed run-length codes. Pixel centres count from 0. The camera's position
+and direction are those of `valerie.datasets.camera`; its own axes are x right, y down, z ahead.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CAMERA: Final = "camera"
 VEHICLE: Final = "vehicle-iso8855"
 _CLASSES: Final = "https://www.cityscapes-dataset.com/dataset-overview/#class-definitions"
 _IN_PICTURE: Final = {"coordinate_system": CAMERA}
-#: Entries of an annotation that are written as masks and boxes, or not at all.
+#: Entries of an annotation that become masks and boxes, or are left out.
 _SHAPES: Final = frozenset(
     {"category_id", "iscrowd", "instance_id", "segmentation", "bbox", "area", "keypoints", "num_keypoints"}
     | {f"{side}_{key}" for side in "ai" for key in ("segm", "bbox", "area")}
@@ -46,7 +46,7 @@ def labelled_objects(annotations: Sequence[JsonObject]) -> dict[str, JsonObject]
     """Return the objects of a frame.
 
     Args:
-        annotations: as `valerie.datasets.coco.instance_annotations` returns them.
+        annotations: the result of `valerie.datasets.coco.instance_annotations`.
     """
     objects: dict[str, JsonObject] = {}
     for annotation in annotations:
@@ -77,11 +77,11 @@ def labelled_objects(annotations: Sequence[JsonObject]) -> dict[str, JsonObject]
 
 
 def camera_entries(camera: CameraDocument, width: int, height: int) -> JsonObject:
-    """Return what a document says of the camera: its coordinate system and its stream.
+    """Return a document's entries for the camera: its coordinate system and its stream.
 
     Args:
-        camera: place, direction and focal length.
-        width, height: of the pictures.
+        camera: position, direction and focal length.
+        width, height: size of the pictures.
     """
     inner = camera["intrinsic"]
     matrix = [inner["fx"], 0, inner["u0"], 0, 0, inner["fy"], inner["v0"], 0, 0, 0, 1, 0]
@@ -99,9 +99,9 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, descriptio
     """Return the OpenLABEL document of a sequence.
 
     Args:
-        frames: number to frame, in order.
-        camera: `camera_entries` of the one that took all of them.
-        description: of the data.
+        frames: frame number to frame, in order.
+        camera: `camera_entries` of the camera that took all frames.
+        description: description of the data.
     """
     objects: dict[str, JsonObject] = {}
     intervals: list[dict[str, int]] = []
@@ -129,7 +129,7 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, descriptio
 
 
 def _centred(box: Sequence[int]) -> list[float]:
-    """Return a box by its centre; ``box`` begins with the first column and row that it holds."""
+    """Return a box as centre and size; ``box`` starts with its first column and row."""
     x, y, width, height = box
     return [x + (width - 1) / 2, y + (height - 1) / 2, width, height]
 

@@ -1,8 +1,8 @@
-"""Label maps as Cityscapes' polygons, for tools that read nothing else.
+"""Label maps as Cityscapes' polygons, for tools that read only these.
 
-Polygons know no holes: they are painted one after the other. Every connected region gives its outer outline, the larger
-ones first, so that what lies in a hole is painted over it. Where regions interlock, the painting still covers pixels of others:
-classes without instances get these back, line by line. Instances do not: tools count every polygon as an object.
+Polygons have no holes: they are painted one after another. Every connected region becomes its outer outline, larger ones first,
+so that regions in a hole are painted later. If regions interlock, a polygon still covers pixels of others. Classes without
+instances get these pixels back, line by line. Instances do not, since tools count every polygon as an object.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from valerie.labels import BY_ID, BY_NAME
 
 
 class Polygon(TypedDict):
-    """The class of a region, and the x and y of the corners of its outline."""
+    """The class of a region, and the corners (x, y) of its outline."""
 
     label: str
     polygon: list[list[int]]
@@ -36,7 +36,7 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
     """Return the polygons of a label map.
 
     Args:
-        segment_ids: (H, W) as `LabelledFrame.segment_ids`; each instance gives polygons of its own, 0 (unlabeled) none.
+        segment_ids: (H, W), see `LabelledFrame.segment_ids`. Each instance has separate polygons; 0 (unlabeled) has none.
 
     Raises:
         MissingDependency: OpenCV is not installed.
@@ -53,7 +53,7 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
         if label is None or label.id == 0:
             continue
         mask = (segment_ids == number).astype(np.uint8)
-        # Two levels: outer outlines, also of what lies in a hole of another region of the class, and holes.
+        # Two levels: holes, and outer outlines, also of regions within holes of the same class.
         outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
         for outline, level in zip(outlines, levels[0] if levels is not None else (), strict=True):
             if level[3] < 0:
@@ -69,7 +69,7 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
 
 
 def painted(document: PolygonsDocument) -> NDArray[np.uint8]:
-    """Return the label ids that tools paint from polygons, (H, W); 0 where they paint nothing."""
+    """Return the label ids that tools paint from polygons, (H, W); 0 outside all polygons."""
     canvas = Image.new("L", (document["imgWidth"], document["imgHeight"]))
     drawing = ImageDraw.Draw(canvas)
     for polygon in document["objects"]:
@@ -78,11 +78,11 @@ def painted(document: PolygonsDocument) -> NDArray[np.uint8]:
 
 
 def lost_pixels(document: PolygonsDocument, class_map: NDArray[np.uint8]) -> dict[str, tuple[int, int]]:
-    """Return, by class, the number of pixels and of those that polygons paint as another class; only where there are some.
+    """Return, for each class in a map, its number of pixels and how many of them polygons paint as another class.
 
     Args:
         document: the polygons.
-        class_map: (H, W) label ids that they were made from.
+        class_map: (H, W) label ids that the polygons represent.
     """
     wrong = painted(document) != class_map
     counts, lost = (np.bincount(ids, minlength=256).tolist() for ids in (class_map.ravel(), class_map[wrong]))
@@ -101,5 +101,5 @@ def _lines(mask: NDArray[np.bool_], label: str) -> list[Polygon]:
 
 
 def _at_least_three(points: list[list[int]]) -> list[list[int]]:
-    """Return a polygon of at least three points, also for a single pixel or a line: tools that draw polygons need them."""
+    """Return a polygon of at least three points, which tools need even for a single pixel or a line."""
     return points if len(points) >= 3 else (points * 3)[:3]

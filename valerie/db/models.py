@@ -34,10 +34,11 @@ from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.marks import MarkKind
 from valerie.runs.products.pins import AnyOffer, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import ProductError
-from valerie.runs.products.states import ProductKind, ProductState, RunState, Stage
+from valerie.runs.products.states import Priority, ProductKind, ProductState, RunState, Stage
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
 
@@ -73,11 +74,13 @@ class Base(DeclarativeBase):
     type_annotation_map = {  # noqa: RUF012
         datetime: DateTime(timezone=True),
         RunState: words(RunState, 32),
+        Priority: words(Priority, 16),
         ProductState: words(ProductState, 16),
         ProductKind: words(ProductKind, 16),
         AnnotationKind: words(AnnotationKind, 16),
         Stage: words(Stage, 16),
         StudyState: words(StudyState, 16),
+        MarkKind: words(MarkKind, 16),
     }
 
 
@@ -113,6 +116,9 @@ class Run(Base):
     #: Variants 0 … next_index−1 have rows.
     next_index: Mapped[int] = mapped_column(BigInteger, default=0)
     rejected_count: Mapped[int] = mapped_column(BigInteger, default=0)
+    priority: Mapped[Priority] = mapped_column(default=Priority.NORMAL)
+    #: Turn of the next product that it wants.
+    turn: Mapped[float] = mapped_column(Float, default=0.0)
     #: At the latest count of the control loop; None before the first.
     progress: Mapped[Progress | None] = mapped_column(JsonDocument(Progress))
     idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
@@ -165,12 +171,16 @@ class Product(Base):
     input_a: Mapped[str | None] = mapped_column(Digest)
     input_b: Mapped[str | None] = mapped_column(Digest)
     input_c: Mapped[str | None] = mapped_column(Digest)
+    #: Ready products of a route are served in this order; see `valerie.runs.products.turns`.
+    turn: Mapped[float] = mapped_column(Float, default=0.0)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
     #: Unix seconds; the holder loses the product then.
     lease_until: Mapped[float | None] = mapped_column(Float)
-    #: Unix seconds of the last message, or the earliest time of the next after a transient failure.
+    #: Unix seconds of the last message; None after a transient failure, until it is sent again.
     sent_at: Mapped[float | None] = mapped_column(Float)
+    #: Unix seconds: a ready product rests until then after a transient failure.
+    not_before: Mapped[float | None] = mapped_column(Float)
     #: Why it failed for good.
     error: Mapped[ProductError | None] = mapped_column(JsonDocument(ProductError))
     bytes: Mapped[int | None] = mapped_column(BigInteger)
@@ -182,7 +192,8 @@ class Product(Base):
         # Only waiting products are looked for by their inputs: indexes as small as the feeding window.
         *(_partial(f"ix_products_{column}", column, where="state = 'waiting'") for column in _INPUT_COLUMNS),
         # The sweeper and the window look only at unfinished products: a small index however large the table.
-        _partial("ix_products_unfinished", "state", "route", where="state IN ('waiting','ready','running')"),
+        # Workers take the ready products of a route by turn.
+        _partial("ix_products_unfinished", "state", "route", "turn", where="state IN ('waiting','ready','running')"),
         # Sums over all ended products, and the newest of each kind, without reading the rows.
         _partial(
             "ix_products_ended", "kind", "state", "finished_at", "cpu_seconds", where="state IN ('done','failed')"
@@ -417,6 +428,32 @@ class SavedSelection(Base):
     #: The query of the page's address.
     view: Mapped[str] = mapped_column(Text)
     created_at: Mapped[datetime]
+
+
+class Note(Base):
+    """A mark: what people wrote about a run or a part of it, empty where there are only tags. It goes with the run."""
+
+    __tablename__ = "notes"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    kind: Mapped[MarkKind] = mapped_column(primary_key=True)
+    #: See `valerie.runs.marks.Subject`.
+    name: Mapped[str] = mapped_column(String(1000), primary_key=True)
+    text: Mapped[str] = mapped_column(Text)
+    changed_at: Mapped[datetime]
+
+
+class MarkTag(Base):
+    """A tag of a mark."""
+
+    __tablename__ = "tags"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    kind: Mapped[MarkKind] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(1000), primary_key=True)
+    tag: Mapped[str] = mapped_column(String(40), primary_key=True)
+
+    __table_args__ = (Index("ix_tags_tag", "tag"),)
 
 
 class Worker(Base):

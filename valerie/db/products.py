@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, select, text, union, update
+from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, func, or_, select, text, union, update
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
@@ -34,8 +34,9 @@ from valerie.measures import Measures
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.ready import FailedInput, ProductError, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
+from valerie.runs.products.turns import Turns, packet_size
 
-READY_COLUMNS: Final = (Product.digest, Product.kind, Product.route, Product.cache_group)
+READY_COLUMNS: Final = (Product.digest, Product.kind, Product.route, Product.cache_group, Product.turn)
 _INPUTS: Final = (Product.input_a, Product.input_b, Product.input_c)
 _INPUTS_DONE: Final = text(
     "NOT EXISTS (SELECT 1 FROM products AS i"
@@ -57,43 +58,70 @@ class Wanted(NamedTuple):
     input_c: str | None = None
 
 
-def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list[Ready]:
+def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: Turns) -> list[Ready]:
     """Insert products that a run links to; return those that became ready.
 
     A product is ready where all its inputs are done. Existing products stay as they are, but those that failed for good or
-    were parked are tried again.
+    were parked are tried again, and an unfinished one gets the earlier turn of the runs that want it.
+
+    Args:
+        connection: to write with.
+        wanted: the products, in the order in which they are to be made.
+        now: Unix seconds.
+        turns: gives the unfinished ones their turns.
     """
     links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
     asked = {digest for digest in links if digest is not None}
     # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
-    known = select(Product.digest, Product.state).where(among(connection, Product.digest, asked)).with_for_update()
-    states = {digest: state for digest, state in connection.execute(known)}  # noqa: C416  # mypy reads the types of rows
-    done: set[str | None] = {None, *(digest for digest, state in states.items() if state is ProductState.DONE)}
+    columns = Product.digest, Product.state, Product.turn
+    known = select(*columns).where(among(connection, Product.digest, asked)).with_for_update()
+    states = {digest: (state, turn) for digest, state, turn in connection.execute(known)}
+    done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
     rows: list[tuple[Any, ...]] = []
     ready: list[Ready] = []
+    earlier: list[dict[str, str | float]] = []
     for product in wanted:
         digest, kind, route, group, a, b, c = product
-        state = states.get(digest)
-        if state is not None and state not in _TRIED_AGAIN:
+        state, present_turn = states.get(digest, (None, 0.0))
+        if state is ProductState.DONE:
             continue
-        if a in done and b in done and c in done:
-            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), 0, now))
+        turn = turns.take(route, kind, group)
+        if state is not None and state not in _TRIED_AGAIN:
+            if turn < present_turn:
+                earlier.append({"product": digest, "earlier": turn})
+        elif a in done and b in done and c in done:
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), turn, 0, now))
             if route != UPLOADED_ROUTE:
-                ready.append(Ready(digest, kind, route, group))
+                ready.append(Ready(digest, kind, route, group, turn))
         else:
-            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), 0, None))
+            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), turn, 0, None))
     rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,
         Product,
-        (*Wanted._fields, "state", "attempts", "sent_at"),
+        (*Wanted._fields, "state", "turn", "attempts", "sent_at"),
         rows,
         on_conflict=(
-            "(digest) DO UPDATE SET state = excluded.state, attempts = 0, error = NULL, lease_owner = NULL,"
-            " lease_until = NULL, sent_at = excluded.sent_at WHERE products.state IN ('failed', 'parked')"
+            "(digest) DO UPDATE SET state = excluded.state, turn = excluded.turn, attempts = 0, error = NULL,"
+            " lease_owner = NULL, lease_until = NULL, sent_at = excluded.sent_at, not_before = NULL"
+            " WHERE products.state IN ('failed', 'parked')"
         ),
     )
+    if earlier:
+        table = Product.__table__
+        statement = update(table).where(table.c.digest == bindparam("product")).values(turn=bindparam("earlier"))  # type: ignore[arg-type]
+        connection.execute(statement, earlier)
     return ready
+
+
+def present_turn(connection: Connection) -> float | None:
+    """Return the earliest turn that a worker serves, or the earliest of all while none works; None where nothing is unfinished.
+
+    A run that begins or continues starts at this turn.
+    """
+    earliest = select(func.min(Product.turn))
+    served = connection.scalar(earliest.where(UNFINISHED, Product.state == ProductState.RUNNING))
+    return served if served is not None else connection.scalar(earliest.where(UNFINISHED))
 
 
 def revive(connection: Connection, digests: Collection[str]) -> None:
@@ -104,7 +132,15 @@ def revive(connection: Connection, digests: Collection[str]) -> None:
             among(connection, Product.digest, digests),
             Product.state.in_((ProductState.FAILED, ProductState.PARKED)),
         )
-        .values(state=ProductState.WAITING, attempts=0, error=None, lease_owner=None, lease_until=None, sent_at=None)
+        .values(
+            state=ProductState.WAITING,
+            attempts=0,
+            error=None,
+            lease_owner=None,
+            lease_until=None,
+            sent_at=None,
+            not_before=None,
+        )
     )
 
 
@@ -139,7 +175,7 @@ def _promote(connection: Connection, condition: ColumnElement[bool], now: float)
     return to_send(connection.execute(statement))
 
 
-def to_send(rows: Iterable[Row[str, ProductKind, str, str]]) -> list[Ready]:
+def to_send(rows: Iterable[Row[str, ProductKind, str, str, float]]) -> list[Ready]:
     """Return rows of `READY_COLUMNS` without predictions that are to be uploaded: no worker serves them."""
     return [ready for row in rows if (ready := Ready(*row)).route != UPLOADED_ROUTE]
 
@@ -179,11 +215,31 @@ class Job:
     look: Look | None = None
 
 
-def tried(connection: Connection, digests: Sequence[str]) -> list[str]:
-    """Return those of ``digests`` that were claimed before, in their order."""
-    condition = among(connection, Product.digest, digests)
-    before = set(connection.scalars(select(Product.digest).where(condition, Product.attempts > 0)))
-    return [digest for digest in digests if digest in before]
+def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
+    """Lease the ready products of a queue whose turn it is: one packet, or nothing where none is ready.
+
+    A product that was tried before comes alone: one that ends its process again and again must not use up the attempts of its
+    neighbours. On Postgres, workers that claim at the same time pass over each other's rows; on SQLite nobody else writes.
+    """
+    due = or_(Product.not_before.is_(None), Product.not_before <= now)
+    ready = UNFINISHED, Product.state == ProductState.READY, Product.route == route, due
+    columns = Product.digest, Product.kind, Product.cache_group, Product.turn, Product.attempts
+    first = select(*columns).where(*ready).order_by(Product.turn).limit(1).with_for_update(skip_locked=True)
+    while (row := connection.execute(first).first()) is not None:
+        digests: Sequence[str] = [row.digest]
+        if row.attempts == 0:
+            packet = (
+                select(Product.digest)
+                .where(*ready, Product.turn == row.turn, Product.kind == row.kind, Product.attempts == 0)
+                .where(Product.cache_group == row.cache_group)
+                .limit(packet_size(row.kind))
+                .with_for_update(skip_locked=True)
+            )
+            digests = connection.scalars(packet).all()
+        jobs = claim(connection, digests, owner=owner, now=now, lease_seconds=lease_seconds)
+        if jobs:
+            return jobs
+    return []
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -198,6 +254,7 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
             state=ProductState.RUNNING,
             lease_owner=owner,
             lease_until=now + lease_seconds,
+            not_before=None,
             attempts=Product.attempts + 1,
         )
         .returning(Product.digest, Product.kind, Product.attempts)
@@ -397,6 +454,7 @@ def _publish_parts(connection: Connection, published: Sequence[Finished], now: f
         "state": ProductState.DONE,
         "route": "",
         "cache_group": "",
+        "turn": 0.0,
         "attempts": 1,
         "cpu_seconds": 0.0,
         "finished_at": now,
@@ -414,12 +472,19 @@ def _publish_parts(connection: Connection, published: Sequence[Finished], now: f
 def hand_back(
     connection: Connection, digests: Collection[str], *, owner: str, not_before: float, count_attempt: bool = True
 ) -> None:
-    """Give leased products back after a transient fault; the sweeper sends them again once ``not_before`` has passed."""
+    """Give leased products back after a transient fault; they rest until ``not_before``, then the sweeper sends them again."""
     attempts = Product.attempts if count_attempt else Product.attempts - 1
     connection.execute(
         update(Product)
         .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)
-        .values(state=ProductState.READY, lease_owner=None, lease_until=None, sent_at=not_before, attempts=attempts)
+        .values(
+            state=ProductState.READY,
+            lease_owner=None,
+            lease_until=None,
+            sent_at=None,
+            not_before=not_before,
+            attempts=attempts,
+        )
     )
 
 

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
-from sqlalchemy import Connection, Subquery, delete, func, insert, or_, select, union, update
+from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
-from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
+from valerie.db import marks
+from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, StudyBatch, Variant
 from valerie.db.rows import columns_of, read_all, read_first
+from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
-from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, RunState
+from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductState, RunState
 from valerie.runs.resolving.spec import RunSpec
 
 #: States of runs that have not ended.
@@ -37,6 +39,7 @@ class SubmittedRun:
     parent_run: str | None
     iteration: int
     variant_count: int
+    priority: Priority
     created_at: datetime
 
 
@@ -45,6 +48,7 @@ class RunRow(SubmittedRun):
     """A stored run."""
 
     next_index: int
+    turn: float
     rejected_count: int
     progress: Progress | None
     started_at: datetime | None
@@ -58,6 +62,7 @@ class RunValues(TypedDict, total=False):
     reason: str | None
     next_index: int
     rejected_count: int
+    turn: float
     progress: Progress
     started_at: datetime
     finished_at: datetime | None
@@ -70,11 +75,13 @@ class Fed(NamedTuple):
         state: of the run.
         next_index: variants before this one have rows.
         rejected_count: those of them of which no frame is made.
+        turn: of the next product.
     """
 
     state: RunState
     next_index: int
     rejected_count: int
+    turn: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +92,24 @@ class VariantRow:
     block: int
     assignment: Assignment
     rejection: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Relative:
+    """A run among those that descend from each other.
+
+    Attributes:
+        id, name, state, parent_run, iteration, created_at: see `valerie.db.models.Run`.
+        study: id of the study that made it as a batch; None for other runs.
+    """
+
+    id: str
+    name: str
+    state: RunState
+    parent_run: str | None
+    iteration: int
+    created_at: datetime
+    study: str | None
 
 
 _RUN = select(*columns_of(RunRow, Run))
@@ -157,30 +182,69 @@ def fed(connection: Connection, run_id: str) -> Fed:
     Raises:
         NotFound: no such run.
     """
-    row = connection.execute(select(Run.state, Run.next_index, Run.rejected_count).where(Run.id == run_id)).first()
+    columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
+    row = connection.execute(select(*columns).where(Run.id == run_id)).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)
 
 
 def page(
-    connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None, state: RunState | None = None
+    connection: Connection,
+    *,
+    limit: int,
+    before: Seen | None = None,
+    state: RunState | None = None,
+    tag: str | None = None,
 ) -> list[RunRow]:
     """Return runs, newest first.
 
     Args:
         connection: to read with.
         limit: most runs.
-        before: (created_at, id) of the last run seen.
+        before: the last run of the page before.
         state: only runs in this state.
+        tag: only runs that carry it.
     """
-    query = _RUN.order_by(Run.created_at.desc(), Run.id.desc()).limit(limit)
-    if before is not None:
-        created, run_id = before
-        query = query.where(or_(Run.created_at < created, (Run.created_at == created) & (Run.id < run_id)))
+    query = newest_first(_RUN, Run, limit=limit, before=before)
     if state is not None:
         query = query.where(Run.state == state)
+    if tag is not None:
+        query = query.where(marks.tagged(tag))
     return read_all(connection, query, RunRow)
+
+
+def lineage(connection: Connection, run_id: str, *, most: int = 300) -> list[Relative]:
+    """Return a run, the runs that it descends from, and all that descend from the oldest of these, oldest first.
+
+    Args:
+        connection: to read with.
+        run_id: of an existing run.
+        most: runs; of more descendants the nearest generations are returned.
+
+    Raises:
+        NotFound: no such run.
+    """
+    oldest, path = get(connection, run_id), {run_id}
+    while oldest.parent_run is not None and oldest.parent_run not in path and len(path) < most:
+        path.add(oldest.parent_run)
+        oldest = get(connection, oldest.parent_run)
+    relatives: dict[str, Relative] = {}
+    generation = Run.id.in_(path)
+    while len(relatives) < most:
+        query = (
+            select(*columns_of(Relative, Run, study=StudyBatch.study_id))
+            .outerjoin(StudyBatch, StudyBatch.run_id == Run.id)
+            .where(generation)
+            .order_by(Run.created_at, Run.id)
+            .limit(most)
+        )
+        found = [one for one in read_all(connection, query, Relative) if one.id not in relatives]
+        if not found:
+            break
+        relatives |= {one.id: one for one in found[: most - len(relatives)]}
+        generation = Run.parent_run.in_([one.id for one in found])
+    return sorted(relatives.values(), key=lambda one: (one.created_at, one.id))
 
 
 def in_states(connection: Connection, states: Collection[RunState]) -> list[RunRow]:
@@ -220,9 +284,10 @@ def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues])
 
 
 def remove(connection: Connection, run_id: str) -> None:
-    """Delete a run with its variants, frames and links; its products stay until `gc` finds that no run links them."""
+    """Delete a run with its variants, frames, links and marks; its products stay until `gc` finds that no run links them."""
     for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
         connection.execute(delete(table).where(table.run_id == run_id))
+    marks.remove_all(connection, run_id)
     connection.execute(delete(Run).where(Run.id == run_id))
 
 

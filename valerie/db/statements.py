@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any, Final
+from datetime import datetime
+from typing import Any, Final, NamedTuple
 
 import orjson
-from sqlalchemy import ARRAY, ColumnElement, Connection, String, any_, func, literal, literal_column, select
+from sqlalchemy import (
+    ARRAY,
+    ColumnElement,
+    Connection,
+    Select,
+    String,
+    any_,
+    func,
+    literal,
+    literal_column,
+    select,
+    tuple_,
+)
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
-from valerie.db.models import Base, Product
+from valerie.db.models import Base, Product, Run, Study
 from valerie.plain import Row
 from valerie.runs.products.states import ProductState
 
@@ -38,6 +51,28 @@ def among(connection: Connection, column: InstrumentedAttribute[Any], digests: C
         return column == any_(literal(values, ARRAY(String)))
     each = func.json_each(orjson.dumps(values).decode()).table_valued("value")
     return column.in_(select(each.c.value))
+
+
+class Seen(NamedTuple):
+    """The row of a list that a reader has seen last."""
+
+    created_at: datetime
+    id: str
+
+
+def newest_first(
+    query: Select[Any], table: type[Run | Study], *, limit: int, before: Seen | None = None
+) -> Select[Any]:
+    """Return a page of a query over one table, newest first.
+
+    Args:
+        query: the rows.
+        table: that has them.
+        limit: most rows.
+        before: the last row of the page before.
+    """
+    page = query.order_by(table.created_at.desc(), table.id.desc()).limit(limit)
+    return page if before is None else page.where(tuple_(table.created_at, table.id) < before)
 
 
 def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Row]) -> int:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TypedDict, Unpack
 
-from sqlalchemy import Connection, Update, func, insert, or_, select, update
+from sqlalchemy import Connection, Update, func, insert, select, update
 
 from valerie.db.models import Product, StudyBatch
 from valerie.db.models import Study as StudyTable
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.runs import links_of
-from valerie.db.statements import insert_ignoring
+from valerie.db.statements import Seen, insert_ignoring, newest_first
 from valerie.errors import NotFound
 from valerie.runs.moments import in_utc
 from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
@@ -93,20 +93,20 @@ def get(connection: Connection, study_id: str) -> StudyRow:
     return row
 
 
-def page(connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None) -> list[StudyRow]:
+def page(connection: Connection, *, limit: int, before: Seen | None = None) -> list[StudyRow]:
     """Return studies, newest first.
 
     Args:
         connection: to read with.
         limit: most studies.
-        before: (created_at, id) of the last study seen.
+        before: the last study of the page before.
     """
-    query = _STUDY.order_by(StudyTable.created_at.desc(), StudyTable.id.desc()).limit(limit)
-    if before is not None:
-        created, study_id = before
-        query = query.where(
-            or_(StudyTable.created_at < created, (StudyTable.created_at == created) & (StudyTable.id < study_id))
-        )
+    return read_all(connection, newest_first(_STUDY, StudyTable, limit=limit, before=before), StudyRow)
+
+
+def named(connection: Connection, name: str) -> list[StudyRow]:
+    """Return the studies with a name, oldest first."""
+    query = _STUDY.where(StudyTable.name == name).order_by(StudyTable.created_at, StudyTable.id)
     return read_all(connection, query, StudyRow)
 
 
@@ -165,6 +165,13 @@ def reset_retries(connection: Connection, study_id: str) -> None:
     connection.execute(
         update(StudyBatch).where(StudyBatch.study_id == study_id, StudyBatch.outcomes.is_(None)).values(retries=0)
     )
+
+
+def price(connection: Connection, run_id: str) -> float:
+    """Return the CPU time, seconds, that the products of a run took, whenever they were made."""
+    links = links_of(run_id)
+    query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
+    return float(connection.scalar(query) or 0.0)
 
 
 def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, delete, select, text, update
+from sqlalchemy import Connection, delete, or_, select, text, update
 
 from valerie.db.models import Product
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, to_send
@@ -13,7 +13,7 @@ from valerie.db.statements import UNFINISHED, among
 from valerie.runs.products.ready import Fault, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
-#: No product is sent later than this after now, seconds; see `valerie.pipeline.work.stages`.
+#: No product rests longer than this, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0
 
 
@@ -32,8 +32,9 @@ def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> 
         update(Product).where(UNFINISHED, running, Product.lease_until > longest).values(lease_until=longest)
     )
     connection.execute(
-        update(Product).where(UNFINISHED, ready, Product.sent_at > now + _LONGEST_PAUSE).values(sent_at=now)
+        update(Product).where(UNFINISHED, ready, Product.not_before > now + _LONGEST_PAUSE).values(not_before=now)
     )
+    connection.execute(update(Product).where(UNFINISHED, ready, Product.sent_at > now).values(sent_at=now))
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
@@ -55,14 +56,14 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
     return to_send(rows)
 
 
-def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Ready]:
-    """Return ready products that were last sent before ``before``: lost messages, and pauses after a fault that are over."""
+def stale_ready(connection: Connection, *, now: float, resend_seconds: float, limit: int) -> list[Ready]:
+    """Return ready products that were last sent that long ago (lost messages), or whose pause after a fault is over."""
     rows = connection.execute(
         select(*READY_COLUMNS)
         .where(
             UNFINISHED,
             Product.state == ProductState.READY,
-            Product.sent_at < before,
+            or_(Product.sent_at < now - resend_seconds, Product.sent_at.is_(None) & (Product.not_before <= now)),
             Product.route != UPLOADED_ROUTE,
         )
         .limit(limit)

@@ -6,10 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, func, literal, select
+from sqlalchemy import BigInteger, ColumnElement, Connection, cast, func, literal, select
 
 from valerie.db.models import Product
 from valerie.db.statements import ENDED, UNFINISHED, among
+from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 #: Cache group of the evaluations of uploaded predictions.
@@ -31,6 +32,48 @@ class KindTotal(NamedTuple):
     done: int
     failed: int
     cpu_seconds: float
+
+
+class Held(NamedTuple):
+    """Products of one kind that one process makes now."""
+
+    owner: str
+    kind: ProductKind
+    products: int
+
+
+class CostBin(NamedTuple):
+    """What the products of one kind cost that were finished in one span of time.
+
+    Attributes:
+        kind: of the products.
+        number: of the span, from 0.
+        products: that were done.
+        cpu_seconds: of all of them.
+    """
+
+    kind: ProductKind
+    number: int
+    products: int
+    cpu_seconds: float
+
+
+class FailureReason(NamedTuple):
+    """Products of one kind that failed for good with one type of error.
+
+    Attributes:
+        kind: of the products.
+        type: name of the error's class.
+        products: how many.
+        message: of the latest.
+        latest: when it failed, Unix seconds.
+    """
+
+    kind: ProductKind
+    type: str
+    products: int
+    message: str
+    latest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +132,70 @@ def totals(connection: Connection) -> list[KindTotal]:
         return KindTotal(kind, done, failed, seconds)
 
     return [total(kind) for kind in sorted(ProductKind)]
+
+
+def held(connection: Connection) -> list[Held]:
+    """Return what each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
+    rows = connection.execute(
+        select(Product.lease_owner, Product.kind, func.count())
+        .where(UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_owner.is_not(None))
+        .group_by(Product.lease_owner, Product.kind)
+    )
+    return [Held(owner, kind, count) for owner, kind, count in rows if owner is not None]
+
+
+def done_since(connection: Connection, since: float) -> dict[str, int]:
+    """Return how many products of each route were done after a moment, Unix seconds."""
+    rows = connection.execute(select(Product.route, func.count()).where(*_done_after(since)).group_by(Product.route))
+    return {route: int(count) for route, count in rows}
+
+
+def costs_since(connection: Connection, since: int, width: int) -> list[CostBin]:
+    """Return the cost of products by kind and span of time.
+
+    Args:
+        connection: to read with.
+        since: beginning of the first span, Unix seconds.
+        width: of a span, seconds.
+    """
+    number = (cast(Product.finished_at, BigInteger) - since) // width
+    rows = connection.execute(
+        select(Product.kind, number, func.count(), func.sum(Product.cpu_seconds))
+        .where(*_done_after(float(since)), Product.cpu_seconds.is_not(None))
+        .group_by(Product.kind, number)
+        .order_by(Product.kind, number)
+    )
+    return [CostBin(kind, int(span), count, float(seconds or 0.0)) for kind, span, count, seconds in rows]
+
+
+def _done_after(since: float) -> tuple[ColumnElement[bool], ...]:
+    # All kinds by name: the index begins with the kind.
+    return (
+        ENDED,
+        Product.kind.in_(list(ProductKind)),
+        Product.state == ProductState.DONE,
+        Product.finished_at >= since,
+    )
+
+
+def failure_reasons(connection: Connection, *, newest: int = 5_000) -> list[FailureReason]:
+    """Return the reasons of the ``newest`` products that failed for good, the most frequent first.
+
+    Products that failed with an input are not counted.
+    """
+    rows = connection.execute(
+        select(Product.kind, Product.error, Product.finished_at)
+        .where(ENDED, Product.kind.in_(list(ProductKind)), Product.state == ProductState.FAILED)
+        .order_by(Product.finished_at.desc())
+        .limit(newest)
+    )
+    reasons: dict[tuple[ProductKind, str], FailureReason] = {}
+    for kind, error, finished_at in rows:
+        if isinstance(error, Fault):
+            latest = FailureReason(kind, error.type, 0, error.message, finished_at or 0.0)
+            known = reasons.get((kind, error.type), latest)
+            reasons[kind, error.type] = known._replace(products=known.products + 1)
+    return sorted(reasons.values(), key=lambda reason: -reason.products)
 
 
 def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:

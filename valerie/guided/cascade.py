@@ -1,6 +1,6 @@
 """One estimate from two render engines: the cheap one at all points, the costly one at some.
 
-Some points are evaluated by both. For a *mean score* the cheap scores of all points serve as control variate: with the
+Some points are evaluated by both. For a *mean score* the cheap scores of all points are a control variate: with the
 regression coefficient β from the pairs, the estimate is ȳ + β (x̄ of all − x̄ of pairs), and its variance
 s²(y − βx) / m + β² s²(x) / N (Cochran 1977, *Sampling Techniques*, section 12.6). Cheap points are drawn until there are
 √(ρ² / (1 − ρ²) · cost ratio) for each pair, the best split of a budget (Peherstorfer and others 2016,
@@ -8,7 +8,7 @@ doi:10.1137/15M1046472); correlation ρ and split are measured again in every ba
 
 For a *rare failure*, normal intervals covered 51 to 70 % in trials. Instead, the verdict of the cheap engine defines two
 strata, each with half of the costly points. The bounds combine those of Clopper and Pearson for the size of the strata and
-for the rates in both, each at a third of the error. They hold for any number of points fixed in advance, and are wide.
+for the rates in both, each at a third of the error. They are valid for any number of points fixed in advance, but wide.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ class TwoEngines:
     Attributes:
         estimate, low, high: mean score, or failure rate, of the costly engine, with its 95 % interval.
         method: how the interval was computed.
-        correlation: of the two engines' scores, or failures, on the same points; NaN where one of them is constant.
+        correlation: between the engines' scores, or failures, on the same points; NaN where one of them is constant.
         cheap, costly: number of points of each engine.
+        costs: mean cost of a point by the cheap and the costly engine; NaN where unknown.
         saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.
         disagree: (k, dimensions) points on which the engines differ most.
         undefined: number of points on which the costly engine has no score; they are left out.
@@ -58,6 +59,7 @@ class TwoEngines:
     correlation: float
     cheap: int
     costly: int
+    costs: tuple[float, float]
     saved: float
     disagree: UnitPoints
     undefined: int
@@ -70,19 +72,22 @@ class Cascade:
     Args:
         domain: the operational domain.
         seed: of all draws.
-        costs: of a point by the cheap and the costly engine, in any unit.
+        costs: cost of a point by the cheap and by the costly engine, in any unit; None: those that `spend` is told.
         at_least: estimates the share of scores below it; None estimates the mean score.
 
     Raises:
         InvalidInput: a bound outside 0…1, or costs that are not positive.
     """
 
-    def __init__(self, domain: Cube, *, seed: int, costs: tuple[float, float], at_least: float | None = None) -> None:
+    def __init__(
+        self, domain: Cube, *, seed: int, costs: tuple[float, float] | None = None, at_least: float | None = None
+    ) -> None:
         if at_least is not None and not 0 < at_least < 1:
             raise InvalidInput("has to lie between 0 and 1", field="at_least", value=at_least)
-        if min(costs) <= 0:
+        if costs is not None and min(costs) <= 0:
             raise InvalidInput("a cost is positive", field="costs", value=min(costs), limit="> 0")
-        self.domain, self.seed, self.costs, self.at_least = domain, seed, costs, at_least
+        self.domain, self.seed, self.at_least = domain, seed, at_least
+        self._spent, self._evaluated = np.array(costs or (0.0, 0.0)), np.array([1, 1] if costs else [0, 0])
         self._open = OpenBatches()
         self._levels: deque[NDArray[np.int64] | None] = deque()
         self._asked = 0
@@ -122,17 +127,37 @@ class Cascade:
         self._cheap, self._costly = np.concatenate([self._cheap, values]), np.concatenate([self._costly, missing])
         self._paired = np.concatenate([self._paired, np.zeros(len(values), np.bool_)])
 
+    def spend(self, level: int, cost: float, count: int) -> None:
+        """Take the cost of points that an engine evaluated; the split of the budget follows from the means.
+
+        Args:
+            level: 0 for the cheap engine, 1 for the costly one.
+            cost: of all these points, in one unit for both engines.
+            count: number of points.
+        """
+        self._spent[level] += cost
+        self._evaluated[level] += count
+
+    @property
+    def costs(self) -> tuple[float, float]:
+        """Mean cost of a point by the cheap and the costly engine; NaN before any."""
+        cheap, costly = np.where(self._evaluated > 0, self._spent / np.maximum(self._evaluated, 1), np.nan).tolist()
+        return cheap, costly
+
     def _why(self) -> str:
         ratio = self._ratio()
         return f"about {ratio:.1f} cheap points for each costly one." if math.isfinite(ratio) else "the first pairs."
 
     def _ratio(self) -> float:
-        """Return the wanted number of cheap points for each pair; NaN before `FEWEST` pairs."""
+        """Return the optimal number of cheap points for each pair; NaN before `FEWEST` pairs."""
         correlation, both = self._correlation(), np.count_nonzero(self._both())
         if both < FEWEST or math.isnan(correlation):
             return math.nan
         remaining = max(1 - correlation**2, 1e-3)
-        return float(np.clip(math.sqrt(correlation**2 / remaining * self.costs[1] / self.costs[0]), 1.0, MOST_CHEAP))
+        cheap, costly = self.costs
+        # Products that cost nothing, or were never priced, say nothing of the split.
+        priced = costly / cheap if cheap > 0 and costly > 0 else 1.0
+        return float(np.clip(math.sqrt(correlation**2 / remaining * priced), 1.0, MOST_CHEAP))
 
     def _next_pairs(self, count: int) -> NDArray[np.int64]:
         """Return the rows for the costly engine; none if cheap points come next."""
@@ -188,7 +213,7 @@ class Cascade:
             f"{costly:,} costly and {cheap:,} cheap points; the engines correlate with {correlation:.2f}.",
         )
         return TwoEngines(
-            estimate, low, high, method, correlation, cheap, costly, saved, disagree, undefined, sentences
+            estimate, low, high, method, correlation, cheap, costly, self.costs, saved, disagree, undefined, sentences
         )
 
     def _mean(self, both: NDArray[np.bool_]) -> tuple[float, float, float, float]:

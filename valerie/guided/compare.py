@@ -1,9 +1,9 @@
-"""Estimate the difference between two functions on the same variants to a wanted precision.
+"""Estimate the difference between two functions on the same variants to a requested precision.
 
 Sampling stops at the first batch after which the half width of Student's interval, with the variance (1 + Σ(d − d̄)²) / n,
-is at most the wanted one (Chow and Robbins 1965, doi:10.1214/aoms/1177700156). Its coverage approaches the nominal level
-as that width shrinks; docs/benchmarks.md has measured coverages. Which function is better is also judged by the sequential test
-of `valerie.statistics.verdicts`, which holds at any number of points.
+is at most the requested one (Chow and Robbins 1965, doi:10.1214/aoms/1177700156). Its coverage approaches the nominal level
+as that width shrinks; docs/benchmarks.md has measured coverages. The sequential test of `valerie.statistics.verdicts`, valid
+at any number of points, also judges which function is better.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class Difference:
 
     Attributes:
         estimate, low, high: mean difference of the scores, or of the shares of passing scores, with its interval.
-        half_width: of the interval; 1 below `FEWEST` pairs.
-        within: the wanted half width.
-        better: 0 or 1, the function with the higher mean; None while that is undecided.
+        half_width: half width of the interval; 1 below `FEWEST` pairs.
+        within: the requested half width.
+        better: 0 or 1, the function with the higher mean; None while undecided.
         pairs: number of points on which both have a score.
         undefined: number of points on which a function has no score.
         further: number of further pairs until the half width is reached, at the current spread.
@@ -66,11 +66,11 @@ class Compare:
 
     Args:
         domain: the operational domain.
-        within: the wanted half width.
+        within: the requested half width.
         seed: of all draws.
         at_least: compares shares of scores that reach it; None compares mean scores.
         level: confidence of the interval, and of the verdict on the better function.
-        names: of the functions, for people.
+        names: names of the functions in sentences.
 
     Attributes:
         columns: number of scores of each point.

@@ -1,7 +1,7 @@
 """The operational domain: parameters with their distributions, mapped to the unit cube and back.
 
-A point of the unit cube holds one quantile per parameter, so that the operational density is uniform there and distances
-are shares of the domain.
+A point of the unit cube has one quantile per parameter, so the operational density is uniform there and distances are shares
+of the domain.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from valerie.parameters.definitions import TURN, ParameterDefinition, ParameterT
 from valerie.parameters.distributions import Choice, Constant, Homogeneous
 from valerie.parameters.samplers import UnitPoints
 
-#: Smallest share of legal points in a domain; it bounds the number of tries for each draw.
+#: Smallest share of legal points in a domain; it bounds the number of attempts for each draw.
 LEAST_LEGAL: Final = 1e-4
 _TRIES: Final = 1000
 _TURN_RADIANS: Final = 2 * math.pi
@@ -42,21 +42,21 @@ class Cube:
     """The unit cube, or its legal part.
 
     Args:
-        dimensions: of the cube.
-        accepts: whether a point, (dimensions,), is legal; None: all are.
+        dimensions: number of dimensions.
+        accepts: returns True if a point, (dimensions,), is legal; None: all are.
     """
 
     def __init__(self, dimensions: int, accepts: Callable[[UnitPoints], bool] | None = None) -> None:
         self.dimensions, self._accepts = dimensions, accepts
 
     def legal(self, points: UnitPoints) -> NDArray[np.bool_]:
-        """Return which of the points, (n, dimensions), are legal, (n,)."""
+        """Return (n,) bool, True where a point of (n, dimensions) is legal."""
         if self._accepts is None:
             return np.ones(len(points), np.bool_)
         return np.fromiter(map(self._accepts, points), np.bool_, len(points))
 
     def features(self, points: UnitPoints) -> NDArray[np.float64]:
-        """Return coordinates, (n, k), for models of scores: similar values lie close together."""
+        """Return coordinates, (n, k), for models of scores, in which similar values are close together."""
         return points
 
     def draw(self, rng: np.random.Generator, count: int) -> UnitPoints:
@@ -88,11 +88,11 @@ class Domain(Cube):
     """The operational domain.
 
     Args:
-        definitions: of the asset.
+        definitions: parameters of the asset.
         variations: the varied parameters by path or name, one for each dimension of the unit cube.
         rejection: returns the reason why a variant with these values, by path, is rejected; None if it is legal. By
-            default all are legal. The operational density is conditional on legal variants, so that illegal ones
-            do not count in a failure rate.
+            default all are legal. The operational density is conditional on legal variants, so illegal ones do not
+            count in a failure rate.
 
     Attributes:
         definitions: one for each dimension.
@@ -183,7 +183,7 @@ class Domain(Cube):
     def point(self, values: Mapping[str, Value]) -> UnitPoints:
         """Return the point, (dimensions,) in [0, 1), of values by path or name.
 
-        A value shared by many points gets the middle of them.
+        A value that many points share gets their midpoint.
 
         Raises:
             InvalidInput: a parameter has no value, or its distribution does not have this value.
@@ -209,7 +209,7 @@ class Domain(Cube):
         return points
 
     def steps(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Return the differences from ``start`` to ``end``, (…, dimensions); for a periodic parameter the shorter way."""
+        """Return the differences from ``start`` to ``end``, (…, dimensions); the shorter way round for periodic parameters."""
         ways = np.asarray(end, np.float64) - np.asarray(start, np.float64)
         return np.where(self.periodic, ways - np.round(ways), ways)
 

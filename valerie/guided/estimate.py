@@ -1,7 +1,7 @@
 """A failure rate over the operational domain, with two intervals.
 
-The *assumption-free* number uses points that were drawn from the operational density alone, in a number fixed in advance:
-the interval of `valerie.statistics.intervals` for shares holds for all scores.
+The *assumption-free* number uses only points that were drawn from the operational density, in a number fixed in advance:
+the interval of `valerie.statistics.intervals` for shares is valid for any scores.
 
 The *model-assisted* number uses all points. Later batches are drawn from a fresh pool of M points of the operational
 density by the mixture π = α/M + (1 − α) v/Σv, with v = √(g(1 − g)) and g the failure probability by a surrogate fitted to
@@ -16,8 +16,8 @@ Where the term w(I − λg) of a single point is more than `HEAVIEST` of the sum
 weighted sums, with the largest weight that an unseen failure can have (Fay and Feuer 1997, *Statistics in Medicine* 16,
 791-801).
 
-A mode of failures that the surrogate does not know is seen by the operational share alone, so the model-assisted interval
-can miss it. `FailureRate.hidden_mode` bounds the probability of a mode that no operational point hit.
+Only the operational share can detect a mode of failures that the surrogate does not know, so the model-assisted interval can
+miss it. `FailureRate.hidden_mode` bounds the probability of a mode that no operational point hit.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ class FailureRate:
     """A failure rate with its intervals.
 
     Attributes:
-        assumption_free: from operational points alone. Intervals hold for a number of points fixed in advance; k planned
+        assumption_free: from operational points only. Intervals are valid for a number of points fixed in advance; k planned
             looks need the level 1 − 0.05 / k each.
         assisted: from all points and the surrogate; None before the second batch.
-        undefined: rate of undefined scores, from operational points alone.
+        undefined: rate of undefined scores, from operational points only.
         hidden_mode: largest probability of a mode of failures that no operational point hit, at 95 %: about 3 / n.
         unknown: weighted share of the failures of guided batches to which the surrogate of their batch gave a probability
             below `KNOWN`; NaN without failures.
@@ -83,12 +83,12 @@ class FailureRate:
 
     @property
     def calibrated(self) -> bool:
-        """True where the failures were where the surrogate expected them (`MOST_UNKNOWN`), so ``assisted`` may be used."""
+        """True if the surrogate expected most failures (`MOST_UNKNOWN`), so that ``assisted`` may be used."""
         return self.assisted is not None and self.unknown <= MOST_UNKNOWN
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The rate in words: the number to use first."""
+        """The rate in words, the assumption-free number first."""
         free = f"Of the legal variants, {_between(self.assumption_free)} fail, by operational points alone."
         hidden = (
             f"A mode of failures that no operational point hit has a probability of at most {self.hidden_mode:.2%}."
@@ -140,7 +140,7 @@ class Estimate:
 
     Attributes:
         draws: every batch with its weights, oldest first.
-        scores: of the batches that were told, oldest first.
+        scores: scores of the batches that were told, oldest first.
 
     Raises:
         InvalidInput: a bound outside 0…1, or too few points to fit a surrogate to.
@@ -203,7 +203,7 @@ class Estimate:
         pool = self.domain.draw(rng, max(self.pool, 20 * count))
         of_pool = surrogate.predict(pool)
         expected = failure_probability(of_pool, error)
-        # With few failures, the proposal aims at a bound that more points lie below.
+        # With few failures, the proposal aims at a bound with more points below it.
         aim = np.sort(true[defined])[FEW - 1] if np.count_nonzero(scores < self.at_least) < FEW else 0.0
         aimed = failure_probability(of_pool - max(aim, 0.0), error)
         spread = np.sqrt(aimed * (1 - aimed)) + 1e-12
@@ -230,7 +230,7 @@ class Estimate:
         )
 
     def _predicted_before(self, told: list[tuple[Draws, Scores]], true: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return predictions of the margins by surrogates that had not seen them; NaN where there is none."""
+        """Return predictions of the margins by surrogates that were not fitted to them; NaN where there is none."""
         for draws, scores in told[len(self._predicted) :]:
             self._predicted.append(np.full(len(scores), np.nan) if draws.predicted is None else draws.predicted)
         predicted = np.concatenate(self._predicted)
@@ -352,8 +352,8 @@ def _gamma_interval(estimate: float, variance: float, largest: float, tail: floa
 
     Args:
         estimate: the sum.
-        variance: Σ of squared weights of the counted.
-        largest: the largest weight of one more.
+        variance: sum of the squared weights of the counts.
+        largest: largest weight that a further count could have.
         tail: error of each side.
     """
     low = variance / estimate * float(gammaincinv(estimate**2 / variance, tail)) if estimate > 0 else 0.0

@@ -1,9 +1,9 @@
 """Minimal pairs: the smallest part of the difference between a failing and a passing variant that still flips the verdict.
 
-First, QuickXplain (Junker 2004, AAAI, 167-172) reduces the changed parameters to a set of which all are needed. Then the
-numbers among them move together towards the passing variant until they come within `TOLERANCE` of the boundary. Last,
-each remaining change is undone alone; if the variant still fails, the change is dropped and the numbers move on. The result
-is minimal with respect to single removals, but not necessarily the smallest of all sets.
+First, QuickXplain (Junker 2004, AAAI, 167-172) reduces the changed parameters to a set in which all are needed. Then the
+numbers among them move together towards the passing variant until they come within `TOLERANCE` of the boundary. Finally,
+each remaining change is undone by itself; if the variant still fails, the change is dropped and the numbers move on. The
+result is minimal with respect to single removals, but not necessarily the smallest possible set.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class MinimalPair:
         changed: dimensions in which they differ; without any one of these changes, the variant does not fail.
         inner: (dimensions,) the variant just before the boundary: it does not fail, and is within `TOLERANCE` of
             ``failing`` in every number, or within one step. Equal to ``passing`` where only unordered values change.
-        inner_verdict: of ``inner``: ``pass``, or ``undefined`` where the failure borders on undefined scores.
+        inner_verdict: verdict on ``inner``: ``pass``, or ``undefined`` where the failure borders on undefined scores.
         evaluations: number of variants evaluated, without the first two.
         sentences: the changes in words.
     """
@@ -69,14 +69,15 @@ class Explain:
         domain: of both variants.
         failing, passing: (dimensions,) points with known verdicts.
         at_least: scores below it fail.
-        batch: number of variants that can be evaluated at the same time. 1 needs the fewest evaluations; more need fewer
-            rounds, since both halves of a set are tried together and the path to the boundary is cut into more parts.
+        batch: number of variants that can be evaluated at the same time. 1 needs the fewest evaluations; larger batches
+            need fewer rounds, since both halves of a set are tried together and the path to the boundary is divided into
+            more parts.
 
     Attributes:
         result: the pair; None while the search goes on.
 
     Raises:
-        InvalidInput: the variants do not differ, or are not of this domain.
+        InvalidInput: the variants do not differ, or have other dimensions than the domain.
     """
 
     def __init__(
@@ -172,7 +173,7 @@ class Explain:
         return f" {unit}" if unit else ""
 
     def _needed(self, kept: list[int], changes: list[int]) -> Generator[list[UnitPoints], None, list[int]]:
-        """Return a minimal part of ``changes`` that fails together with ``kept``; all of ``changes`` do."""
+        """Return a minimal part of ``changes`` that fails together with ``kept``, as all of ``changes`` do."""
         if len(changes) == 1:
             return changes
         first, second = changes[: len(changes) // 2], changes[len(changes) // 2 :]

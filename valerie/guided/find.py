@@ -3,16 +3,16 @@
 A *mode* is a connected set of failures: variants between two of them fail as well. The strategy counts modes instead of
 failures, since many failures with one cause teach little.
 
-Most points explore: scrambled Sobol' points of the operational domain, so that likely modes are met first. The others
-descend. A descent starts at a point with a low score that has no better point nearby (nearest-better distance: Preuss 2010,
-doi:10.1007/978-3-642-12239-2_40). Where scores fall on the way from there to a known mode, it ends at once. Each of its
-rounds draws candidates around its best point that differ in a few coordinates, and asks for those to which a linear radial
-basis function, fitted to the evaluated points nearby, gives the lowest scores (Regis and Shoemaker 2013,
-doi:10.1080/0305215X.2012.687731). Covariates are further coordinates of that function. A descent that does not improve
-looks closer, and ends after `PATIENCE` such rounds.
+Most points explore: they are scrambled Sobol' points of the operational domain, so likely modes are hit first. The others
+descend. A descent starts at a point with a low score and no better point nearby (nearest-better distance: Preuss 2010,
+doi:10.1007/978-3-642-12239-2_40). It ends at once if scores fall on the way from there to a known mode. Each round draws
+candidates around its best point that differ in a few coordinates, and asks for those to which a linear radial basis
+function, fitted to the evaluated points nearby, gives the lowest scores (Regis and Shoemaker 2013,
+doi:10.1080/0305215X.2012.687731). Covariates are further coordinates of that function. A descent without improvement
+halves its reach, and ends after `PATIENCE` such rounds.
 
-A failure counts once it has failed under further random seeds. The variant halfway to a member of a mode tells whether it
-belongs to that mode. A bent mode may thus count as several, and modes that touch as one.
+A failure counts once it has failed under further random seeds. It belongs to a mode if the variant halfway to a member of
+the mode fails too. So a bent mode may count as several, and modes that touch as one.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FIRST: Final = 128
 ROUND: Final = 4
 #: Rounds without improvement after which a descent ends.
 PATIENCE: Final = 2
-#: A start with a better point within this distance is skipped, in distances between explored points.
+#: A start with a better point within this distance is skipped; in median distances between explored points.
 NEARBY: Final = 0.3
 #: Share of the passing points, those with the lowest scores, among which starts are sought.
 LOWEST: Final = 0.1
@@ -71,7 +71,7 @@ class Mode:
 
     Attributes:
         example: (dimensions,) the member nearest to the middle of all.
-        narrow: dimensions in which its members are alike, so that these parameters matter; empty below `MEMBERS` members.
+        narrow: dimensions in which its members are similar, so these parameters matter; empty below `MEMBERS` members.
         failures: number of its members.
         explored: members among the points that explored.
         probability: share of the explored points, an estimate of the mode's probability in operation; 0 where only a
@@ -92,10 +92,10 @@ class Modes:
     Attributes:
         modes: likely ones first.
         failures: number of variants that failed under every seed.
-        unplaced: of these, the ones not yet compared with all modes.
+        unplaced: number of these that are not yet compared with all modes.
         unrepeated: failures that did not repeat under another seed.
         explored: number of points that explored.
-        smallest: probability of a mode that these hit with 95 %.
+        smallest: smallest probability of a mode that they hit with 95 % probability.
         evaluations: number of all points.
         sentences: the same in words.
     """
@@ -126,7 +126,7 @@ class _Descent:
 
 @dataclass(slots=True, eq=False)
 class _Failure:
-    """A failure under examination: repeats asked and told, and modes that it does not belong to."""
+    """A failure under examination: requested and confirmed repeats, and modes that it does not belong to."""
 
     row: int
     asked: int = 0
@@ -155,8 +155,8 @@ class Find:
         domain: the operational domain.
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
-        repeats: further seeds under which a failure must fail; 0 where nothing is random. A point that is asked again is
-            to be evaluated under another seed.
+        repeats: further seeds under which a failure must fail; 0 where nothing is random. Evaluate a repeated point under
+            another seed.
         covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
         descending: share of a batch for descents, at most.
 
@@ -275,11 +275,11 @@ class Find:
         return wanted
 
     def _likely(self, row: int) -> list[int]:
-        """Return the modes, the most likely one of a point first."""
+        """Return the modes, the one that most likely contains a point first."""
         return sorted(range(len(self._modes)), key=lambda mode: self._strangeness(self._points[row], mode))
 
     def _shape(self, mode: int) -> tuple[Floats, Floats]:
-        """Return mean and variance of a mode's members; few members have nearly the variance of the domain."""
+        """Return mean and variance of a mode's members; with few members the variance shrinks towards that of the domain."""
         members = self._points[self._modes[mode]]
         middle = members.mean(axis=0)
         return middle, (((members - middle) ** 2).sum(axis=0) + 3 / 12) / (len(members) + 3)
@@ -339,7 +339,7 @@ class Find:
         return wanted
 
     def _comparisons(self, descent: _Descent) -> list[tuple[UnitPoints, _Tag]]:
-        """Return the points halfway from a new start to the modes that it most likely belongs to."""
+        """Return the points halfway from a new start to the modes that most likely contain it."""
         if descent.compared:
             return []
         halfway = {mode: self._halfway(descent.best, mode) for mode in self._likely(descent.best)[:COMPARED]}
@@ -387,7 +387,7 @@ class Find:
         return lies
 
     def _round(self, rng: np.random.Generator, descent: _Descent) -> UnitPoints:
-        """Return the candidates around a descent's best point that a local model gives the lowest scores."""
+        """Return the candidates around a descent's best point with the lowest scores by a local model."""
         best = self._points[descent.best]
         defined = np.flatnonzero(~np.isnan(self._margins))
         squares = ((self._features[defined] - self._features[descent.best]) ** 2).sum(axis=1)

@@ -1,13 +1,13 @@
 """A map of the boundary between pass and fail: pass, fail, undefined, or not known.
 
-A Gaussian process (Matérn 5/2, one length for each parameter) is fitted to the margins. A quarter of each batch explores by
-scrambled Sobol' points. The others lie where the process is least sure of the verdict, at the largest 1.96 σ − |μ| of a pool
-(straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18); each choice lowers σ
-around it before the next.
+A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. A quarter of each batch explores
+with scrambled Sobol' points. The others are the points of a pool where the process is least sure of the verdict, with the
+largest 1.96 σ − |μ| (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18);
+each choice lowers σ around it before the next.
 
-The process is tested: every point was predicted before its score was known. A verdict counts where such calls, at the same
-|μ| / σ, were wrong in at most `WRONG` (isotonic regression); elsewhere the map says "not known". Boosted trees predict where
-scores are undefined.
+The process is tested: every point was predicted before its score was known. The map gives a verdict where at most a share
+`WRONG` of such calls was wrong at the same |μ| / σ (isotonic regression); elsewhere it says "not known". Boosted trees
+predict where scores are undefined.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ EXPLORING: Final = 0.25
 FIRST: Final = 64
 #: Largest share of wrong calls where the map gives a verdict.
 WRONG: Final = 0.05
-#: Fewest calls for that share.
+#: Fewest calls for estimating that share.
 TESTED: Final = 30
-#: Most points for a fit of the process's lengths.
+#: Most points for a fit of the length scales.
 FITTED: Final = 300
 _POOL: Final = 2_000
 _DOUBTFUL: Final = 400
@@ -59,8 +59,8 @@ class Boundary:
 
     Attributes:
         passing, failing, undefined, not_known: shares of the operational domain.
-        wrong: share of wrong calls among the points predicted before their scores were told, where the map now gives a
-            verdict; NaN without any.
+        wrong: share of wrong calls among points that were predicted before their scores were told and for which the map
+            now gives a verdict; NaN without any.
         tested: number of these.
         evaluations: number of all points.
         nearest: (k, dimensions) evaluated points nearest to the boundary.
@@ -194,7 +194,7 @@ class Map:
         return pool[chosen]
 
     def _fitted(self) -> _Model:
-        """Return the process for all scores so far; its lengths are fitted whenever points have grown by half."""
+        """Return the process for all scores so far; length scales are refitted each time the points have grown by half."""
         defined = ~np.isnan(self._scores)
         points, values = self.domain.features(self._points[defined]), margins(self._scores[defined], self.at_least)
         if len(points) >= 1.5 * self._lengths[0] and self._lengths[0] < FITTED:
@@ -202,7 +202,7 @@ class Map:
         return _Model(self.domain, points, values, self._lengths[1])
 
     def _error(self, confidence: Floats) -> Floats:
-        """Return the share of wrong calls at these confidences, (n,); 1 where it cannot be known."""
+        """Return the (n,) shares of wrong calls at these confidences; 1 with too few tested calls."""
         from sklearn.isotonic import IsotonicRegression
 
         tested = ~np.isnan(self._confidence) & ~np.isnan(self._scores)
@@ -237,7 +237,7 @@ class _Model:
 
     @staticmethod
     def lengths(features: Floats, values: Floats, before: Any) -> Any:
-        """Return the kernel with the largest likelihood, starting at the one before."""
+        """Return the kernel with the largest likelihood, starting from the previous one."""
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
@@ -245,7 +245,7 @@ class _Model:
         kernel = before or ConstantKernel(4.0, (1e-2, 1e3)) * Matern(
             np.ones(features.shape[1]), (0.05, 30.0), nu=2.5
         ) + WhiteKernel(0.05, (1e-4, 10.0))
-        with warnings.catch_warnings():  # lengths of parameters without effect end at their bound
+        with warnings.catch_warnings():  # length scales of parameters without effect end at their bound
             warnings.simplefilter("ignore", ConvergenceWarning)
             return GaussianProcessRegressor(kernel).fit(features, values - values.mean()).kernel_
 

@@ -7,17 +7,21 @@ doi:10.1016/j.envsoft.2006.10.004), is compared with the largest one.
 The remaining parameters get Sobol' indices. A *block* is a row of two independent Sobol' points A and B, and of A with one
 parameter after another from B. The parameters that were screened out form one more group, which shows whether the screening
 was right. The shares of variance are those of Saltelli and others (2010, doi:10.1016/j.cpc.2009.09.018) for each parameter
-alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions. Their intervals are
-percentiles over blocks drawn again.
+alone, and of Jansen (1999, doi:10.1016/S0010-4655(98)00154-4) for it with all its interactions.
 
-Each point is known by its block and place, so a missing score cannot shift the others. A block without all its scores is
-left out; where more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
+The *Shapley effect* of a parameter is its share where each interaction is divided evenly among those that take part; these
+shares add up to 1. A *path* leads from A to B: one group after another jumps, in a random order. The effect is the mean
+growth of the total share along the paths (Goda 2021, doi:10.1016/j.ress.2021.107702). A block has the points of its path,
+too. All intervals are percentiles over resampled blocks.
+
+Each point is identified by its block and place, so a missing score cannot shift the others. A block without all its scores
+is left out; if more than `BROKEN` of the blocks are, the indices are refused, since they would describe another domain.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -58,16 +62,18 @@ class Effect:
     """The effect of a parameter on the score.
 
     Attributes:
-        dimension: its place in the domain; None for those screened out, taken together.
-        elementary: μ*, the mean size of its effects in the screening; the largest of several.
+        dimension: index of its dimension; None for all that were screened out together.
+        elementary: μ*, the mean size of its effects in the screening; the largest of a group.
         alone: share of the variance by this parameter alone; None without enough blocks.
         total: the same with all its interactions.
+        shapley: the same with an even part of each interaction.
     """
 
     dimension: int | None
     elementary: float
     alone: Share | None
     total: Share | None
+    shapley: Share | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +85,7 @@ class Ranking:
         screened_out: negligible dimensions.
         blocks: number of whole blocks.
         broken: number of blocks that lack a score.
-        refused: whether so many are broken that there are no indices.
+        refused: whether too many are broken for indices.
         evaluations: number of all points.
         sentences: the same in words.
     """
@@ -109,7 +115,7 @@ class Rank:
             raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
         self.domain, self.seed = domain, seed
         self._open = OpenBatches(bounded=False)
-        #: Rows (block or walk, place in it) of open points, and of those not asked yet.
+        #: Rows (block or walk, place in it) of open points, and of points not yet proposed.
         self._rows: deque[list[tuple[int, int]]] = deque()
         self._left: deque[tuple[int, int, UnitPoints]] = deque()
         self._evaluations = 0
@@ -118,10 +124,12 @@ class Rank:
         self._walks_left = self._walks.shape[0] * self._walks.shape[1]
         for walk, points in enumerate(self._walks):
             self._left.extend((walk, place, point) for place, point in enumerate(points))
-        #: (groups, dimensions) which parameters move together; None while the screening goes on.
+        #: (groups, dimensions) parameters that move together; None during the screening.
         self._groups: NDArray[np.bool_] | None = None
         self._scores: list[Floats] = []
         self._told: list[int] = []
+        #: The order of the groups along the path of each block.
+        self._paths: list[NDArray[np.int64]] = []
         self._sobol = qmc.Sobol(2 * domain.dimensions, rng=np.random.default_rng([seed, 1]))
 
     def ask(self, count: int) -> Proposal:
@@ -195,8 +203,11 @@ class Rank:
         """Queue the next block whose points are all legal; illegal ones count as broken."""
         both = np.minimum(self._sobol.random(1)[0], _BELOW_ONE)
         first, second = np.split(both, 2)
-        points = np.concatenate([[first, second], np.where(groups, second, first)])
         block = len(self._scores)
+        path = np.random.default_rng([self.seed, 3, block]).permutation(len(groups))
+        moved = np.cumsum(groups[path], axis=0).astype(np.bool_)[1:-1]
+        points = np.concatenate([[first, second], np.where(groups, second, first), np.where(moved, second, first)])
+        self._paths.append(path)
         self._scores.append(np.full(len(points), np.nan))
         self._told.append(0)
         if self.domain.legal(points).all():
@@ -208,17 +219,16 @@ class Rank:
 
     @property
     def result(self) -> Ranking | None:
-        """The ranking so far; None while the screening goes on."""
+        """The ranking so far; None during the screening."""
         if self._groups is None:
             return None
-        ended = [scores for scores, told in zip(self._scores, self._told, strict=True) if told == len(self._groups) + 2]
-        table = np.array(ended).reshape(-1, len(self._groups) + 2)
-        whole = table[~np.isnan(table).any(axis=1)]
-        broken = len(table) - len(whole)
-        refused = broken > BROKEN * max(len(table), 1)
+        ended = [block for block, told in enumerate(self._told) if told == len(self._scores[block])]
+        intact = [block for block in ended if not np.isnan(self._scores[block]).any()]
+        broken = len(ended) - len(intact)
+        refused = broken > BROKEN * max(len(ended), 1)
         sizes = self._elementary()
         effects = []
-        for place, (alone, total) in enumerate(self._shares(whole, refused=refused)):
+        for place, (alone, total, shapley) in enumerate(self._shares(intact, refused=refused)):
             members = np.flatnonzero(self._groups[place])
             effects.append(
                 Effect(
@@ -226,44 +236,46 @@ class Rank:
                     float(sizes[members].max()),
                     alone,
                     total,
+                    shapley,
                 )
             )
         effects.sort(key=lambda effect: -(effect.total.estimate if effect.total else effect.elementary))
         screened = np.flatnonzero(sizes < NEGLIGIBLE * sizes.max())
         if len(screened) == 1:  # a group of one looks like a parameter that was kept
-            effects = [
-                Effect(None, e.elementary, e.alone, e.total) if e.dimension == screened[0] else e for e in effects
-            ]
+            effects = [replace(e, dimension=None) if e.dimension == screened[0] else e for e in effects]
         sentences = [self._said(effect) for effect in effects]
         if refused:
-            sentences.append(f"{broken} of {len(table)} blocks lack a score, so there are no shares of variance.")
+            sentences.append(f"{broken} of {len(ended)} blocks lack a score, so there are no shares of variance.")
         elif broken:
             sentences.append(f"{broken} blocks that lack a score are left out.")
         return Ranking(
             tuple(effects),
             tuple(screened.tolist()),
-            len(whole),
+            len(intact),
             broken,
             refused,
             self._evaluations,
             tuple(sentences),
         )
 
-    def _shares(self, whole: Floats, *, refused: bool) -> list[tuple[Share | None, Share | None]]:
+    def _shares(self, blocks: list[int], *, refused: bool) -> list[tuple[Share | None, ...]]:
+        """Return the shares alone, in total and of Shapley of each group."""
         assert self._groups is not None, "the screening has ended"
-        if refused or len(whole) < FEWEST or np.ptp(whole[:, 0]) == 0:
-            return [(None, None)] * len(self._groups)
-        rng = np.random.default_rng([self.seed, 2, len(whole)])
-        drawn = rng.integers(0, len(whole), (_RESAMPLES, len(whole)))
-        alone, total = indices(whole)
-        again = np.array([indices(whole[rows]) for rows in drawn])
+        table = np.array([self._scores[block] for block in blocks])
+        if refused or len(blocks) < FEWEST or np.ptp(table[:, 0]) == 0:
+            return [(None, None, None)] * len(self._groups)
+        paths = np.array([self._paths[block] for block in blocks])
+        rng = np.random.default_rng([self.seed, 2, len(blocks)])
+        drawn = rng.integers(0, len(blocks), (_RESAMPLES, len(blocks)))
+        estimates = np.array([*indices(table, paths)])
+        again = np.array([[*indices(table[rows], paths[rows])] for rows in drawn])
         low, high = np.nanpercentile(again, (2.5, 97.5), axis=0)
         return [
-            (
-                Share(float(alone[place]), float(low[0, place]), float(high[0, place])),
-                Share(float(total[place]), float(low[1, place]), float(high[1, place])),
+            tuple(
+                Share(float(estimates[kind, place]), float(low[kind, place]), float(high[kind, place]))
+                for kind in range(3)
             )
-            for place in range(len(alone))
+            for place in range(len(self._groups))
         ]
 
     def _said(self, effect: Effect) -> str:
@@ -280,14 +292,25 @@ class Rank:
         )
 
 
-def indices(table: Floats) -> tuple[Floats, Floats]:
-    """Return the shares of variance alone and in total, (groups,) each, from blocks (n, 2 + groups): A, B, A with B's."""
-    first, second, mixed = table[:, 0], table[:, 1], table[:, 2:]
-    variance = np.concatenate([first, second]).var()
+def indices(table: Floats, paths: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+    """Return the shares of variance alone, in total and of Shapley, (groups,) each.
+
+    Args:
+        table: (n, 2 groups) scores of blocks: of A, of B, of A with each group from B, and between them along the path; with
+            one group (n, 3).
+        paths: (n, groups) the groups in the order in which they jump.
+    """
+    groups = paths.shape[1]
+    first, second, mixed, between = np.split(table, (1, 2, 2 + groups), axis=1)
+    variance = table[:, :2].var()
     if variance == 0:
-        nothing = np.full(mixed.shape[1], np.nan)
-        return nothing, nothing
-    centred = second - second.mean()
-    alone = (centred[:, None] * (mixed - first[:, None])).mean(axis=0) / variance
-    total = ((first[:, None] - mixed) ** 2).mean(axis=0) / (2 * variance)
-    return alone, total
+        nothing = np.full(groups, np.nan)
+        return nothing, nothing, nothing
+    alone = ((second - second.mean()) * (mixed - first)).mean(axis=0) / variance
+    total = ((first - mixed) ** 2).mean(axis=0) / (2 * variance)
+    jumped = np.take_along_axis(mixed, paths[:, :1], axis=1)
+    steps = np.concatenate([first, jumped, between, second] if groups > 1 else [first, second], axis=1)
+    before, after = steps[:, :-1], steps[:, 1:]
+    growth = (before - after) * (first - (before + after) / 2)
+    shapley = np.take_along_axis(growth, np.argsort(paths, axis=1), axis=1).mean(axis=0) / variance
+    return alone, total, shapley

@@ -1,8 +1,8 @@
 """The interface of a strategy, which proposes points of the unit cube and learns their outcomes.
 
-A *score* is a number; a *failure* is a score below the strategy's bound. NaN stands for an undefined score: an outcome of
-its own that neither passes nor fails. A variant without any outcome, because a worker died, is evaluated again and never
-told. A rejected variant has no score either; the operational domain ends where variants are rejected (`Domain.legal`).
+A *score* is a number; a *failure* is a score below the strategy's bound. NaN is an undefined score, which neither passes nor
+fails. A variant without any outcome, because a worker died, is evaluated again; the strategy is never told of it. A rejected
+variant has no score either; the operational domain contains only legal variants (`Domain.legal`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Proposal:
     Attributes:
         points: (n, dimensions). No points mean that the strategy waits for the next `tell`, or has ended if no batch is
             open. A repeated point is evaluated under another random seed, unless its ``level`` differs.
-        reason: why these points, or why none, in one or two sentences.
+        reason: reason for these points, or for none, in one or two sentences.
         level: 0 for the usual render engine, 1 for the costly one.
     """
 
@@ -51,7 +51,7 @@ class Result(Protocol):
 
 
 class Strategy(Protocol):
-    """A strategy. Its proposals follow from its arguments and the history of `ask` and `tell` alone."""
+    """A strategy. Its proposals depend only on its arguments and the history of `ask` and `tell`."""
 
     @property
     def result(self) -> Result | None:
@@ -117,7 +117,7 @@ def pursue(strategy: Strategy, measure: Callable[[UnitPoints], ArrayLike], *, bu
 
     Args:
         strategy: the strategy to pursue.
-        measure: (n, dimensions) points to scores as the strategy takes them, NaN where undefined.
+        measure: maps (n, dimensions) points to scores for `tell`, NaN where undefined.
         budget: largest number of evaluations.
         batch: largest number of points at a time.
 

@@ -30,7 +30,7 @@ class Surrogate:
 
     Args:
         points: (n, dimensions), n ≥ `LEAST_POINTS`.
-        margins: (n,) as `margins` gives them.
+        margins: (n,) from `margins`.
     """
 
     def __init__(self, points: UnitPoints, margins: NDArray[np.float64]) -> None:
@@ -46,7 +46,7 @@ class Surrogate:
 
 
 def held_out(points: UnitPoints, margins: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return predictions, (n,), each by a surrogate that did not see the point: five folds, every fifth point in one."""
+    """Return predictions, (n,), each by a surrogate that was not fitted to the point: five folds of every fifth point."""
     folds = np.arange(len(points)) % _FOLDS
     predicted = np.empty(len(points))
     for fold in range(_FOLDS):
@@ -56,7 +56,7 @@ def held_out(points: UnitPoints, margins: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def prediction_error(margins: NDArray[np.float64], predicted: NDArray[np.float64]) -> float:
-    """Return the root mean square residual of the third with the lowest predictions, which has the failures."""
+    """Return the root mean square residual of the third with the lowest predictions, which contains the failures."""
     lowest = np.argsort(predicted, kind="stable")[: max(len(predicted) // 3, 1)]
     return max(SMALLEST_ERROR, float(np.sqrt(np.mean((margins - predicted)[lowest] ** 2))))
 

@@ -1,7 +1,7 @@
 """Verify a requirement with operational points until the sequential test of `valerie.statistics.verdicts` decides.
 
-The requirement bounds the share of scores that pass, or the mean score. The test may be looked at after every batch. Each
-point is a unit, so combine all scores of a variant (of several cameras, say) into one number first.
+The requirement bounds the share of scores that pass, or the mean score. The test may be inspected after every batch. Each
+point is a unit, so first combine all scores of a variant (of several cameras, say) into one number.
 """
 
 from __future__ import annotations

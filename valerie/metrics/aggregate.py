@@ -1,4 +1,4 @@
-"""Averages over frames, in the two ways that are easily mixed up: frame means, and ratios of pooled counts."""
+"""Averages over frames, of two kinds that are easily confused: frame means, and ratios of pooled counts."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 @dataclass(frozen=True, slots=True)
 class FrameMean:
-    """Mean over the frames that have a value; every frame has the same weight.
+    """Mean over the frames that have a value. Every frame has the same weight.
 
     Attributes:
-        mean, minimum, maximum: None where no frame has a value.
+        mean, minimum, maximum: None if no frame has a value.
         defined: number of frames with a value.
-        undefined: number of frames without a value; always shown beside the mean.
+        undefined: number of frames without a value, which is always shown beside the mean.
     """
 
     mean: float | None
@@ -30,7 +30,7 @@ class FrameMean:
 
 
 def frame_mean(values: Iterable[float | None]) -> FrameMean:
-    """Return the mean of one score over frames; undefined values (None) are counted, not averaged.
+    """Return the mean of one score over frames. Undefined values (None) are counted, not averaged.
 
     Raises:
         InvalidInput: a value is NaN or infinite.
@@ -51,7 +51,7 @@ def frame_mean(values: Iterable[float | None]) -> FrameMean:
 def pooled(matrices: Iterable[ConfusionMatrix]) -> ConfusionMatrix:
     """Return the summed counts of frames: (19, 20) int64.
 
-    Scores of the sum give every pixel the same weight, so near pedestrians weigh more than far ones.
+    Scores of the sum give every pixel the same weight, so near pedestrians count more than far ones.
 
     Raises:
         InvalidInput: a matrix is not (19, 20).

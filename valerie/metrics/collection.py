@@ -1,7 +1,6 @@
-"""Scores of a collection of frames, class by class, as frame mean and from pooled counts.
+"""Scores of a collection of frames per class, as frame mean and from pooled counts.
 
-Every score follows from the frames' confusion matrices. A run and a data set of real pictures thus get the same scores
-from the same code.
+Every score follows from the frames' confusion matrices, so the same code scores a run and a data set of real pictures.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class Averages:
 
     Attributes:
         frames: mean over the frames in which the score is defined, with minimum and maximum.
-        pooled: score of the summed counts; None where undefined.
+        pooled: score of the summed counts; None if undefined.
     """
 
     frames: FrameMean
@@ -37,7 +36,7 @@ class ClassScores:
 
     Attributes:
         label: the class.
-        counts: pixels of all frames.
+        counts: pixel counts over all frames.
         pacc: recall.
         precision, iou: precision and intersection over union.
     """
@@ -56,11 +55,11 @@ class CollectionScores:
     Attributes:
         frames: number of frames.
         matrix: (19, 20) summed counts.
-        classes: all 19 classes in train-id order, also those that are not judged.
-        judged: train ids of the classes that ``overall`` is over, ascending.
+        classes: all 19 classes by train id, including those that are not judged.
+        judged: train ids of the classes in ``overall``, ascending.
         overall: ``pixel_accuracy``, ``macc``, ``miou`` and ``fwiou`` over the judged classes in the truth, and
-            ``miou_cityscapes``: the mean IoU of the summed counts over the judged classes in truth *or* prediction, as
-            cityscapesScripts averages (pooled only).
+            ``miou_cityscapes``: the mean IoU of the summed counts over the judged classes in truth *or* prediction, as in
+            cityscapesScripts (pooled only).
     """
 
     frames: int
@@ -74,7 +73,7 @@ class CollectionScores:
         return self.classes[label.train_id]
 
     def as_document(self) -> JsonObject:
-        """Return JSON values: ratios in [0, 1], None where undefined.
+        """Return JSON values: ratios in [0, 1], None if undefined.
 
         ``classes`` holds the judged classes. ``confusion`` holds all counts: rows are the truth, columns the prediction,
         void last.
@@ -101,10 +100,10 @@ def collection_scores(matrices: Sequence[ConfusionMatrix], classes: Sequence[int
 
     Args:
         matrices: (19, 20) each, from `valerie.metrics.confusion.confusion_matrix`.
-        classes: train ids of the classes that scores over all classes are over; None: all 19.
+        classes: train ids of the classes in the scores over all classes; None for all 19.
 
     Raises:
-        InvalidInput: a matrix is not (19, 20), or ``classes`` holds something that is no train id.
+        InvalidInput: a matrix is not (19, 20), or ``classes`` holds a value that is not a train id.
     """
     total = pooled(matrices)
     judged = tuple(range(NUM_TRAIN_CLASSES)) if classes is None else tuple(sorted(classes))

@@ -1,4 +1,4 @@
-"""Confusion matrix of one frame; every score is derived from these counts."""
+"""Confusion matrix of one frame. Every score is derived from these counts."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 try:
     import cv2
-except ImportError:  # the same counts at four times the cost
+except ImportError:  # numpy gives the same counts at four times the cost
     cv2 = None  # type: ignore[assignment]
 
-#: cv2.calcHist counts in float32, which is exact up to this many pixels of one kind.
+#: cv2.calcHist counts in float32, which is exact up to this count.
 _EXACT_FLOAT32: Final = 1 << 24
 
 TrainIds = NDArray[np.uint8]
 
 
 def confusion_matrix(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
-    """Count how often each class was predicted as each other class.
+    """Count the pixels of each class by predicted class.
 
     Args:
         truth: (H, W) uint8 train ids, 0…18 or 255; void pixels (255) are ignored.
@@ -33,7 +33,7 @@ def confusion_matrix(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
         (19, 20) int64, rows truth, columns prediction.
 
     Raises:
-        InvalidInput: a map has another shape or type, or holds a value that is no train id.
+        InvalidInput: a map has another shape or type, or holds a value that is not a train id.
     """
     for name, array in (("truth", truth), ("predicted", predicted)):
         if array.dtype != np.uint8 or array.ndim != 2:
@@ -67,7 +67,7 @@ def _by_histogram(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
 
 
 def _by_bincount(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
-    """Count with numpy alone, for any number of pixels."""
+    """Count with numpy, for any number of pixels."""
     code = truth.ravel().astype(np.uint16)
     code <<= 8
     code |= predicted.ravel()

@@ -1,4 +1,4 @@
-"""Counts per person: how many of a person's visible pixels were predicted as person."""
+"""Counts per person: the visible pixels of a person that were predicted as person, and the others."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class _Person(Protocol):
 
 
 class InstanceTruth(Protocol):
-    """Part of a ground truth that counts are taken from; `valerie.rendering.base.GroundTruth` fits.
+    """The part of a ground truth that counts need (`valerie.rendering.base.GroundTruth` has it).
 
     Attributes:
-        instance_map: (H, W) uint16 instance ids, 0 where there is no instance.
+        instance_map: (H, W) uint16 instance ids, 0 without an instance.
         persons: one entry per person in the scene, visible or not.
     """
 
@@ -41,7 +41,7 @@ class InstanceCounts(NamedTuple):
         instance_id: label id × 1000 + n.
         tp: pixels predicted as the person's class.
         fn: pixels predicted as anything else.
-        tp_empty: pixels predicted as the person's class where nobody stands; None if that is not known.
+        tp_empty: those of these pixels that are predicted as the person's class without the person; None if unknown.
     """
 
     instance_id: int
@@ -56,12 +56,12 @@ class InstanceCounts(NamedTuple):
 
     @property
     def pacc_empty(self) -> float | None:
-        """The pACC of the same pixels without the person; None without a visible pixel, or if it is not known."""
+        """The pACC of the same pixels without the person; None without a visible pixel, or if unknown."""
         return None if self.tp_empty is None else pacc(self.tp_empty, self.tp + self.fn - self.tp_empty)
 
     @property
     def measures(self) -> dict[str, float | None]:
-        """The scores of the person as the long table has them."""
+        """The person's scores in the long table."""
         return {name: getattr(self, name) for name in names_from(Source.PERSON_SCORE)}
 
 
@@ -72,12 +72,12 @@ def person_counts(
     *,
     empty: NDArray[np.uint8] | None = None,
 ) -> tuple[InstanceCounts, ...]:
-    """Count tp and fn of every person in the scene; a false positive belongs to no person.
+    """Count tp and fn of every person in the scene. False positives belong to no person.
 
     Args:
         truth: ground truth of the frame. A person without a visible pixel gets tp = fn = 0, and so no pACC.
         predicted: (H, W) uint8 train ids.
-        label: class of the instances; a pixel predicted as this class is right.
+        label: class of the instances; a pixel predicted as this class is a true positive.
         empty: (H, W) uint8, the prediction of the same scene without movables.
 
     Returns:
@@ -87,10 +87,10 @@ def person_counts(
         InvalidInput: the maps differ in shape.
     """
     instance_map = truth.instance_map
-    for field, given in (("predicted", predicted), ("empty", empty)):
-        if given is not None and given.shape != instance_map.shape:
+    for field, prediction in (("predicted", predicted), ("empty", empty)):
+        if prediction is not None and prediction.shape != instance_map.shape:
             limit = instance_map.shape
-            raise InvalidInput("differs from the truth in shape", field=field, value=given.shape, limit=limit)
+            raise InvalidInput("differs from the truth in shape", field=field, value=prediction.shape, limit=limit)
     first = label.id * 1000
     # Unsigned arithmetic wraps, so one comparison tests first ≤ id ≤ first + 999.
     places = np.flatnonzero(instance_map.ravel() - np.uint16(first) < 1000)

@@ -1,4 +1,4 @@
-"""Type and shape of a confusion matrix; `valerie.metrics.confusion` counts one."""
+"""Type and shape of a confusion matrix, which `valerie.metrics.confusion` computes."""
 
 from __future__ import annotations
 

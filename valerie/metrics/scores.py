@@ -1,14 +1,14 @@
-"""Scores derived from a confusion matrix; an undefined score is None and has a reason, it is never 0.
+"""Scores derived from a confusion matrix. An undefined score is None with a reason, never 0.
 
-Matrices are (19, 20) from `valerie.metrics.confusion`, or sums of such. Scores are in [0, 1]. Means leave out classes
-that are absent from the truth, as detectron2's ``SemSegEvaluator`` does (facebookresearch/detectron2,
-``detectron2/evaluation/sem_seg_evaluation.py``). Unlike there, a function may predict void; void on a labelled pixel is a
-miss of that pixel's class.
+Matrices are (19, 20), from `valerie.metrics.confusion`, or sums of them. Scores are in [0, 1]. Means leave out classes that are
+absent from the truth, as detectron2's ``SemSegEvaluator`` does (facebookresearch/detectron2,
+``detectron2/evaluation/sem_seg_evaluation.py``). Unlike there, a function may predict void. Void on a labelled pixel is a miss
+of that pixel's class.
 
-Scores over all classes may be restricted to some classes, for functions that know fewer than 19. A pixel of another class
-then has neither recall nor weight, but it is a false positive where it is predicted as one of these classes. Painting
-everything "person" therefore stays wrong for a function that knows no other class. With a single class, pixel accuracy and
-mAcc equal its `pacc`, mIoU and fwIoU its `iou`.
+Scores over all classes may be restricted to some classes, for functions with fewer than 19. A pixel of another class then has
+neither recall nor weight, but it is a false positive if predicted as one of these classes. Predicting "person" everywhere
+therefore stays wrong for a function without other classes. With a single class, pixel accuracy and mAcc equal its `pacc`, and
+mIoU and fwIoU its `iou`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NOTHING_LABELLED: Final = "no labelled pixel of the classes in the truth"
 
 @dataclass(frozen=True, slots=True)
 class ClassCounts:
-    """Pixels of one class against all others; pixels whose truth is void are not counted.
+    """Pixels of one class against all others. Pixels with void truth are not counted.
 
     Attributes:
         tp: pixels of the class that are predicted as the class.
@@ -81,7 +81,7 @@ def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> Cl
 
 
 def pacc(tp: int, fn: int) -> float | None:
-    """Return the paper's pixel accuracy of a class, its recall: tp / (tp + fn); None if it is not in the truth."""
+    """Return the paper's pixel accuracy of a class, its recall tp / (tp + fn); None if it is not in the truth."""
     return _ratio(tp, tp + fn)
 
 
@@ -102,7 +102,7 @@ def pixel_accuracy(matrix: ConfusionMatrix, classes: Sequence[int] | None = None
 
 
 def macc(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """Return the mean of tp / (tp + fn) over the classes in the truth; with one class it is `pacc`."""
+    """Return the mean of tp / (tp + fn) over the classes in the truth; `pacc` for one class."""
     tp, truth, _ = _margins(matrix, classes)
     present = truth > 0
     return float(np.mean(tp[present] / truth[present])) if present.any() else None
@@ -116,7 +116,7 @@ def miou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float
 
 
 def fwiou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """Return the mean IoU, each class weighted by its pixels in the truth; with one class it is `miou`."""
+    """Return the mean IoU, each class weighted by its pixels in the truth; `miou` for one class."""
     tp, truth, union = _margins(matrix, classes)
     present = truth > 0
     if not present.any():
@@ -130,9 +130,9 @@ class FrameScores:
     """All scores of one matrix, for one target class and over all classes.
 
     Attributes:
-        counts: of the target class.
-        pacc, precision, iou: of the target class.
-        pixel_accuracy, macc, miou, fwiou: over all classes, or over the requested ones.
+        counts: counts of the target class.
+        pacc, precision, iou: scores of the target class.
+        pixel_accuracy, macc, miou, fwiou: scores over all classes, or over the requested ones.
         undefined: score name to reason, for every score that is None.
     """
 
@@ -153,19 +153,19 @@ class FrameScores:
 
     @property
     def measures(self) -> dict[str, float | None]:
-        """The scores of the frame as the long table has them."""
+        """The frame's scores in the long table."""
         return {name: getattr(self, name) for name in names_from(Source.FRAME_SCORE)}
 
 
 def frame_scores(
     matrix: ConfusionMatrix, train_id: int = PERSON.train_id, *, classes: Sequence[int] | None = None
 ) -> FrameScores:
-    """Return every score of the counts of one frame; from the sum over frames, the pooled scores.
+    """Return every score of one frame's counts, or the pooled scores for summed counts.
 
     Args:
         matrix: (19, 20) counts.
-        train_id: of the target class.
-        classes: train ids of the classes that scores over all classes are over; None: all 19.
+        train_id: train id of the target class.
+        classes: train ids of the classes in the scores over all classes; None for all 19.
     """
     counts = class_counts(matrix, train_id)
     values = {

@@ -1,4 +1,4 @@
-"""Scoring one frame: counts, scores and persons of a prediction against its ground truth."""
+"""Score one frame: counts, scores and persons of a prediction against its ground truth."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ScoredFrame:
 
     Attributes:
         matrix: (19, 20) counts.
-        scores: of the person, and over the classes that the function is judged by.
+        scores: scores of the class person, and over the classes that the function is judged by.
         persons: counts per person of the scene, by ascending instance id.
     """
 
@@ -42,7 +42,7 @@ class ScoredFrame:
     persons: tuple[InstanceCounts, ...]
 
     def person(self, instance_id: int) -> InstanceCounts:
-        """Return the counts of a person; those of a person who is not in the scene are 0."""
+        """Return the counts of a person, which are 0 if the person is not in the scene."""
         return next(
             (counts for counts in self.persons if counts.instance_id == instance_id), InstanceCounts(instance_id, 0, 0)
         )
@@ -58,10 +58,10 @@ def score_frame(
     """Score a prediction.
 
     Args:
-        truth: of the frame, in step with the picture.
+        truth: ground truth of the frame, aligned with the picture.
         prediction: (H, W) uint8 train ids.
         judged: train ids of the classes that the function is judged by.
-        empty: (H, W) uint8, its prediction of the same scene without movables.
+        empty: (H, W) uint8, the prediction of the same scene without movables.
 
     Raises:
         InvalidInput: prediction and truth differ in shape.

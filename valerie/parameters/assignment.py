@@ -1,4 +1,4 @@
-"""One point of a parameter space; the canonical JSON and the digest behind every identity in the project."""
+"""One point of a parameter space, and the canonical JSON and digest behind every identity in the project."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.parameters.definitions import Value
 
 #: Hexadecimal characters of a digest: SHA-256 truncated to 128 bits.
 DIGEST_LENGTH: Final = 32
-#: Integral floats below this limit are written as integers; larger ones keep their exponent.
+#: Integral floats below this limit are written as integers. Larger ones keep their exponent.
 _INTEGRAL_LIMIT: Final = float(2**63)
 
 
@@ -25,9 +25,9 @@ class Assignment:
     """One point of a space.
 
     Attributes:
-        index: place in the space, from 0.
-        block: index of the block that it comes from.
-        values: path to value, for every parameter that the spec sets; all others keep the asset's default.
+        index: its index in the space, from 0.
+        block: index of its block.
+        values: path to value, for every parameter that the spec sets. All others keep the asset's default.
     """
 
     index: int
@@ -39,17 +39,17 @@ class Assignment:
 
 
 class CanonicalJson(bytes):
-    """Text that is canonical JSON already; `digest` takes it without encoding it again."""
+    """Text that is already canonical JSON; `digest` does not encode it again."""
 
 
 def canonical_json(value: object) -> bytes:
     """Return the canonical JSON of a value, so that equal values have equal bytes.
 
-    Keys are sorted, there are no spaces, −0.0 is written as 0 and 45.0 as 45. True and 1 differ; a tuple equals a list.
-    The value consists of None, bool, int, float, str, mappings with str keys, lists, tuples and numpy scalars.
+    Keys are sorted, and there are no spaces. −0.0 is written as 0 and 45.0 as 45. True and 1 differ; a tuple equals a list. The
+    value consists of None, bool, int, float, str, mappings with str keys, lists, tuples and numpy scalars.
 
     Raises:
-        InvalidInput: NaN or infinity, an integer beyond 64 bits, or a type that has no canonical form.
+        InvalidInput: a value is NaN, infinite, an integer beyond 64 bits, or of a type without canonical form.
     """
     try:
         if type(value) is str:  # a shortcut: most parts of digests are digests
@@ -62,9 +62,8 @@ def canonical_json(value: object) -> bytes:
 def digest(*parts: object) -> str:
     """Return the digest of ``parts``, 32 hexadecimal characters. Every digest in the project is computed here.
 
-    It is SHA-256, truncated to 128 bits, over the kind, length and bytes of each part, so that no two different
-    sequences of parts share an encoding. A part of type ``bytes`` is hashed as it is, and every other part as its
-    `canonical_json`.
+    It is SHA-256, truncated to 128 bits, over the kind, length and bytes of each part, so that different sequences of parts
+    never share an encoding. A part of type ``bytes`` is hashed as it is, and every other part as its `canonical_json`.
     """
     return DigestPrefix(*parts).digest()
 
@@ -79,7 +78,7 @@ class DigestPrefix:
         _update(self._hash, parts)
 
     def extended(self, *parts: object) -> Self:
-        """Return a longer prefix; this one stays as it is."""
+        """Return a longer prefix. This one does not change."""
         longer = type(self)()
         longer._hash = self._hash.copy()  # noqa: SLF001  same class
         _update(longer._hash, parts)  # noqa: SLF001

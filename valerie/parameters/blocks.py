@@ -16,7 +16,7 @@ from valerie.parameters.samplers import SAMPLERS, Sampler, SamplerFactory
 GRID: Final = "grid"
 POINTS: Final = "points"
 
-#: Largest number of values of a grid dimension that are stored; the values of longer ones are computed on demand.
+#: Largest number of values of a grid dimension to store. The values of longer dimensions are computed on demand.
 _LISTED: Final = 65_536
 #: Rows that a sampler draws at once.
 _CHUNK: Final = 4096
@@ -27,8 +27,8 @@ class Variation:
     """One parameter and its distribution.
 
     Attributes:
-        path: of the parameter; within a `Block`, its name is accepted too.
-        distribution: of its values.
+        path: path of the parameter, or within a `Block` its name.
+        distribution: distribution of its values.
     """
 
     path: str
@@ -41,10 +41,10 @@ class Block:
 
     Attributes:
         design: ``grid``, ``points`` or the name of a sampler.
-        variations: varied parameters; in a grid the right-most moves fastest.
-        constants: path to value, the same in every row; they override the run's constants.
+        variations: varied parameters. In a grid the right-most changes fastest.
+        constants: path to value, the same in every row. They override the run's constants.
         count: number of variants of a sampler's design; None for ``grid`` and ``points``.
-        points: rows of a ``points`` design, path to value; rows may set different parameters.
+        points: rows of a ``points`` design, path to value. Rows may set different parameters.
     """
 
     design: str = GRID
@@ -61,7 +61,7 @@ class Rows(Protocol):
     def size(self) -> int: ...
 
     def read(self, start: int, stop: int) -> Iterator[dict[str, Value]]:
-        """Yield rows start … stop − 1; each dictionary belongs to the caller."""
+        """Yield rows start … stop − 1. Each dictionary belongs to the caller."""
         ...
 
 
@@ -76,15 +76,15 @@ def rows_of(
     """Return the rows of a block.
 
     Args:
-        block: with paths as names.
+        block: the block, with paths as names.
         definitions: path to definition.
-        seed: of the spec.
-        index: place of the block in the spec.
-        samplers: name to sampler, for the designs other than ``grid`` and ``points``.
+        seed: the spec's seed.
+        index: index of the block in the spec.
+        samplers: name to sampler, for designs other than ``grid`` and ``points``.
 
     Raises:
-        InvalidInput: a distribution does not fit its parameter, or ``count`` is missing or out of place.
-        UnknownName: no such parameter or design.
+        InvalidInput: a distribution does not fit its parameter, or ``count`` is missing or not allowed.
+        UnknownName: there is no such parameter or design.
     """
     if block.design not in (GRID, POINTS) and block.design not in samplers:
         raise UnknownName("design", block.design, (GRID, POINTS, *samplers), field="design")
@@ -121,7 +121,7 @@ class GridRows:
 
     def __init__(self, block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
         if block.count is not None:
-            raise InvalidInput("a grid takes no count: it has all combinations", field="count", value=block.count)
+            raise InvalidInput("a grid takes no count, since it has all combinations", field="count", value=block.count)
         self._paths = [variation.path for variation in block.variations]
         self._axes: list[tuple[Value, ...] | _Axis] = []
         counts: list[int] = []
@@ -158,7 +158,7 @@ class GridRows:
         yield row.copy()
         last = len(paths) - 1
         for _ in range(start + 1, stop):
-            # Like an odometer: usually only the right-most wheel turns.
+            # As in an odometer, usually only the right-most wheel turns.
             wheel = last
             digits[wheel] += 1
             while digits[wheel] == counts[wheel]:
@@ -171,7 +171,7 @@ class GridRows:
 
 
 class SampledRows:
-    """The points of a sampler, turned into values by the distributions' quantiles."""
+    """The points of a sampler, converted to values by the distributions' quantiles."""
 
     def __init__(
         self,
@@ -189,11 +189,11 @@ class SampledRows:
         for variation in block.variations:
             definition = definitions[variation.path]
             if isinstance(variation.distribution, Constant):
-                # A constant is no dimension of the design, so adding one leaves the other draws as they are.
+                # A constant is not a dimension of the design, so adding one does not change the other draws.
                 self._constants[variation.path] = variation.distribution.value(0, definition)
             else:
                 self._varied.append((variation.path, variation.distribution, definition))
-        # Different blocks of one spec draw different points, and so do different designs with the same seed.
+        # The blocks of a spec draw different points, and so do designs with the same seed.
         block_seed = int(digest("sampler", block.design, seed, index), 16)
         self._sampler: Sampler | None = None
         if self._varied:
@@ -217,7 +217,7 @@ class SampledRows:
 
 
 class PointRows:
-    """The listed assignments, in their order."""
+    """The listed assignments in their order."""
 
     def __init__(self, block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
         if block.variations:

@@ -1,15 +1,15 @@
-"""Constraints: comparisons that a variant must meet, in a small grammar of their own.
+"""Constraints: comparisons that a variant must satisfy, in a small grammar.
 
     p1 < 3 and (p2 >= 2 * p1 or person-1.character == 'yellow-shirt')
 
 `_GRAMMAR` is the whole language; ``0 <= p1 < 3`` means ``0 <= p1 and p1 < 3``. A name is a parameter's name or path.
-Names contain dots and hyphens, so the longest known name wins, and a minus next to a name needs a space. Numbers are in
-the parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse
-tree becomes closures.
+Names contain dots and hyphens, so the longest known name matches, and a minus next to a name needs a space. Numbers are in the
+parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse tree becomes
+closures.
 
 The same grammar selects rows of results (`valerie.runs.resolving.where`), where values may be missing. Logic then has three
-values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds. A
-quotient by zero is a missing value, and ``pacc is undefined`` asks for one. `Constraint.sql` says the same in SQL.
+values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds. A quotient by
+zero is a missing value; ``pacc is undefined`` tests for one. `Constraint.sql` is the equivalent SQL.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ _ARITHMETIC: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "/": _quotient,
     "÷": _quotient,
 }
-#: Operators that SQL writes in another way.
+#: Operators with another notation in SQL.
 _SQL: Final = {"==": "=", "!=": "<>", "−": "-", "×": "*", "÷": "/"}
 
 
@@ -106,9 +106,9 @@ class Operand(Protocol):
     """A name in an expression: a parameter's definition, or a column of results.
 
     Attributes:
-        path: key of its value in the evaluated mapping.
-        default: value where the mapping has no such key; None is a missing value.
-        choices: texts that it can be compared with; empty: any.
+        path: key of its value in the mapping to evaluate.
+        default: value if the mapping has no such key; None is a missing value.
+        choices: texts that it can be compared with; empty for any text.
     """
 
     @property
@@ -130,11 +130,11 @@ class _Kind(StrEnum):
 
 
 class Sql(NamedTuple):
-    """A condition in SQL, where a path is the quoted name of a column.
+    """A condition in SQL, in which a path is the quoted name of a column.
 
     Attributes:
-        text: with a question mark for each value.
-        values: to bind, in their order; a text of a request is never part of ``text``.
+        text: the condition, with a question mark for each value.
+        values: values to bind, in order. Texts of a request are never part of ``text``.
     """
 
     text: str
@@ -157,9 +157,9 @@ class Constraint:
     """A compiled constraint.
 
     Attributes:
-        text: source.
-        paths: of the parameters in it.
-        sql: the same for a table whose columns are the paths.
+        text: its source.
+        paths: paths of the parameters in it.
+        sql: the equivalent condition on a table whose columns are the paths.
     """
 
     text: str
@@ -168,9 +168,9 @@ class Constraint:
     _evaluate: _Evaluate
 
     def holds(self, values: Row) -> bool:
-        """Return True if a variant meets the constraint.
+        """Return True if a variant satisfies the constraint.
 
-        A comparison that depends on a missing value, or on a quotient by zero, does not meet it.
+        A comparison that depends on a missing value, or on a quotient by zero, does not satisfy it.
 
         Args:
             values: path to value; absent paths take their defaults.
@@ -184,14 +184,14 @@ def compile_constraint(
     """Parse and type-check a constraint.
 
     Args:
-        text: in the grammar above.
-        names: operands by every name that they have.
-        field: place of the constraint, for errors.
+        text: the constraint in the grammar above.
+        names: operands by each of their names.
+        field: field of the constraint, for errors.
         word: noun for the names in errors.
 
     Raises:
         InvalidInput: the text breaks the grammar, compares different kinds, or is too long or too deeply nested.
-        UnknownName: a name that no operand has, or a text that its operand cannot take.
+        UnknownName: no operand has this name, or its operand has no such choice.
     """
     if len(text) > MAX_LENGTH:
         raise InvalidInput("the constraint is too long", field=field, value=len(text), limit=f"{MAX_LENGTH} characters")
@@ -205,7 +205,7 @@ def compile_constraint(
 
 @lru_cache(maxsize=16)
 def _parser(names: frozenset[str]) -> Lark:
-    """Build the parser for a set of names; its lexer takes the longest name that matches."""
+    """Build the parser for a set of names. Its lexer takes the longest name that matches."""
     longest_first = sorted((re.escape(name) for name in names - _WORDS if name), key=len, reverse=True)
     known = "|".join(longest_first) or "(?!)"
     return Lark(_GRAMMAR + f"NAME.3: /(?:{known})(?![A-Za-z0-9_])/\n", parser="lalr", propagate_positions=True)
@@ -370,12 +370,12 @@ def _refused(message: str, text: str, place: int, field: str) -> InvalidInput:
 
 
 def quoted(name: str) -> str:
-    """Return the name of a column as SQL writes it."""
+    """Return the name of a column, quoted for SQL."""
     return '"' + name.replace('"', '""') + '"'
 
 
 def _spliced(*parts: str | Sql | _Term) -> Sql:
-    """Return SQL made of texts and of the SQL of terms."""
+    """Return the concatenation of texts and the SQL of terms."""
     pieces = [Sql(part) if isinstance(part, str) else part.sql if isinstance(part, _Term) else part for part in parts]
     return Sql("".join(piece.text for piece in pieces), tuple(value for piece in pieces for value in piece.values))
 

@@ -1,4 +1,4 @@
-"""Shorthands with which the code of an asset declares its parameters."""
+"""Shorthands for declaring the parameters of an asset in code."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """The variable parameters of an asset: the paper's ``parameter_name, scene_graph_ref, type, minimum, maximum``.
 
-See section 4 of the paper. Angles are in degrees here and in specs, assignments and the database; only scenes use
-radians.
+See section 4 of the paper. Angles are in degrees here and in specs, assignments and the database. Only scenes use radians.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.odd import OddAttribute
 from valerie.parameters.paths import parse_path, short_name
 
 #: One value of one parameter; ANGLE values are degrees.
@@ -37,7 +37,7 @@ class ParameterType(StrEnum):
 
 
 class Affects(StrEnum):
-    """The stage that a parameter is an input of."""
+    """The stage whose input a parameter is."""
 
     GEOMETRY = "geometry"
     LIGHT = "light"
@@ -50,15 +50,17 @@ class ParameterDefinition(BaseModel):
     """One variable parameter of an asset.
 
     Attributes:
-        name: its name in specs; by default the path without ``scene.``.
-        path: where it acts, e.g. ``scene.person-1.pos.x`` (the paper's ``scene_graph_ref``).
+        name: its name in specs, by default the path without ``scene.``.
+        path: the value that it sets, e.g. ``scene.person-1.pos.x`` (the paper's ``scene_graph_ref``).
         minimum, maximum: declared range in ``unit``, both ends included; None for no bound. An ANGLE is periodic,
             and its range spans at most 360 degrees. None for BOOL and CATEGORICAL.
         choices: the values of a CATEGORICAL parameter, in order.
-        unit: e.g. ``m``, ``deg``, ``EV``; empty for pure numbers.
-        default: value of the parameter where an assignment does not set it.
-        affects: the stage that it is an input of.
-        description: for people.
+        unit: its unit, e.g. ``m``, ``deg``, ``EV``; empty for pure numbers.
+        default: its value if an assignment does not set it.
+        affects: the stage whose input it is.
+        description: text for users.
+        odd: attribute of an operational design domain that it stands for; None for none.
+        source: where its range comes from: a standard, a measurement, a paper.
 
     Raises:
         InvalidInput: the declaration contradicts itself.
@@ -76,6 +78,8 @@ class ParameterDefinition(BaseModel):
     default: Value
     affects: Affects
     description: str = ""
+    odd: OddAttribute | None = None
+    source: str = Field(default="", max_length=1000)
 
     @model_validator(mode="before")
     @classmethod
@@ -108,12 +112,12 @@ class ParameterDefinition(BaseModel):
             if self.type in (ParameterType.BOOL, ParameterType.CATEGORICAL):
                 raise InvalidInput(f"a {self.type} parameter has no range", field=f"{self.name}.{end}", value=bound)
             if not math.isfinite(bound) or abs(bound) > MAX_MAGNITUDE:
-                raise InvalidInput("not a usable bound", field=f"{self.name}.{end}", value=bound, limit=MAX_MAGNITUDE)
+                raise InvalidInput("not a valid bound", field=f"{self.name}.{end}", value=bound, limit=MAX_MAGNITUDE)
         if low is not None and high is not None and low > high:
             raise InvalidInput("the minimum is above the maximum", field=f"{self.name}.minimum", value=low, limit=high)
         if self.type is ParameterType.ANGLE and (low is None or high is None or high - low > TURN):
             raise InvalidInput(
-                "an ANGLE declares a minimum and a maximum, at most one turn apart",
+                "an ANGLE needs a minimum and a maximum, at most one turn apart",
                 field=f"{self.name}.maximum",
                 value=high,
                 limit="minimum + 360 deg",
@@ -121,7 +125,7 @@ class ParameterDefinition(BaseModel):
         if self.type is ParameterType.CATEGORICAL:
             if not self.choices or len(set(self.choices)) != len(self.choices):
                 raise InvalidInput(
-                    "a CATEGORICAL parameter lists its choices, each once",
+                    "a CATEGORICAL parameter needs choices, each listed once",
                     field=f"{self.name}.choices",
                     value=self.choices,
                 )
@@ -141,8 +145,8 @@ class ParameterDefinition(BaseModel):
         FLOAT and ANGLE are returned as float (an ANGLE within [minimum, minimum + 360)), INT as int.
 
         Raises:
-            InvalidInput: wrong type, not finite, or outside the declared range.
-            UnknownName: no such choice.
+            InvalidInput: the value has the wrong type, is not finite, or is outside the declared range.
+            UnknownName: there is no such choice.
         """
         field = field or self.name
         if self.type is ParameterType.BOOL:

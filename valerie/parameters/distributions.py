@@ -36,7 +36,7 @@ class _Distribution(BaseModel):
         """Check that the distribution fits the definition.
 
         Raises:
-            InvalidInput: it does not; the error names the distribution's own field (``step``, ``mean`` …).
+            InvalidInput: it does not. The error names the distribution's own field (``step``, ``mean`` …).
         """
         raise NotImplementedError
 
@@ -49,13 +49,13 @@ class _Distribution(BaseModel):
         raise NotImplementedError
 
     def quantile(self, u: float, definition: ParameterDefinition) -> Value:
-        """Return the value at ``u`` in [0, 1); the values of a discrete distribution have equal weight."""
+        """Return the value at ``u`` in [0, 1). The values of a discrete distribution have equal weight."""
         count = self.count(definition)
         assert count is not None, "continuous distributions have their own quantile"
         return self.value(min(int(u * count), count - 1), definition)
 
     def unit(self, value: Value, definition: ParameterDefinition) -> float:
-        """Return the number in [0, 1] whose quantile is ``value``; of a value with a share, the middle of the share.
+        """Return the number in [0, 1] whose quantile is ``value``: the middle of the share of a discrete value.
 
         Raises:
             InvalidInput: the distribution does not have this value.
@@ -163,7 +163,7 @@ class Gaussian(_Distribution):
         if definition.type is ParameterType.ANGLE:
             if high - low >= TURN:
                 return self.mean - TURN / 2, self.mean + TURN / 2
-            # The periodic copy of the range that is nearest to the mean.
+            # Take the periodic copy of the range that is nearest to the mean.
             turns = TURN * round((self.mean - (low + high) / 2) / TURN)
             return low + turns, high + turns
         return low, high
@@ -317,7 +317,7 @@ def check_range(low: float, high: float, definition: ParameterDefinition) -> Non
     """Check that a range lies within the declared one; an ANGLE's range is compared modulo 360.
 
     Raises:
-        InvalidInput: it does not; the error names ``minimum`` or ``maximum``.
+        InvalidInput: it does not. The error names ``minimum`` or ``maximum``.
     """
     if definition.type is ParameterType.ANGLE:
         assert definition.minimum is not None, "an ANGLE has both bounds"
@@ -347,7 +347,7 @@ def _require_number(distribution: str, definition: ParameterDefinition) -> None:
 
 
 def _number(value: Value, definition: ParameterDefinition, start: float) -> float:
-    """Return a checked number; of an ANGLE, its copy within one turn from ``start``."""
+    """Return a checked number; for an ANGLE, its copy within one turn from ``start``."""
     number = float(definition.check(value, field=definition.name))
     return wrap(number, start) if definition.type is ParameterType.ANGLE else number
 
@@ -366,7 +366,7 @@ def _typed(number: float, definition: ParameterDefinition) -> Value:
         return wrap(number, definition.minimum)
     if definition.type is ParameterType.INT:
         rounded = math.floor(number + 0.5)
-        # The support of a Gaussian is half a unit wider than the range, and its upper end would round out of the range.
+        # The support of a Gaussian INT is half a unit wider than the range, and its upper end would round beyond the range.
         high = rounded if definition.maximum is None else math.floor(definition.maximum)
         return min(rounded, high)
     return number + 0.0
@@ -374,7 +374,7 @@ def _typed(number: float, definition: ParameterDefinition) -> Value:
 
 @lru_cache(maxsize=4096)
 def _truncation(mean: float, deviation: float, low: float, high: float) -> tuple[float, float, float]:
-    """Return (sign, Φ(α), Φ(β)); a range above the mean is mirrored, since Φ is precise in the lower tail only."""
+    """Return (sign, Φ(α), Φ(β)); a range above the mean is mirrored, since Φ is precise only in the lower tail."""
     from scipy.special import ndtr
 
     alpha, beta = (low - mean) / deviation, (high - mean) / deviation

@@ -5,7 +5,7 @@
     >>> len(space), space[3].values
     (10, {'scene.person-1.pos.x': 3.0})
 
-A space is the union of its blocks, in order. Any assignment follows from (blocks, constants, seed, index) alone.
+A space is the union of its blocks, in order. Any assignment follows from (blocks, constants, seed, index).
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class ParameterSpace:
     Args:
         definitions: the parameters that may be varied. Blocks, constants and constraints may refer to a parameter
             by its name or its path.
-        blocks: in order; an empty sequence stands for one variant of constants and defaults.
-        constants: name or path to value, for all blocks; a block's constants and variations override them.
-        constraints: comparisons that a variant must meet. A variant that does not meet them stays in the space and is
-            rejected, so that indexes mean the same with and without constraints.
-        seed: of all random designs; 0 is a seed like any other.
-        samplers: name to sampler, for the designs other than ``grid`` and ``points``.
+        blocks: the blocks in order. An empty sequence stands for one variant of constants and defaults.
+        constants: name or path to value, for all blocks. A block's constants and variations override them.
+        constraints: comparisons that a variant must satisfy. A variant that does not stays in the space and is rejected, so
+            that indexes are the same with and without constraints.
+        seed: seed of all random designs; 0 has no special meaning.
+        samplers: name to sampler, for designs other than ``grid`` and ``points``.
         aliases: further names of parameters, to their paths.
 
     Attributes:
@@ -43,10 +43,10 @@ class ParameterSpace:
         seed: see above.
         blocks: see above; never empty.
         constants: path to value for each block, the run's constants included.
-        constraints: compiled.
+        constraints: the compiled constraints.
 
     Raises:
-        InvalidInput, UnknownName: the field begins with ``blocks.N``, ``constants`` or ``constraints.N``.
+        InvalidInput, UnknownName: a part is invalid. The field begins with ``blocks.N``, ``constants`` or ``constraints.N``.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class ParameterSpace:
         return self.size
 
     def block_of(self, index: int) -> int:
-        """Return the index of the block that a variant comes from.
+        """Return the index of a variant's block.
 
         Raises:
             IndexError: ``index`` is not in 0 … size − 1.
@@ -145,7 +145,7 @@ class ParameterSpace:
             yield Assignment(index, block, values)
 
     def values(self, start: int, stop: int) -> Iterator[tuple[int, dict[str, Value]]]:
-        """Yield (block, path to value) for variants start … stop − 1: the fast way through a large space.
+        """Yield (block, path to value) for variants start … stop − 1, faster than by index.
 
         Each dictionary belongs to the caller and holds the constants first.
         """
@@ -161,7 +161,7 @@ class ParameterSpace:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Paths that may have more than one value in the run, in the order in which the blocks mention them."""
+        """Paths that may have more than one value in the run, in the order of their first mention in the blocks."""
         paths: dict[str, None] = {}
         constants: dict[str, set[Value]] = {}
         for block, of_block in zip(self.blocks, self.constants, strict=True):
@@ -180,17 +180,17 @@ class ParameterSpace:
 
     @property
     def used(self) -> frozenset[str]:
-        """Paths that any block varies, holds constant or sets in a point."""
+        """Paths that any block varies, keeps constant or sets in a point."""
         paths = {path for constants in self.constants for path in constants}
         paths |= {self._path(v.path, "vary") for block in self.blocks for v in block.variations}
         paths |= {self._path(name, "points") for block in self.blocks for point in block.points for name in point}
         return frozenset(paths)
 
     def violated(self, values: Mapping[str, Value]) -> str | None:
-        """Return the reason why a variant is rejected: the first constraint that it does not meet; None if it meets all.
+        """Return the reason why a variant is rejected: the first constraint that it violates; None if it satisfies all.
 
         Args:
-            values: path to value; a path that is missing has its default.
+            values: path to value; missing paths take their defaults.
         """
         for constraint in self.constraints:
             if not constraint.holds(values):

@@ -1,7 +1,7 @@
-"""Quantities with units, as people write them: ``50 cm``, ``1.2 rad``, ``-0.5 EV``, ``30 %``.
+"""Quantities with units: ``50 cm``, ``1.2 rad``, ``-0.5 EV``, ``30 %``.
 
-A number without a unit is in the unit of the parameter's declaration. Conversions between decimal units are decimal,
-so that ``30 cm`` is exactly ``0.3``.
+A number without a unit is in the declared unit of the parameter. Conversions between decimal units are decimal, so ``30 cm`` is
+exactly ``0.3``.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Quantity(NamedTuple):
 
 
 def is_quantity(text: str) -> bool:
-    """Return True if ``text`` is a number with or without a unit; the unit may be unknown."""
+    """Return True if ``text`` is a number, with or without a unit. The unit may be unknown."""
     return _QUANTITY.fullmatch(text) is not None
 
 
@@ -59,8 +59,8 @@ def to_unit(value: object, unit: str, *, field: str = "") -> Quantity:
     """Convert a number or a quantity to ``unit``.
 
     Raises:
-        InvalidInput: no number, NaN, infinite or too large, or a unit of another dimension.
-        UnknownName: no such unit.
+        InvalidInput: the value is not a number, is NaN, infinite or too large, or has a unit of another dimension.
+        UnknownName: there is no such unit.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InvalidInput("a number is needed here", field=field, value=value, limit=_form(unit))

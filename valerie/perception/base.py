@@ -24,7 +24,7 @@ class FunctionCard:
         precision: read back from the engine, e.g. ``fp32``.
         engine: e.g. ``torch``.
         provenance: free entries: training data, seeds, figures, licence.
-        judged_by: names of the Cityscapes classes that its all-class figures cover, in the order of train ids; empty: all 19.
+        judged_by: names of the Cityscapes classes that its all-class scores cover, in the order of train ids; empty: all 19.
 
     Raises:
         UnknownName: ``judged_by`` names something that is not an evaluated class.
@@ -43,7 +43,7 @@ class FunctionCard:
         for name in self.judged_by:
             if name not in known:
                 raise UnknownName("evaluated class", name, known, field="judged_by")
-        # One spelling for all 19, also after a trip through JSON: the empty tuple.
+        # All 19 have one spelling, also after a round trip through JSON: the empty tuple.
         judged = tuple(name for name in known if name in self.judged_by)
         object.__setattr__(self, "judged_by", judged if len(judged) < NUM_TRAIN_CLASSES else ())
 
@@ -54,20 +54,20 @@ class FunctionCard:
 
 
 def judged_ids(judged_by: Sequence[str]) -> tuple[int, ...]:
-    """Return the train ids of `FunctionCard.judged_by`, ascending; of all 19 classes if it is empty."""
+    """Return the train ids of `FunctionCard.judged_by`, ascending; all 19 if it is empty."""
     return tuple(label.train_id for label in TRAIN_LABELS if not judged_by or label.name in judged_by)
 
 
 class PerceptionFunction(Protocol):
     """A loaded function under test; a process keeps one loaded.
 
-    Contract (`valerie.testing.perception.PerceptionContract`): it is deterministic, never changes its input, and answers maps of
-    the picture's height and width that hold only declared train ids (0…18, 255).
+    Contract (`valerie.testing.perception.PerceptionContract`): it is deterministic, never changes its input, and returns maps of
+    the picture's height and width with declared train ids only (0…18, 255).
     """
 
     @property
     def revision(self) -> int:
-        """Number raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest."""
+        """Number that is raised whenever equal weights and pictures give other labels; part of every prediction's digest."""
         ...
 
     @property
@@ -91,9 +91,9 @@ class BatchFunction(PerceptionFunction, Protocol):
 
     @property
     def batch_size(self) -> int:
-        """Best number of pictures for `predict_many`; 1 if there is nothing to gain."""
+        """Best number of pictures for `predict_many`; 1 if batches gain nothing."""
         ...
 
     def predict_many(self, pictures: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
-        """Return `predict` of each of several pictures of one size; labels do not depend on how pictures are grouped."""
+        """Return `predict` of several pictures of one size; labels do not depend on how pictures are grouped."""
         ...

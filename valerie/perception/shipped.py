@@ -19,7 +19,7 @@ WEIGHTS: Final = Path(__file__).parent / "weights"
 #: Names of the functions that ship with VALERIE; each is the file ``weights/<name>.safetensors``.
 FUNCTIONS: Final = ("deeplabv3plus-small", "semantic-fpn-small")
 
-#: The coarsest stride of the networks: their sides are padded to multiples of it.
+#: The coarsest stride of the networks; sides are padded to multiples of it.
 ALIGNMENT: Final = 32
 
 
@@ -50,7 +50,7 @@ def local_document(name: str, path: Path, *, device: str = "auto", precision: st
     """Return the document of a function file for the engine that runs it fastest on this machine.
 
     Args:
-        name: of the function.
+        name: name of the function.
         path: its file.
         device: see `valerie.perception.running.opening.open_function`.
         precision: see `valerie.perception.running.choice.local_choice`.
@@ -91,7 +91,7 @@ def load_function(
         threads: CPU threads of this process for the inference engine.
         device: see `valerie.perception.running.opening.open_function`.
         precision: see `local_document`.
-        folder: of the function files.
+        folder: folder of the function files.
 
     Raises:
         UnknownName: no such function.
@@ -109,7 +109,7 @@ def _identity(document: FunctionDocument) -> str:
     return document.payload.sha256
 
 
-@lru_cache(maxsize=64)  # hashing 8 MB costs 5 ms; the stamp makes a replaced file a new entry
+@lru_cache(maxsize=64)  # hashing 8 MB takes 5 ms; the stamp makes a replaced file a new entry
 def _document(name: str, path: Path, stamp: int) -> FunctionDocument:  # noqa: ARG001
     header = read_header(path)
     return FunctionDocument(

@@ -113,8 +113,8 @@ class Renderer(Protocol):
     - A black or constant image raises `RenderingError`.
 
     - ``part(s, v, w)``, which an engine may have, equals ``full(s, v)`` in the rectangle ``w``: (w.height, w.width, 3) float16. A
-      rolling shutter asks for one part per slice of the image (`valerie.rendering.scanning`). Of an engine without it, it takes
-      whole frames.
+      rolling shutter asks for one part per slice of the image (`valerie.rendering.scanning`). For an engine without ``part``,
+      it renders whole frames.
 
     A `valerie.rendering.engine.Engine` declares the engine's settings and abilities. An engine with settings takes them as its
     only argument. An engine that computes in another process has a property ``cpu_seconds_elsewhere``: the CPU seconds of that
@@ -252,7 +252,7 @@ def bounds(mask: NDArray[np.bool_]) -> Rectangle:
 
 
 def require_image(pixels: NDArray[np.float16], *, engine: str) -> None:
-    """Refuse an image that no real scene can give.
+    """Refuse an image that no real scene can produce.
 
     Raises:
         RenderingError: the image is constant (black, for example) or not finite.

@@ -20,15 +20,15 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, TruthLayer, View, bounds
 from valerie.rendering.projection import clip_from_view, drawing_matrices, view_from_world
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.flow_pass import FlowPass
-from valerie.rendering.raster.movable_geometry import PlacedMesh
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
 from valerie.rendering.raster.normals_pass import NormalsPass
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.movable_geometry import PlacedMesh
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.graph.model import Camera, Scene
 
@@ -56,7 +56,7 @@ class TruthPass:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "truth_fill.frag", FROM_STATICS=1))
         self._statics: LeastRecentlyUsed[_StaticLabels] = LeastRecentlyUsed(_CAMERAS)
         self._work: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(1)
-        self._canvas: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
+        self._canvas: LeastRecentlyUsed[RenderTarget] = LeastRecentlyUsed(1)
         self._normals: NormalsPass | None = None
         self._flows: FlowPass | None = None
 
@@ -221,7 +221,7 @@ class TruthPass:
             return PersonTruth(instance_id, rectangle, np.zeros((0, 0), np.bool_), 0, (view.height, view.width))
         target = self._canvas.get(
             (canvas.width, canvas.height),
-            lambda: Target(self._context.gl, (canvas.width, canvas.height), ((1, "f1"),), depth=False),
+            lambda: RenderTarget(self._context.gl, (canvas.width, canvas.height), ((1, "f1"),), depth=False),
         )
         area = gl_rectangle(rectangle, canvas)
         target.use(area)
@@ -260,7 +260,7 @@ class _Labels:
     """A framebuffer of label ids, instance ids and depths."""
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
-        self.target = Target(gl, (view.width, view.height), ((2, "u2"), (1, "f4")), depth=True)
+        self.target = RenderTarget(gl, (view.width, view.height), ((2, "u2"), (1, "f4")), depth=True)
 
     def read(self, rectangle: Rectangle, view: View) -> Maps:
         """Read class, instance and depth of a rectangle, first row at the top."""

@@ -1,4 +1,4 @@
-"""Policies for labels: exact ones, and labels as annotators draw them.
+"""Label policies: exact labels, and labels as annotators draw them.
 
 The truth is exact: sky between two leaves is sky. Cityscapes is drawn by hand with polygons, and its policy closes such gaps:
 "labeled foreground objects must never have holes, i.e. if there is some background visible 'through' some foreground object, it
@@ -65,7 +65,7 @@ def labelled(truth: GroundTruth, policy: LabelPolicy) -> GroundTruth:
 
 
 def _outlines(truth: GroundTruth) -> Iterator[tuple[int, int, Mask, Rectangle]]:
-    """Yield class, instance, gaps and their rectangle of each object, from far to near: nearer objects close theirs last."""
+    """Yield each object's class, instance, gaps and their rectangle, far objects first, so that near ones close gaps last."""
     objects: list[tuple[float, int, int, Mask, int]] = []
     height = truth.class_map.shape[0]
     foliage = BY_NAME["vegetation"].id
@@ -87,7 +87,7 @@ def _outlines(truth: GroundTruth) -> Iterator[tuple[int, int, Mask, Rectangle]]:
 
 
 def _gaps(mask: Mask, depth: NDArray[np.float32], radius: int) -> Mask:
-    """Return the gaps that a closing by a disc fills, and enclosed ones up to twice as wide, as far as they lie behind."""
+    """Return the pixels behind an object in gaps that a closing by a disc fills, and in enclosed gaps up to twice as wide."""
     cv2 = _opencv()
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     padded = cv2.copyMakeBorder(mask.astype(np.uint8), radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)

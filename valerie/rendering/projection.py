@@ -47,7 +47,7 @@ def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_
 
 
 def drawing_matrices(camera: Camera, view: View) -> dict[str, Matrix]:
-    """Return what vertex shaders need: ``clip_from_world``, (4, 4), and ``depth_row``, (4,), world point to depth, metres."""
+    """Return the uniforms of vertex shaders: ``clip_from_world``, (4, 4), and ``depth_row``, (4,), world to depth in metres."""
     matrix = view_from_world(camera)
     return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}
 
@@ -135,7 +135,7 @@ class LightView:
 def light_axes(toward_light: Points) -> Matrix:
     """Return the (3, 3) rows of a frame whose third axis points away from the light.
 
-    The second axis lies near the world's y, or near x if the light comes almost along y.
+    The second axis is close to the world's y, or to x if the light comes almost along y.
     """
     depth = -toward_light / np.linalg.norm(toward_light)
     reference = np.array([0.0, 1.0, 0.0]) if abs(depth[1]) < 0.9 else np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Rolling shutter: reads a frame line by line, each line at its own moment.
+"""Rolling shutter: a frame is read line by line, each line at its own moment.
 
 The scene is rendered in slices. A slice holds the lines that are read before anything in them moves noticeably, and shows scene
 and camera at the middle of that time. In the fastest scenes, a slice is one line. Nothing is warped: surfaces that come into
@@ -27,7 +27,7 @@ from valerie.scene.graph.model import Scene, freeze
 _LABELS_MOVE, _IMAGE_MOVES = 0.25, 0.5
 #: Share of all lines within which a surface counts for a line: it may arrive between the moments at which speeds are measured.
 _AROUND: Final = 1 / 8
-#: Speeds are measured at this many moments, and at another one for each of these seconds, up to the most.
+#: Number of moments at which speeds are measured; seconds of reading for each further one; largest number.
 _MOMENTS, _ANOTHER_AFTER_S, _MOST_MOMENTS = 3, 0.1, 9
 #: Seconds over which a speed is measured.
 _SPAN_S: Final = 0.005
@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
 
 class _Whole:
-    """The arrays of the whole image, filled slice by slice. They begin as those of the frame."""
+    """The arrays of the whole image, filled slice by slice. They start as copies of the frame's."""
 
     def __init__(self, image: LinearImage, truth: GroundTruth, *, blurs: bool) -> None:
         self.pixels = image.pixels.copy()
@@ -120,7 +120,7 @@ def scan(
         engine: renders the image.
         truth_pass: renders the labels.
         moments: the scene around the frame's moment.
-        view: of the frame.
+        view: the view of the frame.
         frame: its image and truth, at its moment.
         reading: the times at which the lines are read.
     """
@@ -187,7 +187,7 @@ def _speeds(
 
 
 def _warm(engine: Renderer, moments: Moments, view: View, seconds: float) -> None:
-    """Let the engine keep the background if the camera stands, so that each slice draws only the movables."""
+    """Render the background once if the camera does not move. The engine caches it, and each slice draws only the movables."""
     scenes = [moments(seconds * share) for share in (-0.5, 0.0, 0.5)]
     if len({camera_key(camera_of(scene, view), view) for scene in scenes}) == 1:
         engine.background(scenes[1], view)

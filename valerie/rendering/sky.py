@@ -173,7 +173,7 @@ def fog_extinction(environment: Environment) -> float:
 
 
 def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Array]:
-    """Return sun and sky between `DUSK` and night, as bright as measurements and bluer than the model.
+    """Return sun and sky between `DUSK` and night, with measured brightness and bluer than the model.
 
     The illuminance of the ground changes, on a logarithmic scale, from the model's to that of Seidelmann (`twilight_lux`). Once
     the sun lights no visible air, the last light comes evenly from the whole sky.
@@ -266,7 +266,7 @@ def _bounded(irradiance: float) -> float:
     """Return the factor that keeps the sky's irradiance below `_BRIGHTEST_SKY` of the sun's.
 
     The scene sets the sun's luminance at the ground. A low sun in hazy air would therefore have an enormous luminance above the
-    atmosphere, and its sky would drown everything. Below half of the bound, the factor is within 2 % of 1.
+    atmosphere, and its sky would outshine everything. Below half of the bound, the factor is within 2 % of 1.
     """
     return float((1 + (irradiance / _BRIGHTEST_SKY) ** 4) ** -0.25)
 

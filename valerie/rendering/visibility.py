@@ -119,7 +119,7 @@ def _turn_deg(direction: NDArray[np.float64], reference: NDArray[np.float64]) ->
 
 
 def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
-    """Return the visibility of a person as far as pixels determine it, without distances and angles.
+    """Return the part of a person's visibility that pixels determine, without distances and angles.
 
     Args:
         person: a person of ``truth``.

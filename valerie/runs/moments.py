@@ -1,15 +1,22 @@
-"""Points in time in UTC, and as text for people."""
+"""Points in time in UTC, and as text."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 
 def in_utc(moment: datetime) -> datetime:
-    """Return the same moment in UTC; a moment without time zone (SQLite stores none) is in UTC already."""
+    """Return a moment in UTC; one without time zone (SQLite stores none) is assumed to be in UTC."""
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
+#: A moment in a document or an answer; in UTC, whatever its time zone was.
+Moment = Annotated[datetime, AfterValidator(in_utc)]
+
+
 def moment_text(moment: datetime) -> str:
-    """Return a moment as text for people, e.g. ``2026-11-21 14:05 UTC``."""
+    """Return a moment as text, e.g. ``2026-11-21 14:05 UTC``."""
     return in_utc(moment).strftime("%Y-%m-%d %H:%M UTC")

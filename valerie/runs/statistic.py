@@ -5,8 +5,7 @@
     quantile(iou, 0.05) >= 0.3
     quantile(fp, 0.99) <= 200
 
-`parse_statistic` knows the whole grammar. Every statistic becomes a lower bound on the mean of scores between 0 and 1,
-which is what `valerie.statistics.verdicts` judges.
+Every statistic becomes a lower bound on the mean of scores between 0 and 1, which `valerie.statistics.verdicts` judges.
 """
 
 from __future__ import annotations
@@ -43,9 +42,9 @@ class Statistic:
 
     Attributes:
         measure: the score.
-        condition: (comparison, threshold) that a value has to meet, of a share; None: the mean of the values.
+        condition: (comparison, threshold) that the values of a share have to meet; None: the mean of the values.
         sign: ``>=`` or ``<=``.
-        bound: of the mean or share, 0…1.
+        bound: bound of the mean or share, 0…1.
     """
 
     measure: Measure
@@ -68,11 +67,11 @@ class Statistic:
 
     @property
     def at_least(self) -> float:
-        """The lower bound of the mean of `scores`."""
+        """Lower bound of the mean of `scores`."""
         return self.bound if self.sign == ">=" else float(1 - Decimal(repr(self.bound)))
 
     def scores(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N,) scores between 0 and 1 of (N,) values: the more, the better; NaN stays NaN."""
+        """Return (N,) scores between 0 and 1 of (N,) values: higher is better; NaN stays NaN."""
         scores = values
         if self.condition is not None:
             comparison, threshold = self.condition

@@ -157,7 +157,7 @@ def _ideal_radii(distortion: Distortion, limit: float) -> Floats:
 
 
 def _zoom(distortion: Distortion, half_x: float, half_y: float) -> float:
-    """Return the smallest enlargement, at least 1, at which the distorted border of the rendered image is out of sight."""
+    """Return the smallest enlargement, at least 1, at which the distorted image shows nothing beyond the rendered border."""
     if distortion.identity:
         return 1.0
     along = np.linspace(-1.0, 1.0, _SAMPLES + 1)

@@ -1,4 +1,4 @@
-"""Automatic exposure: metering brings the log-average luminance of an image to that of a street in daylight.
+"""Automatic exposure: metering brings the log-average luminance of an image to that of a scene in daylight.
 
 A run meters the background of a frame, so frames that differ only in people share an exposure.
 """
@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-#: The metering target: log-average luminance of the generated street on a clear day at 0 EV.
+#: The metering target: log-average luminance of the built-in asset on a clear day at 0 EV.
 DAYLIGHT: Final = 0.1
 #: Range of the automatic exposure, stops. It is enough to darken sunlit snow, and too little to turn night into day.
 DARKEST_EV: Final = -6.0
 BRIGHTEST_EV: Final = 11.0
-#: What the exposure time gives of it; the rest is gain, which amplifies noise.
+#: Largest part of it that the exposure time provides; the rest is gain, which amplifies noise.
 LONGEST_EV: Final = 5.0
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)
 #: Keeps the logarithm finite; below the smallest positive value of a linear image.

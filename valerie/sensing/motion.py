@@ -71,7 +71,7 @@ class Movement:
         source_x, source_y = x - own[..., 0] * seconds, y - own[..., 1] * seconds
         there = self._nearest(source_x, source_y)
         depth_here, depth_there = self._depth[here], self._depth[there]
-        # An uncovered background lies farther away. A nearer surface that does not move along must not be smeared.
+        # An uncovered background lies farther away. A nearer surface that does not move with it must not be smeared.
         stays = ~self._arrives(self._velocity[there], own, seconds) & (depth_there < depth_here * _IN_FRONT)
         source_x, source_y = np.where(stays, x, source_x), np.where(stays, y, source_y)
         depth = np.where(stays, depth_here, depth_there)

@@ -1,4 +1,4 @@
-"""The grey levels of a picture, which tell whether it shows anything at all."""
+"""The grey levels of a picture, which reveal a picture that shows nothing."""
 
 from __future__ import annotations
 

@@ -294,8 +294,8 @@ def focal_length_px(focal_length_mm: float, width: int) -> float:
     return focal_length_mm / SENSOR_WIDTH_MM * width
 
 
-def _specimen_seed(setting: SensorSetting, shot: Shot, what: str) -> int:
-    return _seed(what, shot.run_seed, setting.specimen)
+def _specimen_seed(setting: SensorSetting, shot: Shot, effect: str) -> int:
+    return _seed(effect, shot.run_seed, setting.specimen)
 
 
 def _seed(*parts: object) -> int:

@@ -1,6 +1,6 @@
 """Dirt and water drops on the front glass.
 
-The glass is a few centimetres in front of a lens that is focused on the street. Dirt and drops are therefore far out of focus and
+The glass is a few centimetres in front of a lens that is focused far away. Dirt and drops are therefore out of focus and
 appear as soft-edged patches. Dust absorbs light and scatters a little of the whole scene's light. A drop is a strong lens: it
 shows the surroundings small, upside down and strongly blurred.
 

@@ -1,4 +1,4 @@
-"""Calibration of predicted probabilities and quantiles, where whole places were held out."""
+"""Calibration of predicted probabilities and quantiles over whole places that were held out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 #: Bins of the calibration error and of the reliability diagram, of equal width over 0…1.
 BINS: Final = 10
-#: Signs drawn for the part of chance.
+#: Random sign vectors behind `Calibration.chance`.
 _DRAWS: Final = 400
 
 Floats = NDArray[np.float64]
@@ -25,8 +25,8 @@ class ReliabilityBin:
     Attributes:
         low, high: bounds of the bin; the last one includes 1.
         rows: number of rows, at least 1.
-        predicted: their mean probability.
-        observed: the share of them where the event happened.
+        predicted: mean probability of the rows.
+        observed: share of the rows in which the event happened.
     """
 
     low: float
@@ -38,15 +38,15 @@ class ReliabilityBin:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The agreement of probabilities with outcomes.
+    """Agreement of probabilities with outcomes.
 
     Attributes:
         error: expected calibration error Σ rows · |observed − predicted| / N over bins of equal width (Naeini, Cooper and
             Hauskrecht 2015, doi:10.1609/aaai.v29i1.9602).
-        chance: mean error that a perfectly calibrated model would show at this number of places. Each draw turns the signs
-            of the residuals of whole places at random, which leaves their spread and takes their direction.
-        places, rows: that both rest on.
-        bins: that hold rows.
+        chance: mean error that a perfectly calibrated model would show at this number of places. Each draw flips the signs
+            of the residuals of whole places at random, which keeps their spread and removes their direction.
+        places, rows: numbers that both errors are computed from.
+        bins: the bins that contain rows.
     """
 
     error: float
@@ -57,15 +57,15 @@ class Calibration:
 
     @property
     def on_new_places(self) -> float:
-        """A bound on the error at places like these that the run does not have: ``error`` + ``chance``.
+        """A bound on the error at similar places outside the run: ``error`` + ``chance``.
 
-        Held-out places are still places of the same sample, whose own luck their error does not show. Its coverage is
-        not established: docs/error-model.md has what was tried.
+        Held-out places belong to the same sample, so ``error`` alone does not show how far that sample is typical. The
+        coverage of the bound is not established: docs/error-model.md lists what was tried.
         """
         return self.error + self.chance
 
     def places_for(self, limit: float) -> int:
-        """Return the number of places at which `on_new_places` would be ``limit``, if both parts fell as chance does."""
+        """Return the number of places at which `on_new_places` would be ``limit`` if both parts fell with its square root."""
         return ceil(self.places * (self.on_new_places / limit) ** 2)
 
 
@@ -78,7 +78,7 @@ def calibration(
         predicted: (N,) probabilities, 0…1, each by a model that has not seen the row's place; N ≥ 1.
         happened: (N,) outcomes, or their true probabilities.
         places: (N,) place of each row.
-        seed: of the part of chance.
+        seed: of the random signs behind `Calibration.chance`.
     """
     numbers = np.minimum((predicted * BINS).astype(np.int64), BINS - 1)
     distinct, place = np.unique(places, return_inverse=True)
@@ -106,10 +106,10 @@ def calibration(
 
 
 def quantile_shares(below: Floats, bounds: Floats, values: Floats, levels: Sequence[float]) -> tuple[float, ...]:
-    """Return the share of values up to each quantile of a predicted distribution: the level itself where it is calibrated.
+    """Return the share of values up to each quantile of a predicted distribution; if calibrated, it equals the level.
 
-    A value counts by the part of its step of the distribution that lies below the level, so that values may pile up in a
-    step: the non-randomised probability integral transform (Czado, Gneiting and Held 2009,
+    A value counts by the part of its step of the distribution that is below the level, so values may pile up in one step:
+    the non-randomised probability integral transform (Czado, Gneiting and Held 2009,
     doi:10.1111/j.1541-0420.2009.01191.x).
 
     Args:

@@ -1,8 +1,8 @@
-"""Findings that hold: candidates are searched in one half of the places and confirmed in the other.
+"""Confirmed findings: one half of the places is searched for candidates, which the other half tests.
 
-Whatever the search looks at, and however it chooses, the places that confirm have had no part in it. So only the candidates
-count as comparisons: Holm's procedure (Holm 1979, Scandinavian Journal of Statistics 6, 65–70) over them bounds the chance
-of even one false confirmed finding by the level (splitting: Cox 1975, doi:10.1093/biomet/62.2.441).
+The places that confirm have no part in the search, however it chooses. So only the candidates count as comparisons: Holm's
+procedure (Holm 1979, Scandinavian Journal of Statistics 6, 65–70) over them bounds the chance of even one false confirmed
+finding by 1 − level (splitting: Cox 1975, doi:10.1093/biomet/62.2.441).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from valerie.statistics.contrasts import Change, Contrast, contrasts
 from valerie.statistics.observations import Observations
 from valerie.statistics.power import places_needed
 
-#: Share of false candidates that a search may hand on (Benjamini–Hochberg): each costs the others power.
+#: Largest expected share of false candidates (Benjamini–Hochberg): each costs the others power.
 FALSE_CANDIDATES: Final = 0.2
 #: Fewest and most candidates that a search hands on.
 FEWEST: Final = 2
 MOST: Final = 12
-#: Places that each half needs at least; with fewer, all places search and a fresh run confirms.
+#: Fewest places in each half; with fewer, all places are searched and a fresh run has to confirm.
 FEWEST_PLACES: Final = 5
 
 
@@ -34,7 +34,7 @@ class Search:
     """Candidates from one set of places.
 
     Attributes:
-        candidates: the clearest contrasts, the clearest first.
+        candidates: the contrasts with the smallest weighted p-values, ascending.
         comparisons: how many contrasts were looked at.
         places: places that were searched.
     """
@@ -46,18 +46,18 @@ class Search:
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """A candidate and what other places say of it.
+    """A candidate with its test on other places.
 
     Attributes:
         candidate: the contrast as the search saw it; its estimate is exaggerated, because it was chosen for its size.
-        contrast: the same contrast on places that the search did not see; None where they cannot show it.
+        contrast: the same contrast on places that the search did not see; None where it cannot be computed there.
         confirmed: whether they confirm it, in the same direction.
         adjusted_p: p-value with all candidates accounted for (Holm).
-        low, high: interval of the difference on the places that confirm. Of all intervals of confirmed findings, at most
-            1 − level miss the truth on average (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
-            them holds 0. Infinite where the places cannot tell.
-        places_needed: fresh places that confirm an effect half as large as the search saw in 90 % of runs, with all
-            candidates accounted for; None where no affordable number does.
+        low, high: interval of the difference on the places that confirm. On average at most 1 − level of the intervals of
+            confirmed findings miss the truth (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
+            them contains 0. Infinite where the places give no estimate of the error.
+        places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
+            with all candidates accounted for; None where no affordable number suffices.
     """
 
     candidate: Contrast
@@ -70,7 +70,7 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class Confirmations:
     """Candidates of a run, confirmed or not.
 
     Attributes:
@@ -90,14 +90,14 @@ class Findings:
 def halves(places: int, seed: int) -> NDArray[np.bool_]:
     """Choose half of the places for the search.
 
-    Of each two neighbours in their numbering one searches and one confirms, so that both halves spread over the whole design.
+    Of each pair of consecutive places one is searched and one confirms, so both halves cover the whole design.
 
     Args:
         places: number of places.
         seed: of the choice.
 
     Returns:
-        (places,) bool, True for places that search; of an odd number, the last one confirms.
+        (places,) bool, True for places to search; if the number is odd, the last place confirms.
     """
     couples = places // 2
     first = np.random.default_rng(seed).random(couples) < 0.5
@@ -107,14 +107,14 @@ def halves(places: int, seed: int) -> NDArray[np.bool_]:
 def search(
     observations: Observations, *, interactions: bool = True, only: Sequence[tuple[Change, ...]] | None = None
 ) -> Search:
-    """Look at every contrast and keep the clearest: those that false discovery control keeps, and always a few.
+    """Test every contrast and keep those that pass false discovery control, at least `FEWEST` and at most `MOST`.
 
-    Main effects as a whole are given as much weight as all interactions, which are many more.
+    All main effects together have the same weight as all interactions, which are far more numerous.
 
     Args:
         observations: the places to search.
-        interactions: whether to look at differences of differences too.
-        only: the changes to look at; None: all.
+        interactions: whether to test differences of differences too.
+        only: the changes to test; None: all.
     """
     looked_at = contrasts(observations, interactions=interactions, only=only)
     if not looked_at:
@@ -131,11 +131,11 @@ def search(
     )
 
 
-def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Findings:
-    """Judge candidates on places that the search did not see: the other half, or a fresh run.
+def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Confirmations:
+    """Test candidates on places that the search did not see: the other half, or a fresh run.
 
     Args:
-        candidates: of `search`.
+        candidates: from `search`.
         observations: rows of other places, with the same factors and codes.
         level: joint confidence; the chance of any false confirmed finding is at most 1 − ``level``.
 
@@ -157,7 +157,7 @@ def confirm(candidates: Search, observations: Observations, *, level: float = 0.
         needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
         findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed))
     findings.sort(key=lambda finding: not finding.confirmed)
-    return Findings(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
+    return Confirmations(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
 
 def find(
@@ -167,7 +167,7 @@ def find(
     interactions: bool = True,
     only: Sequence[tuple[Change, ...]] | None = None,
     level: float = 0.95,
-) -> Findings:
+) -> Confirmations:
     """Search half of the places and confirm in the other half; with too few places, search only.
 
     Args:
@@ -187,10 +187,10 @@ def find(
 def named(
     observations: Observations, *, only: Sequence[tuple[Change, ...]] | None = None, level: float = 0.95
 ) -> tuple[Confirmation, ...]:
-    """Return the main effects that all places at once show, by Holm's procedure over all of them; none is confirmed.
+    """Return the main effects that are significant over all places, by Holm's procedure; none counts as confirmed.
 
-    With few places this sees what halves of them cannot. Their p-values hold, but what the places share (a street, a house)
-    is in all of them.
+    With few places this detects what half of them cannot. The p-values are valid, but whatever the places share (a site,
+    a house) is part of each effect.
 
     Args:
         observations: all rows of a run.
@@ -219,13 +219,13 @@ def named(
 
 
 def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:
-    """Return how many places a run needs to see an effect of this size in such a contrast; None above ten million.
+    """Return the number of places that a run needs to detect an effect in such a contrast; None above ten million.
 
     Args:
-        contrast: says how much places differ.
+        contrast: supplies the standard deviation between places.
         effect: smallest difference to detect, in units of the values.
         level: confidence of the two-sided test.
-        power_wanted: chance to see it.
+        power_wanted: chance to detect it.
 
     Raises:
         InvalidInput: the effect is 0.
@@ -238,7 +238,7 @@ def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, powe
 
 
 def holm(p_values: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
-    """Return the p-values adjusted for their number, step by step (Holm 1979): at or below α they may all be rejected."""
+    """Return the p-values adjusted by Holm's step-down procedure: all at or below α may be rejected together."""
     p = np.asarray(p_values, np.float64)
     order = np.argsort(p, kind="stable")
     adjusted = np.empty_like(p)

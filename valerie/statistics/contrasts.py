@@ -2,10 +2,10 @@
 
 A factor that changes within places (sun, character, camera, function, version) is compared row by row: rows that agree in
 place and in all other factors form a *block*, and a contrast is the mean over places of the mean difference within its blocks.
-A factor that changes from place to place only (where somebody stands, or everything in a design that draws each variant)
+A factor that changes only from place to place (a person's position, or every factor of a design that draws each variant)
 is compared between the places' means, in a linear model with all such factors, so that the others stay equal too. Contrasts
 are always between two levels: where the factor has no effect, exchanging them changes nothing, so the difference is
-symmetric about 0 and Student's t keeps its level for bounded, piled and heavy-tailed scores (Efron 1969,
+symmetric about 0 and Student's t keeps its level for scores that are bounded, pile up or have heavy tails (Efron 1969,
 doi:10.1080/01621459.1969.10501056).
 """
 
@@ -25,7 +25,7 @@ from scipy.special import stdtr, stdtrit
 
 from valerie.statistics.observations import Observations, dense
 
-#: Rows are compared in blocks when at least this share of all combinations occurs; it bounds memory too.
+#: Rows are compared in blocks when at least this share of all combinations occurs. This also bounds memory.
 _FILLED: Final = 0.1
 #: Residual degrees of freedom below which the other factors of places are left out of the model.
 _FEWEST_DEGREES: Final = 3
@@ -34,7 +34,7 @@ _NO_SPREAD: Final = 1e-12
 
 
 class Matching(StrEnum):
-    """Matching of the two sides of a contrast."""
+    """Rule by which the two sides of a contrast are matched."""
 
     BLOCKS = "same place and all other factors equal"
     PLACES = "same place"
@@ -52,18 +52,18 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """A difference of means and how well it is known.
+    """A difference of means with its standard error.
 
     Attributes:
         changes: one change for a main effect; two for an interaction, whose estimate is the effect of the first change
             after the second one minus its effect before.
-        matching: how the sides are held equal.
+        matching: rule by which the sides are matched.
         estimate: mean after − mean before, in units of the values; each place weighs the same.
         error: its standard error.
-        degrees: degrees of freedom of the error; 0 where the places cannot tell.
-        p_value: two-sided, for this contrast alone; 1 where the places cannot tell.
-        places: places that it rests on.
-        pairs: pairs of rows (of an interaction: fours) that differ in the changes alone.
+        degrees: degrees of freedom of the error; 0 where it cannot be estimated.
+        p_value: two-sided, not adjusted for other contrasts; 1 where the error cannot be estimated.
+        places: number of places behind the estimate.
+        pairs: pairs of rows (groups of four for an interaction) that differ only in the changes.
         parameters: coefficients that the places determine besides the spread.
     """
 
@@ -79,11 +79,11 @@ class Contrast:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of one place's share in the estimate: error × √places."""
+        """Standard deviation of one place's contribution to the estimate: error × √places."""
         return self.error * float(np.sqrt(self.places))
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval by Student's t that holds the true difference with probability ``level``; infinite without degrees."""
+        """Return Student's t interval of the difference with confidence ``level``; infinite without degrees of freedom."""
         if self.degrees <= 0:
             return -float("inf"), float("inf")
         half = -float(stdtrit(self.degrees, (1 - level) / 2)) * self.error
@@ -93,13 +93,13 @@ class Contrast:
 def contrasts(
     observations: Observations, *, interactions: bool = True, only: Sequence[tuple[Change, ...]] | None = None
 ) -> tuple[Contrast, ...]:
-    """Compare every two levels of every factor, and (interactions) every two such differences.
+    """Compare every two levels of every factor and, as interactions, every two such differences.
 
     Args:
         observations: the rows.
-        interactions: whether to compare differences too: between two factors that change within places, and between one
-            that does and one that changes from place to place.
-        only: the changes to look at, in this order; those that the rows cannot show are left out.
+        interactions: whether to compare differences too: of two factors that change within places, or of one that does
+            and one that changes from place to place.
+        only: the changes to test, in this order; those that the rows cannot show are left out.
 
     Returns:
         Main effects first, in the order of the factors.
@@ -113,18 +113,18 @@ def contrasts(
 
 
 def largest_flips(observations: Observations, contrast: Contrast, count: int = 5) -> NDArray[np.int64]:
-    """Return the pairs of rows whose difference goes furthest in the direction of the contrast.
+    """Return the pairs of rows with the largest differences in the direction of the contrast.
 
-    Where several rows share all their levels, the last one stands for them.
+    Of several rows with equal levels, the last one is used.
 
     Args:
-        observations: the rows that the contrast was made of.
+        observations: the rows that the contrast was computed from.
         contrast: a main effect or an interaction.
         count: the largest number of pairs.
 
     Returns:
-        (K, 2) rows of the caller's arrays, before and after, the furthest first; (K, 4) for an interaction: before and
-        after the first change, first before and then after the second. Empty where no rows differ in the changes alone.
+        (K, 2) rows of the caller's arrays, before and after, largest difference first; (K, 4) for an interaction: before
+        and after the first change, first before and then after the second. Empty where no rows differ only in the changes.
     """
     names = [change.factor for change in contrast.changes]
     family = _Family(observations)
@@ -166,7 +166,7 @@ class _Family:
         self.grid = _table(observations, (*self.level_of_place, *self.within)) if self.level_of_place else None
 
     def all(self, interactions: bool, wanted: set[str] | None = None) -> Iterator[Contrast]:
-        """Yield main effects, then interactions, of the wanted factors (None: of all)."""
+        """Yield main effects, then interactions, of the ``wanted`` factors (None: all)."""
 
         def asked(*names: str) -> bool:
             return wanted is None or wanted.issuperset(names)
@@ -193,10 +193,9 @@ class _Family:
                     yield from self._between(self._changes_of(first), figures, second)
 
     def cells_of(self, names: Sequence[str], matching: Matching) -> tuple[NDArray[np.int64], tuple[int, ...]]:
-        """Return the cell (N,) of each row, and the shape of the cells: what the sides of a pair share in front and behind.
+        """Return the (N,) cell of each row and the shape of the table of cells.
 
-        The named factors stand between. In front stands the place, or the one cell of all places for a model; behind stand the
-        combinations of all other factors that occur.
+        The axes are the place (of size 1 for a model), the named factors, and the combinations of all other factors that occur.
         """
         others: list[str] = []
         if matching is not Matching.PLACES:
@@ -212,17 +211,17 @@ class _Family:
         return [Change(name, int(a), int(b)) for a, b in combinations(self.observations.levels[name], 2)]
 
     def _place_means(self) -> NDArray[np.float64]:
-        """(G,) mean of each place; where rows form blocks, each counts as what it differs from its like in other places."""
+        """Return the (G,) mean of each place; where rows form blocks, of their differences from the same cells elsewhere."""
         data = self.observations
         cells = _means(data.values, *self.cells_of((), Matching.BLOCKS))
         if cells is None or not self.within:
             return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
         usual = np.nanmean(cells, axis=0)
-        # Else a place whose hard rows are missing would look easy.
+        # Otherwise a place whose hard rows are missing would look easy.
         return np.asarray(np.nanmean(cells - usual, axis=1) + usual.mean())
 
     def _cells(self, names: Sequence[str]) -> tuple[NDArray[np.float64], Matching]:
-        """(G, L…, C) cell means: the named factors in front, the combinations of all others behind."""
+        """Return (G, L…, C) cell means: places, levels of the named factors, combinations of all others."""
         for matching in (Matching.BLOCKS, Matching.PLACES):
             index, shape = self.cells_of(names, matching)
             cells = _means(self.observations.values, index, shape)
@@ -231,13 +230,13 @@ class _Family:
         return np.full(shape, np.nan), Matching.PLACES
 
     def _changes(self, name: str) -> tuple[Matching, NDArray[np.float64]]:
-        """(G, S, C) differences of the cells for each change of a factor."""
+        """Return (G, S, C) differences of the cells for each change of a factor."""
         cells, matching = self._cells([name])
         before, after = _level_pairs(cells.shape[1])
         return matching, cells[:, after] - cells[:, before]
 
     def _double_changes(self, first: str, second: str) -> tuple[Matching, NDArray[np.float64]]:
-        """(G, S, C) differences of differences of the cells for each two changes of two factors."""
+        """Return (G, S, C) differences of differences of the cells for each pair of changes of two factors."""
         cells, matching = self._cells([first, second])
         a, b = _level_pairs(cells.shape[1])
         c, d = _level_pairs(cells.shape[2])
@@ -279,7 +278,7 @@ class _Family:
                     )
 
     def _model(self, name: str, rows: NDArray[np.bool_]) -> _Model:
-        """The model of the places in ``rows``, with the levels of a factor to compare."""
+        """Return the model of the places in ``rows`` that compares the levels of a factor."""
         key = name, rows.tobytes()
         if key not in self._models:
             codes = [levels[rows] for levels in self.level_of_place.values()]
@@ -288,7 +287,7 @@ class _Family:
         return self._models[key]
 
     def _matched(self, first: str | None, name: str) -> NDArray[np.int64]:
-        """(S, T) numbers of pairs (or fours) of rows that differ in the changes alone."""
+        """Return (S, T) numbers of pairs (or groups of four) of rows that differ only in the changes."""
         before, after = _level_pairs(len(self.observations.levels[name]))
         axes = [*self.level_of_place, *self.within]
         size = 1 if first is None else len(self._changes_of(first))
@@ -309,7 +308,7 @@ class _Family:
 class _Model:
     """Least squares of the places' figures on an intercept and all factors of places, additive.
 
-    With too few places for all factors, the compared one stands alone.
+    With too few places for all factors, only the compared one enters.
 
     Attributes:
         parameters: rank of the model.
@@ -338,11 +337,12 @@ class _Model:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Compare (G, S) figures between levels.
 
-        The error is the larger of two: that of the common spread of all levels, and that of the two levels' own spreads
-        (Welch 1947, doi:10.1093/biomet/34.1-2.28). A rare outlier in one of them thus never looks like an effect.
+        Of two errors, the one with the larger p-value counts: that of the common spread of all levels, and that of the two
+        levels' own spreads (Welch 1947, doi:10.1093/biomet/34.1-2.28). So a rare outlier in one level never looks like an
+        effect.
 
         Returns:
-            (T, S) differences, standard errors (infinite where nothing can be told), degrees of freedom and p-values.
+            (T, S) differences, standard errors (infinite where not estimable), degrees of freedom and p-values.
         """
         weights = np.zeros((len(before), self._design.shape[1]))
         t = np.arange(len(before))
@@ -410,7 +410,7 @@ def _p_values(
     degrees: NDArray[np.float64],
     without_spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Two-sided p-values of Student's t; where all places agree to the last bit, that of exchanging the levels."""
+    """Return two-sided p-values of Student's t; where the places show no spread, those of exchanging the levels."""
     flat = errors <= _NO_SPREAD
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(flat, 0.0, np.abs(estimates) / errors)
@@ -420,7 +420,7 @@ def _p_values(
 
 
 def _by_place(cells: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(G, S) means over the last axis of (G, S, C) differences, NaN aside, and (S,) how many there are."""
+    """Return (G, S) means over the last axis of (G, S, C) differences without NaN, and (S,) numbers of differences."""
     known = np.isfinite(cells)
     if known.all():
         return cells.mean(axis=2), np.full(cells.shape[1], cells.shape[0] * cells.shape[2])
@@ -432,18 +432,18 @@ def _by_place(cells: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 @cache
 def _level_pairs(levels: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Every two of L levels: (S,) the earlier and (S,) the later."""
+    """Return every pair of L levels: (S,) the lower and (S,) the higher."""
     before, after = np.triu_indices(levels, 1)
     return before.astype(np.int64), after.astype(np.int64)
 
 
 def _shape(observations: Observations, axes: Sequence[str | None]) -> tuple[int, ...]:
-    """Numbers of levels of some factors; None stands for the place."""
+    """Return the numbers of levels of some factors; None stands for the place."""
     return tuple(observations.places if name is None else len(observations.levels[name]) for name in axes)
 
 
 def _index(observations: Observations, axes: Sequence[str | None]) -> NDArray[np.int64]:
-    """(N,) number of each row's cell in a table of these axes."""
+    """Return the (N,) cell of each row in a table with these axes."""
     index = np.zeros(len(observations.values), np.int64)
     for name, size in zip(axes, _shape(observations, axes), strict=True):
         index = index * size + (observations.place if name is None else observations.factors[name])
@@ -451,12 +451,12 @@ def _index(observations: Observations, axes: Sequence[str | None]) -> NDArray[np
 
 
 def _table(observations: Observations, axes: Sequence[str | None]) -> NDArray[np.float64] | None:
-    """Means of all combinations of some factors; as `_means`."""
+    """Return the means of all combinations of some factors, as `_means` does."""
     return _means(observations.values, _index(observations, axes), _shape(observations, axes))
 
 
 def _means(values: NDArray[np.float64], index: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Means of the values in each cell, NaN where there is none; None where most cells are empty."""
+    """Return the mean of each cell, NaN where it is empty; None where most cells are empty."""
     if prod(shape) > len(values) / _FILLED:
         return None
     count = np.bincount(index, minlength=prod(shape))

@@ -1,14 +1,14 @@
-"""Curves between 0 and 1 that rise or fall where the data do, with a band that holds for whole places.
+"""Curves between 0 and 1 that rise or fall where the data do, with a confidence band over whole places.
 
 The axis is cut into bins with about equally many rows, each seen from several places. Three shapes are fitted to the bins: a
 *level*, the best *rising* or *falling* one (isotonic regression: Barlow et al. 1972, *Statistical Inference under Order
-Restrictions*), and the bins' own averages, *free*. Places left out decide: free where it predicts them best, a level where
-it predicts them as well as the monotone fit does (by one standard error: Breiman et al. 1984, section 3.4.3). A shape that
-its own bins contradict is given up for the next.
+Restrictions*), and the bins' own averages, *free*. Cross-validation over whole places chooses: *free* where it predicts
+best, a level where it predicts as well as the monotone fit (within one standard error: Breiman et al. 1984, section 3.4.3).
+If the bins contradict a shape, the next one is tried.
 
-The band rests on averages over all runs of neighbouring bins, whose intervals hold together. A curve that rises lies, at every
-x, above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
-doi:10.3150/bj/1065444813). So the band holds for cliffs as for slopes, and needs no smoothness. A level may rise or
+The band rests on averages over all ranges of adjacent bins, with simultaneous intervals. At every x, a rising curve is
+above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
+doi:10.3150/bj/1065444813). So the band is valid for cliffs as well as slopes and needs no smoothness. A level may rise or
 fall a little: its band is the union of both bands. The band of a free curve is that of the bins' averages.
 """
 
@@ -26,16 +26,16 @@ from scipy.special import ndtr, stdtrit
 from valerie.errors import InvalidInput
 from valerie.statistics.observations import dense
 
-#: Most bins, and how many places (by effective number) each has to be seen from.
+#: Most bins, and the smallest effective number of places in each.
 MAX_BINS: Final = 12
 PLACES_PER_BIN: Final = 4.0
 #: Folds of whole places.
 FOLDS: Final = 10
-#: Points at which a curve is given.
+#: Points at which a curve is evaluated.
 GRID: Final = 61
 #: More places than this are put into groups at random; the variance stays right, memory stays bounded.
 _MOST_GROUPS: Final = 500
-#: Random weights behind a joint interval.
+#: Random weight vectors behind a simultaneous interval.
 _DRAWS: Final = 500
 
 
@@ -47,7 +47,7 @@ class Shape(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Bins:
+class CurveBins:
     """Averages along the axis.
 
     Attributes:
@@ -75,8 +75,9 @@ class Curve:
         x: `GRID` points from the smallest to the largest x.
         y: the curve there.
         low, high: the band; with the stated confidence it holds the true curve at all x together.
-        bins: what it was fitted to.
-        places: number of places; ``rows`` is that of rows, and ``undefined`` of those left out.
+        bins: the averages that it was fitted to.
+        places, rows: numbers of places and rows.
+        undefined: number of rows left out.
     """
 
     shape: Shape
@@ -84,7 +85,7 @@ class Curve:
     y: tuple[float, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
-    bins: Bins
+    bins: CurveBins
     places: int
     rows: int
     undefined: int
@@ -96,14 +97,14 @@ def fit_curve(
     """Fit values over x.
 
     Args:
-        x: (N,); rows with a gap are left out.
-        values: (N,) scores in 0…1; the same.
+        x: (N,); rows without a finite number are left out.
+        values: (N,) scores in 0…1; likewise.
         places: (N,) whole numbers, the independent unit of each row.
         seed: of folds and random weights.
-        confidence: of the band as a whole.
+        confidence: that the whole band holds.
 
     Returns:
-        None where the places are too few for two bins.
+        The curve; None with too few places for two bins.
 
     Raises:
         InvalidInput: a value lies outside 0…1, or the lengths differ.
@@ -136,7 +137,7 @@ def fit_curve(
         tuple(y.tolist()),
         tuple(np.minimum(low, y).tolist()),
         tuple(np.maximum(high, y).tolist()),
-        Bins(
+        CurveBins(
             tuple(data.low.tolist()),
             tuple(data.high.tolist()),
             tuple(data.centre.tolist()),
@@ -152,12 +153,12 @@ def fit_curve(
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """Where a curve leaves the level that it has at the end of its first bin, on the axis; None where that is not seen.
+    """The x at which a curve leaves the level that it has at the end of its first bin; None where it does not.
 
     Attributes:
-        estimate: where the curve itself does.
-        not_before: the level surely holds up to here; None where the band is too wide to tell anywhere.
-        at_latest: the level is surely left by here.
+        estimate: x by the curve itself.
+        not_before: x up to which the whole band keeps the level; None where the band is too wide to tell.
+        at_latest: x by which the whole band has left the level.
     """
 
     estimate: float | None
@@ -166,9 +167,9 @@ class Departure:
 
 
 def departure(curve: Curve, by: float) -> Departure:
-    """Return where a curve differs by more than ``by`` from the end of its first bin, as far as its band tells.
+    """Return where a curve differs by more than ``by`` from its value at the end of its first bin.
 
-    The band holds the whole true curve at once, and so holds what follows from it: no further error is added.
+    The band contains the whole true curve at once, so bounds derived from it need no further correction.
 
     Args:
         curve: from `fit_curve`.
@@ -191,13 +192,12 @@ def departure(curve: Curve, by: float) -> Departure:
 def contradicted_bins(
     fitted: ArrayLike, x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int = 0, confidence: float = 0.95
 ) -> tuple[int, ...]:
-    """Return the bins of x whose average a curve misses by more than chance; of polynomials and of any other curve.
+    """Return the bins of x whose average any curve, such as a polynomial, misses by more than chance.
 
     Args:
         fitted: (N,) the curve at each row's x.
-        x, values, places: as of `fit_curve`.
-        seed: as of `fit_curve`.
-        confidence: chance that a true curve is contradicted in no bin.
+        x, values, places, seed: as for `fit_curve`.
+        confidence: probability that no bin contradicts a true curve.
     """
     data = _sums(x, values, places, seed)
     if data is None:
@@ -208,12 +208,13 @@ def contradicted_bins(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """Sums by group of places and bin, and what every shape needs of them.
+    """Sums by group of places and by bin, from which every shape is fitted.
 
     Attributes:
         total, count: (G, B) sum of values and number of rows.
-        low, high, centre, mean, rows, seen_from: (B,) of the bins, as in `Bins`.
-        places: number of places; ``undefined`` of rows left out.
+        low, high, centre, mean, rows, seen_from: (B,) of the bins, as in `Bins`; ``seen_from`` is `Bins.places`.
+        places: number of places.
+        undefined: number of rows left out.
         used: (N,) bool, rows of the caller that count.
         along, bin_of: (M,) x and bin of these rows.
     """
@@ -237,7 +238,7 @@ class _Sums:
         return _fit(shape, self.total.sum(axis=0), self.count.sum(axis=0))
 
     def averages(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (B,) means over the bins of what a curve says at each of the (M,) rows."""
+        """Return the (B,) means over the bins of a curve's values at the (M,) rows."""
         return np.asarray(np.bincount(self.bin_of, weights=drawn) / self.rows)
 
 
@@ -288,7 +289,7 @@ def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sum
 
 
 def _fit(shape: Shape, total: NDArray[np.float64], count: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of a shape at the bins, from sums and numbers of rows; bins without rows take what lies beside them."""
+    """Return the values of a shape at the bins, from sums and numbers of rows; bins without rows are interpolated."""
     filled = np.flatnonzero(count)
     mean, weight = total[filled] / count[filled], count[filled]
     if shape is Shape.LEVEL:
@@ -299,7 +300,7 @@ def _fit(shape: Shape, total: NDArray[np.float64], count: NDArray[np.float64]) -
 
 
 def _by_simplicity(data: _Sums, seed: int) -> list[Shape]:
-    """Shapes that predict places left out as well as the best does, the simplest first, and free at the end."""
+    """Return the shapes that predict held-out places as well as the best one, simplest first, *free* at the end."""
     groups = len(data.total)
     folds = min(FOLDS, groups)
     fold_of = np.random.default_rng(seed).permutation(groups) % folds
@@ -325,7 +326,7 @@ def _by_simplicity(data: _Sums, seed: int) -> list[Shape]:
 
 
 def _errors(total: NDArray[np.float64], count: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Standard errors and degrees of freedom of ratios Σ total / Σ count over groups, by their residuals."""
+    """Return standard errors and degrees of freedom of the ratios Σ total / Σ count over groups, from their residuals."""
     rows = count.sum(axis=0)
     effective = rows**2 / (count**2).sum(axis=0)
     residual = total - total.sum(axis=0) / rows * count
@@ -334,17 +335,17 @@ def _errors(total: NDArray[np.float64], count: NDArray[np.float64]) -> tuple[NDA
 
 
 class _Band:
-    """Intervals of the averages over runs of neighbouring bins, which hold together.
+    """Simultaneous intervals of the averages over ranges of adjacent bins.
 
     Attributes:
-        low, high: (B, B) ends of the interval of the bins a…b, at [a, b]; −inf and inf for b < a.
+        low, high: (B, B) ends of the interval of bins a…b at [a, b]; −inf and inf for b < a.
     """
 
     def __init__(self, data: _Sums, single: bool, confidence: float, seed: int) -> None:
         """Args:
         data: sums by group and bin.
-        single: whether to look at single bins only.
-        confidence: that all hold.
+        single: whether to use single bins only.
+        confidence: that all intervals hold.
         seed: of the random weights.
         """
         bins = len(data.mean)
@@ -358,7 +359,7 @@ class _Band:
         error, degrees = _errors(total, count)
         tail = _joint_tail(total - mean * count, confidence, seed)
         half = -stdtrit(degrees, tail) * error
-        # What one place at 0 or at 1, of which none was drawn, could add.
+        # The largest shift by one place at 0 or at 1 that was not drawn.
         unseen = 1 - tail ** (1 / (degrees + 1))
         self.low, self.high = np.full((bins, bins), -np.inf), np.full((bins, bins), np.inf)
         self.low[first, last] = np.clip(np.minimum(mean - half, (1 - unseen) * mean), 0, 1)
@@ -366,13 +367,13 @@ class _Band:
         self._edges = data.low, data.high
 
     def leaves_out(self, fitted: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which bins' intervals do not hold (B,) values."""
+        """Return (B,) bool, True where a fitted value is outside the interval of its bin."""
         return np.asarray((fitted < self.low.diagonal() - 1e-9) | (fitted > self.high.diagonal() + 1e-9))
 
     def monotone(self, x: NDArray[np.float64], *, rising: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ends of the band at x of a curve that rises, or falls."""
+        """Return the lower and upper band at ``x`` of a rising (or falling) curve."""
         left, right = self._edges
-        # The best bound from averages that end at or before bin b, or begin at or after bin a.
+        # The tightest bound by averages that end at or before bin b, or begin at or after bin a.
         if rising:
             before, after = (
                 np.maximum.accumulate(self.low.max(axis=0)),
@@ -391,14 +392,14 @@ class _Band:
 
 
 def _joint_tail(residual: NDArray[np.float64], confidence: float, seed: int) -> float:
-    """Probability on each side of each of M intervals that makes all hold together.
+    """Return the tail probability of each side of M intervals at which all hold together.
 
-    The largest of the M standardised means is drawn with random normal weights of the groups (multiplier bootstrap:
+    The largest of the M standardised means is simulated with random normal weights of the groups (multiplier bootstrap:
     Chernozhukov, Chetverikov & Kato 2013, doi:10.1214/13-AOS1161).
 
     Args:
-        residual: (G, M) what each group adds to the deviation of each mean.
-        confidence: that all hold.
+        residual: (G, M) contribution of each group to the deviation of each mean.
+        confidence: that all intervals hold.
         seed: of the weights.
     """
     size = np.sqrt((residual**2).sum(axis=0))

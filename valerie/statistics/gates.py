@@ -1,10 +1,10 @@
-"""Is a version worse than the baseline? Paired on identical frames, by whole places, slice by slice.
+"""Regression gate: is a version worse than its baseline? Paired on identical frames, by whole places, slice by slice.
 
-Three tests look at the differences of the places in each slice, because a version can become worse in different ways: Student's
-t sees a mean shift made of large differences, the signed-rank test (Wilcoxon 1945, doi:10.2307/3001968) a small shift of most
-places, and McNemar's test (1947, doi:10.1007/BF02295996) rows that passed and now fail. Their p-values are combined
-by the Cauchy rule, which holds although they are dependent (Liu & Xie 2020, doi:10.1080/01621459.2018.1554485), and the
-slices are judged together by Benjamini & Hochberg (1995, doi:10.1111/j.2517-6161.1995.tb02031.x). What is tested is that
+Three tests compare the places of each slice, because a version can become worse in different ways: Student's t detects a
+mean shift made of large differences, the signed-rank test (Wilcoxon 1945, doi:10.2307/3001968) a small shift of most
+places, and McNemar's test (1947, doi:10.1007/BF02295996) rows that passed and now fail. Their p-values are combined by the
+Cauchy rule, which is valid although they are dependent (Liu & Xie 2020, doi:10.1080/01621459.2018.1554485), and the slices
+are judged together by Benjamini & Hochberg (1995, doi:10.1111/j.2517-6161.1995.tb02031.x). The null hypothesis is that
 exchanging baseline and version changes nothing.
 """
 
@@ -23,9 +23,9 @@ from valerie.errors import InvalidInput
 from valerie.statistics.observations import dense
 from valerie.statistics.power import places_needed
 
-#: Up to this many places the signed-rank test counts all signs; above, the normal approximation is used.
+#: Up to this many places the signed-rank test enumerates all signs; above, it uses the normal approximation.
 _EXACT: Final = 25
-#: A p-value near 1 must not outweigh small ones in the Cauchy rule.
+#: Cap of the p-values: one near 1 must not outweigh small ones in the Cauchy rule.
 _LARGEST: Final = 0.9
 #: Tests that share the level of a slice.
 _TESTS: Final = 3
@@ -40,16 +40,18 @@ class SliceComparison:
     Attributes:
         name: of the slice.
         difference: mean over places of the mean difference of their rows.
-        low, high: 95 % interval of it alone, by Student's t over places; infinite with fewer than two.
-        places: number of places with rows in the slice; ``pairs`` is that of rows.
-        lost, gained: rows that passed and now fail; that failed and now pass.
-        t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where one has nothing to look at.
-        p_value: of their combination; 1 where none has.
+        low, high: its 95 % interval by Student's t over places, not adjusted for other slices; infinite with fewer than
+            two.
+        places: number of places with rows in the slice.
+        pairs: number of rows.
+        lost, gained: rows that passed and now fail; rows that failed and now pass.
+        t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where a test has no data.
+        p_value: their combination; 1 where none has data.
         adjusted_p: with all slices accounted for.
         worse: whether the slice is worse, at the gate's rate of false discoveries.
-        flips: rows that fell furthest, the furthest first.
-        places_needed: places needed to detect the effect; None where no affordable number suffices, or
-            where the places cannot say.
+        flips: rows with the largest drops, largest first.
+        places_needed: places needed to detect the effect; None where no affordable number suffices or the deviation is
+            unknown.
     """
 
     name: str
@@ -76,10 +78,10 @@ class Gate:
 
     Attributes:
         slices: in the order given.
-        false_discoveries: largest expected share of slices named worse that are not.
+        false_discoveries: largest expected share of false ones among the slices named worse.
         threshold: score that a row needs to pass.
         effect: smallest drop to detect.
-        unpaired: rows that only one of the two has a value for.
+        unpaired: rows for which only one of the two has a value.
     """
 
     slices: tuple[SliceComparison, ...]
@@ -178,14 +180,13 @@ def compare_versions(
 def places_for_gate(
     effect: float, deviation: float, slices: int, *, false_discoveries: float = 0.05, power_wanted: float = 0.9
 ) -> int | None:
-    """Return how many places each slice needs, said before a run.
+    """Return the number of places that each slice needs, to plan a run.
 
-    Reckoned for the t-test alone, as if the other two saw nothing and this slice alone were worse: the usual number
-    is smaller.
+    It assumes that only the t-test detects the drop and that only this slice is worse; usually fewer places suffice.
 
     Args:
         effect: smallest drop to detect.
-        deviation: standard deviation of a place's mean difference, of an earlier comparison.
+        deviation: standard deviation of a place's mean difference, from an earlier comparison.
         slices: number of slices of the gate.
         false_discoveries: rate of the gate.
         power_wanted: chance to name the slice.
@@ -207,12 +208,12 @@ def t_test(differences: NDArray[np.float64]) -> float:
 def signed_rank_test(differences: NDArray[np.float64]) -> float:
     """Return the signed-rank test's one-sided p-value that (G,) differences do not lie below 0; NaN where all are 0.
 
-    Differences of 0 are left out; ties share their mean rank. Exact by counting all signs for up to 25 places.
+    Differences of 0 are left out; ties share their mean rank. Exact for up to 25 places.
     """
     nonzero = differences[np.abs(differences) > _NO_DIFFERENCE]
     if not len(nonzero):
         return float("nan")
-    # Rounding must not part differences that are equal.
+    # Rounding errors must not separate equal differences.
     ranks = rankdata(np.round(np.abs(nonzero), 12))
     positive = float(ranks[nonzero > 0].sum())
     if len(nonzero) > _EXACT:
@@ -230,14 +231,14 @@ def signed_rank_test(differences: NDArray[np.float64]) -> float:
 def flip_test(net: NDArray[np.float64]) -> float:
     """Return McNemar's exact one-sided p-value of (G,) net flips of the places, gained − lost; NaN where none flips.
 
-    A place counts once, as better or worse, whatever the number of its rows.
+    A place counts once, as better or worse, however many rows it has.
     """
     lost, gained = int(np.count_nonzero(net < 0)), int(np.count_nonzero(net > 0))
     return float(bdtr(gained, lost + gained, 0.5)) if lost + gained else float("nan")
 
 
 def combine(p_values: ArrayLike) -> float:
-    """Return the Cauchy combination of p-values; NaN ones are left out, and 1 comes of none."""
+    """Return the Cauchy combination of p-values without NaN; 1 where none is left."""
     p = np.asarray(p_values, np.float64)
     p = np.minimum(p[np.isfinite(p)], _LARGEST)
     if not len(p):
@@ -248,7 +249,7 @@ def combine(p_values: ArrayLike) -> float:
 
 
 def _interval(differences: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Ends of the 95 % interval of the mean, and the standard deviation (NaN with fewer than two)."""
+    """Return the ends of the 95 % interval of the mean, and the standard deviation (NaN with fewer than two)."""
     if len(differences) < 2:
         return -float("inf"), float("inf"), float("nan")
     mean, deviation = float(differences.mean()), float(differences.std(ddof=1))

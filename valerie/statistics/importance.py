@@ -1,8 +1,8 @@
-"""Find the columns that explain the scores: shares of variance for set factors, tests for measured quantities.
+"""Importance of columns for the scores: shares of variance for set factors, tests for measured quantities.
 
 A factor that the spec sets is varied by design, so its share of the variance is its own. Measured quantities (occlusion,
-contrast, pixel area) are correlated, and each stands for all that correlates with it. For them the question is: does the
-score depend on this column among rows that are alike in all other columns?
+contrast, pixel area) are correlated with each other. For them the question is: does the score depend on this column among
+rows that are alike in all other columns?
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from valerie.errors import InvalidInput, MissingDependency
 from valerie.statistics.confirmation import holm
 from valerie.statistics.observations import Observations, dense
 
-#: Fewer places than this cannot be split into folds that say anything.
+#: Fewer places than this cannot be split into useful folds.
 MIN_PLACES: Final = 20
-#: Rows that models are fitted to; of more, whole places are drawn.
+#: Most rows that models are fitted to; from more, whole places are drawn.
 MAX_ROWS: Final = 4_000
 #: Adjusted p-value up to which a column is named. At 0.05, planted decoys made up to 6 % of false discoveries, since the
 #: columns' dependence is estimated too.
 NAMED: Final = 0.025
-#: F ratio above which an interaction is taken out of what the others leave.
+#: F ratio above which an interaction is subtracted before the other pairs are fitted.
 _CLEAR: Final = 2.0
 _FOLDS: Final = 5
 _PERMUTATIONS: Final = 10
@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Share of the variance of the scores that a factor explains, alone and with others.
+    """Share of the variance of the scores that a factor explains, alone and in interactions.
 
     Attributes:
         factor: its name.
@@ -67,9 +67,9 @@ class Importance:
 
     Attributes:
         column: its name.
-        loss: what the model's mean squared error gains when the column is exchanged among alike rows, as a share of the
+        loss: increase of the model's mean squared error when the column is exchanged among alike rows, as a share of the
             variance of the scores.
-        p_value: one-sided, of no gain, adjusted by Holm for all columns.
+        p_value: one-sided, of no increase, adjusted by Holm for all columns.
     """
 
     column: str
@@ -78,17 +78,17 @@ class Importance:
 
     @property
     def named(self) -> bool:
-        """Return True if the column explains scores that the others do not."""
+        """True if the column explains scores that the others do not."""
         return self.p_value <= NAMED
 
 
 def variance_shares(observations: Observations) -> tuple[Share, ...]:
     """Return the share of each factor, largest total first; empty where scores or factors do not vary.
 
-    The scores are decomposed into an additive part, fitted by least squares, and the cell means of what it leaves for each
+    The scores are decomposed into an additive part, fitted by least squares, and the cell means of its residuals for each
     pair of factors. Both are adjusted for what noise alone would explain (as in adjusted R²). A pair's share is divided
     equally: the Shapley effects of independent inputs (Owen 2014, doi:10.1137/130936233) without interactions of three and
-    more factors, which stay unexplained. There is no interval, since none was shown to hold its coverage.
+    more factors, which stay unexplained. There is no interval, because none tried kept its coverage.
 
     Args:
         observations: scores and codes of factors that are crossed or drawn independently.
@@ -116,7 +116,7 @@ def variance_shares(observations: Observations) -> tuple[Share, ...]:
 
 
 def _main_effects(values: Floats, factors: Mapping[str, NDArray[np.int64]]) -> tuple[dict[str, float], Floats]:
-    """Return the sum of squares of each factor, adjusted for noise, and (N,) what the additive fit leaves."""
+    """Return the sum of squares of each factor, adjusted for noise, and the (N,) residuals of the additive fit."""
     blocks = [np.eye(int(codes.max()) + 1)[codes][:, 1:] for codes in factors.values()]
     design = np.column_stack([block - block.mean(axis=0) for block in blocks])
     centred = values - values.mean()
@@ -151,16 +151,16 @@ def measured_importance(
 ) -> tuple[Importance, ...]:
     """Test each measured column, all others equal; return the smallest p-value first.
 
-    A model of the scores (gradient-boosted trees) is fitted in five folds of whole places and judged on the places that it
-    has not seen. One column at a time is exchanged: a regression on all others, also out of fold, predicts it, and its
-    residuals are permuted among rows with alike predictions. Where the score does not depend on the column given the
-    others, original and exchanged values are equally good, whatever the model: the mean difference of the squared
-    errors over places is 0, which Student's t tests one-sided (conditional predictive impact: Watson and Wright 2021,
+    A model of the scores (additive with gradient-boosted trees) is fitted in five folds of whole places and judged on the
+    places that it has not seen. One column at a time is exchanged: a regression on all others predicts it, and its
+    residuals are permuted among rows with similar predictions. Where the score does not depend on the column given the
+    others, original and exchanged values are equally good for any model: the mean difference of the squared errors over
+    places is 0, which Student's t tests one-sided (conditional predictive impact: Watson and Wright 2021,
     doi:10.1007/s10994-021-06030-6; permutation given the others: Strobl et al. 2008, doi:10.1186/1471-2105-9-307).
 
     Args:
         values: (N,) finite scores.
-        places: (N,) whole numbers, the place of each row; of more than `MAX_ROWS` rows, some places are drawn.
+        places: (N,) whole numbers, the place of each row; with more than `MAX_ROWS` rows, some places are drawn.
         columns: name to (N,) finite numbers; a column that hardly differs from the others is never named.
         seed: of folds and permutations.
 
@@ -179,7 +179,7 @@ def measured_importance(
     varying = [k for k in range(numbers.shape[1]) if len(rows) and np.ptp(numbers[:, k]) > 0]
     if count < MIN_PLACES or not varying or np.ptp(scores) == 0:
         return ()
-    # Trees do not see monotone scales, and the regressions are nearly linear on this one.
+    # Monotone transforms do not affect trees, and the regressions are nearly linear on this scale.
     normal = np.column_stack([ndtri((rankdata(numbers[:, k]) - 0.5) / len(rows)) for k in varying])
     fold = (generator.permutation(count) % _FOLDS)[place]
     models = [_fit(normal[fold != k], scores[fold != k]) for k in range(_FOLDS)]
@@ -221,7 +221,7 @@ def _checked(
 
 
 def _some_places(place: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
-    """Return the rows of places drawn at random, up to `MAX_ROWS` rows; all where there are no more."""
+    """Return the rows of places drawn at random, about `MAX_ROWS` at most; all where there are no more."""
     number, occupied = dense(place)
     order = generator.permutation(len(occupied))
     reached = np.cumsum(np.bincount(number, minlength=len(occupied))[order])
@@ -231,10 +231,10 @@ def _some_places(place: NDArray[np.int64], generator: np.random.Generator) -> ND
 
 
 def _fit(x: Floats, scores: Floats) -> Callable[[Floats], Floats]:
-    """Return a model of the scores: an additive one of few columns, and boosted trees on what that leaves.
+    """Return a model of the scores: an additive one of few columns, with boosted trees on its residuals.
 
     The additive model is piecewise linear in each of its columns, which are added one by one while Schwarz's criterion falls
-    (1978, doi:10.1214/aos/1176344136). Trees alone share an effect out among columns that go together.
+    (1978, doi:10.1214/aos/1176344136). Trees without it would divide an effect among correlated columns.
     """
     try:
         from sklearn.ensemble import HistGradientBoostingRegressor
@@ -271,7 +271,7 @@ def _basis(x: Floats) -> Floats:
 
 
 def _exchanged(x: Floats, column: int, generator: np.random.Generator) -> Iterator[Floats]:
-    """Yield ``x`` with one column drawn anew given the others: its residuals are permuted among alike rows."""
+    """Yield ``x`` with one column drawn anew given the others: its residuals are permuted among similar rows."""
     own, others = x[:, column], np.delete(x, column, axis=1)
     linear = np.column_stack((np.ones(len(x)), others))
     predicted = linear @ np.linalg.lstsq(linear, own, rcond=1e-6)[0]
@@ -287,12 +287,12 @@ def _exchanged(x: Floats, column: int, generator: np.random.Generator) -> Iterat
         shuffled = order[np.lexsort((generator.random(len(x)), stratum))]
         exchanged = x.copy()
         drawn = predicted[order] + residual[shuffled]
-        exchanged[order, column] = known[np.searchsorted(middles, drawn)]  # piles, as of no occlusion, stay piles
+        exchanged[order, column] = known[np.searchsorted(middles, drawn)]  # piled values stay piled
         yield exchanged
 
 
 def _ridge(features: Floats, y: Floats) -> Floats:
-    """Return the coefficients of ridge regression; its penalty by generalised cross-validation (Golub et al. 1979)."""
+    """Return the coefficients of ridge regression with the penalty of generalised cross-validation (Golub et al. 1979)."""
     values, vectors = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, 0.0)
     projected = vectors.T @ (features.T @ y)

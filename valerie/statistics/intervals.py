@@ -1,25 +1,25 @@
 """Intervals of means: one entry point for means, shares and ratios of sums of scores in [0, 1].
 
 A share is the mean of rows that are 0 or 1; a pooled ratio Σ tp / Σ (tp + fn) is the mean of pACC weighted by pixels. All
-of them are Σ s / Σ n over units, and everything below is computed from these sums of whole units. Two methods share the
-work, since none is both narrow on mild data and right where failures are rare:
+of them are Σ s / Σ n over units and are computed from these sums of whole units. There are two methods, since none is both
+narrow on mild data and valid where failures are rare:
 
 *Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
 *Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ or
-are strongly skewed, or rows have weights, which may go with the scores. Then the units that were drawn say little about
-those that were not. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
+are strongly skewed, or rows have weights, which may correlate with the scores. Then the units that were drawn say little
+about the rest. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
 drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile
 of the weighted mean; from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of
 Statistics* 14, 451–467); that it always holds is a conjecture (Learned-Miller and Thomas 2019, arXiv:1905.06208). The
 weighted mean is taken to have a beta distribution with its own mean, variance and skewness. For units of one row that is
 0 or 1 this is exact: it gives the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The two sides share
-the error as 1 + s : 1 − s, s = (2 mean − 1) / 5, since a mean near 1 is seldom missed above. Intervals of rare failures
+the error as 1 + s : 1 − s with s = (2 mean − 1) / 5, because an interval near 1 seldom misses above. Intervals of rare failures
 are thus 4 % narrower, and of the 95 % that Clopper and Pearson guarantee, 94.2 % remain for every share (enumerated for 6
 to 60, 70, 80, 100, 150, 200, 400 and 1000 units).
 
 Where a design draws its units together, the variance comes from its replicates (`valerie.statistics.replicates`).
-The coverage of all this is measured by ``make bench-coverage`` and stands in docs/statistics.md.
+``make bench-coverage`` measures the coverage; docs/statistics.md has the figures.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from valerie.statistics.units import Estimand, Units
 
 #: Fewer units than this give no interval.
 MIN_UNITS: Final = 6
-#: Nor do units so unequal in size that they are worth fewer equal ones than this.
+#: Nor do unequal units that are worth fewer than this many of equal size.
 MIN_WORTH: Final = 4.0
 #: A score this near to 0 or 1 lies at an end of the range.
 _END: Final = 0.1
-#: Scores are piled if at least this part of the rows lies at an end.
+#: Scores are piled up if at least this part of the rows is at an end.
 _PILED: Final = 0.5
 #: Units with a standard deviation below this hardly differ.
 _NARROW: Final = 0.1
@@ -56,14 +56,14 @@ _LEAST: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An interval that holds the true mean with confidence ``level``.
+    """An interval that contains the true mean with confidence ``level``.
 
     Attributes:
         low, high: its ends, within [0, 1].
         estimate: mean of the data.
         level: confidence.
         units: number of units that were drawn.
-        method: how the interval was computed, in words.
+        method: the method in words.
         estimand: what the mean is over.
     """
 
@@ -78,11 +78,11 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why there is no interval.
+    """Refusal of an interval.
 
     Attributes:
         reason: one sentence.
-        more_units: how many more units would give one; of what, ``reason`` says.
+        more_units: how many more units would give an interval; ``reason`` names them.
         estimate: mean of the data; None without rows.
         units: number of units.
         estimand: what the mean is over.
@@ -98,13 +98,13 @@ class Refusal:
 def mean_interval(
     values: ArrayLike, units: Units, *, weights: ArrayLike | None = None, level: float = 0.95
 ) -> Interval | Refusal:
-    """Return the interval of a mean, or why there is none.
+    """Return the interval of a mean, or the reason why there is none.
 
     Args:
-        values: (N,) scores in [0, 1]; bool for a share. Rows without a value are left out beforehand, of ``units`` too
+        values: (N,) scores in [0, 1]; bool for a share. The caller leaves rows without a value out, also from ``units``
             (`Units.of`).
         units: the sampling units of the rows.
-        weights: (N,) ≥ 0, for a ratio of sums: the denominators. All 1 without it.
+        weights: (N,) ≥ 0, the denominators of a ratio of sums; default 1.
         level: confidence, 0 < level < 1.
 
     Raises:
@@ -128,7 +128,7 @@ def mean_interval(
         if by_replicate is not None:
             method += f", variance of {replicates} replicates"
             spread = _beta(per_unit, tail, unseen, _between(by_replicate, per_unit, tail))
-            # Evenly spread points vary no more than independent ones: where replicates say otherwise, they err.
+            # Evenly spread points vary no more than independent ones, so a wider interval by replicates is an error of theirs.
             low, high = max(low, spread[0]), min(high, spread[1])
     elif by_replicate is not None:
         low, high = _student(by_replicate, tail)
@@ -146,7 +146,7 @@ def mean_interval(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """Sums of whole units with rows: (G,) of weighted scores, (G,) of weights > 0."""
+    """Sums of whole units with rows: (G,) weighted scores, (G,) weights > 0."""
 
     sums: NDArray[np.float64]
     sizes: NDArray[np.float64]
@@ -169,7 +169,7 @@ class _Sums:
 
     @property
     def worth(self) -> float:
-        """Return the number of units of equal size with the same information (Kish 1965, *Survey Sampling*, section 11.7)."""
+        """Number of units of equal size with the same information (Kish 1965, *Survey Sampling*, section 11.7)."""
         return float(self.sizes.sum() ** 2 / (self.sizes**2).sum())
 
     @property
@@ -192,7 +192,7 @@ class _Sums:
 
     @property
     def mirrored(self) -> _Sums:
-        """The same of 1 − score."""
+        """The sums of 1 − score."""
         return _Sums(self.sizes - self.sums, self.sizes)
 
 
@@ -205,10 +205,10 @@ def _beta(sums: _Sums, tail: float, unseen: float, variance: float | None = None
     """Return the bounds that an unseen unit of size ``unseen`` leaves.
 
     Args:
-        sums: of units.
+        sums: sums of the units.
         tail: error of each side.
         unseen: size of the unseen unit.
-        variance: of the mean, where it is known better than from independent units.
+        variance: of the mean; None: that of independent units.
     """
     shift = _SHIFT * (2 * sums.mean - 1)
     low = _beta_low(sums, tail * (1 + shift), unseen, variance)
@@ -240,7 +240,7 @@ def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -
 
 
 def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units: Units) -> _Sums | None:
-    """Return the sums of whole replicates; None where units are to be taken as independent."""
+    """Return the sums of whole replicates; None where units count as independent."""
     if units.replicate is None or _single(units):
         return None
     occupied, replicate = np.unique(units.replicate, return_inverse=True)
@@ -262,7 +262,7 @@ def _between(by_replicate: _Sums, per_unit: _Sums, tail: float) -> float:
 
 
 def _single(units: Units) -> bool:
-    """Say whether every replicate is one unit: then units are independent."""
+    """Return True if every replicate is one unit, so that units are independent."""
     return units.replicate is not None and len(np.unique(units.replicate)) == units.count
 
 
@@ -272,7 +272,7 @@ def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
         missing = MIN_UNITS - 1
         reason = (
             "the variants are listed, not drawn at random, and say nothing about what lies between them; "
-            f"repeat them on {missing} more streets, or draw the variants"
+            f"repeat them on {missing} more sites, or draw the variants"
         )
     elif count < MIN_UNITS:
         missing = MIN_UNITS - count

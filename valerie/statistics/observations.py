@@ -1,4 +1,4 @@
-"""Scores with the place and the factor levels of each row, as every comparison reads them."""
+"""Scores with the place and the factor levels of each row: the input of every comparison."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
 
-#: Levels that a factor may have; above this its values are to be binned first (`bin_codes`).
+#: Most levels of a factor; bin its values first where it has more (`bin_codes`).
 MAX_LEVELS: Final = 32
 
 
@@ -21,11 +21,11 @@ class Observations:
 
     Attributes:
         values: (N,) float64, finite.
-        place: (N,) int64, 0…places − 1: the unit that is drawn as a whole.
+        place: (N,) int64, 0…places − 1: the place of each row.
         places: number of places.
         factors: name to (N,) int64 codes 0…L − 1.
         levels: name to the (L,) codes that the caller gave, ascending.
-        rows: (N,) int64, the row of the caller's arrays.
+        rows: (N,) int64, index of each row in the caller's arrays.
         undefined: rows of the caller that had no value and were left out.
     """
 
@@ -38,7 +38,7 @@ class Observations:
     undefined: int = 0
 
     def of_places(self, chosen: NDArray[np.bool_]) -> Observations:
-        """The rows of some places.
+        """Return the rows of some places.
 
         Args:
             chosen: (places,) bool.
@@ -98,7 +98,7 @@ def dense(codes: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def bin_codes(x: ArrayLike, bins: int) -> NDArray[np.int64]:
-    """Number of the bin of each value, of bins with about equally many values.
+    """Return the bin of each value, with about equally many values in each bin.
 
     Args:
         x: (N,) finite numbers.

@@ -1,4 +1,4 @@
-"""Number of places that a question needs, computed before a run."""
+"""Numbers of places that a test needs, to plan a run."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from scipy.special import nctdtr, stdtrit
 
 from valerie.errors import InvalidInput
 
-#: Above this many places the answer is "no run can".
+#: Above this many places, no run is affordable.
 MAX_PLACES: Final = 10_000_000
 
 
 def power(places: int, effect: float, deviation: float, *, alpha: float, parameters: int = 1) -> float:
-    """Chance that Student's t at ``alpha`` in one direction finds an effect (noncentral t).
+    """Return the chance that a one-sided Student's t test at ``alpha`` detects an effect (noncentral t).
 
     Args:
         places: number of places.

@@ -1,7 +1,7 @@
-"""Randomised replicates: designs that are evenly spread *and* say how certain their mean is.
+"""Randomised replicates: designs that are evenly spread *and* give the error of their mean.
 
-The points of a Sobol' or Latin hypercube design are drawn together, so their own scatter says nothing about the error of
-their mean: taken as independent, it gives intervals several times too wide. Instead of one design of n points, draw R
+The points of a Sobol' or Latin hypercube design are drawn together, so their scatter does not give the error of their
+mean: treated as independent, they give intervals several times too wide. Instead of one design of n points, draw R
 independent designs of n / R; their means are independent, and Student's t applies to them (Owen 1997,
 doi:10.1137/S0036142994277468; L'Ecuyer, Nakayama, Owen and Tuffin 2023, *Confidence intervals for randomized
 quasi-Monte Carlo estimators*, Winter Simulation Conference). Few large replicates estimate the mean better, many small ones
@@ -19,18 +19,18 @@ from valerie.errors import InvalidInput
 
 #: Number of replicates of a design.
 REPLICATES: Final = 8
-#: Number of replicates of a design with fewer than 40 points; fewer say nothing.
+#: Number of replicates of a design with fewer than 40 points; fewer replicates give no useful error.
 MIN_REPLICATES: Final = 5
 _FEW: Final = 5 * REPLICATES
-#: With fewer points than this, replicates would have fewer than four each, and every point is one.
+#: With fewer points than this, replicates would have fewer than four points each, so every point is a replicate.
 MIN_POINTS: Final = 4 * MIN_REPLICATES
 
 
 def replicate_number(count: int) -> int:
-    """Return how many replicates a design of ``count`` points consists of.
+    """Return the number of replicates of a design with ``count`` points.
 
-    Point i belongs to replicate i modulo this number, so sizes differ by at most 1, and a design that ends early has its
-    replicates alike. Each replicate is a design of its own with a seed of its own (`replicate_seeds`).
+    Point i belongs to replicate i modulo this number, so sizes differ by at most 1, even if the design ends early. Each
+    replicate is a design of its own with its own seed (`replicate_seeds`).
 
     Raises:
         InvalidInput: there is no point.

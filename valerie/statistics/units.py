@@ -1,16 +1,16 @@
-"""Units that were drawn at random, and the estimand that follows.
+"""Units that were drawn at random, and the estimand that follows from them.
 
-An interval says how far an estimate may be from the truth because only some units were drawn. What a unit is follows
-from the design alone:
+An interval bounds how far an estimate may be from the truth because only some units were drawn. The design determines
+the unit:
 
-- A *grid* and *points* list their variants. Nothing was drawn, a grid says nothing about positions between its nodes,
-  and a mean over it has a spread but no sampling error. Where such a list is repeated on several streets, each grown
-  from a seed, the streets are a sample, and a whole street is a unit: everything listed is *crossed* with it, and what
-  repeats on every street is no further observation.
+- A *grid* and *points* list their variants. Nothing was drawn: a grid says nothing about positions between its nodes,
+  and a mean over it has a spread but no sampling error. Where such a list is repeated on several sites, each generated
+  from a seed, the sites are a sample and a whole site is a unit: every listed variant occurs on each site and adds
+  no further observation.
 - A *random* design draws its variants from the box that the spec describes; a variant with all its rows (cameras,
   sensors, persons) is a unit.
-- *Sobol'*, *Halton* and *Latin hypercube* designs draw their points together, so single points are no independent units.
-  Replicates of the design are (`valerie.statistics.replicates`).
+- *Sobol'*, *Halton* and *Latin hypercube* designs draw their points together, so single points are not independent.
+        Replicates of the design are (`valerie.statistics.replicates`).
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class Estimand(StrEnum):
     Attributes:
         LISTED_GRID: the mean over exactly the listed variants.
         DESIGN_BOX: the mean over the box of parameters that the design draws from.
-        STREETS: the mean over all streets that seeds can grow, at the listed variants.
+        SITES: the mean over the sites of all seeds, at the listed variants.
     """
 
     LISTED_GRID = "listed_grid"
     DESIGN_BOX = "design_box"
-    STREETS = "streets"
+    SITES = "sites"
 
     @property
     def noun(self) -> str:
-        """The plural of what a unit is called."""
-        return {"listed_grid": "variants", "design_box": "variants", "streets": "streets"}[self]
+        """The name of the units, in the plural."""
+        return "sites" if self is Estimand.SITES else "variants"
 
 
 #: Designs that list their variants.
@@ -70,7 +70,7 @@ class Units:
     replicate: NDArray[np.int64] | None = None
 
     def of(self, rows: NDArray[np.bool_]) -> Units:
-        """Return the units of the ``rows`` ((N,) bool) alone; units without rows are gone."""
+        """Return the units of the selected ``rows`` ((N,) bool), without units that have no rows left."""
         index, kept = dense(self.index[rows])
         replicate = None if self.replicate is None else self.replicate[kept]
         return Units(self.estimand, index, len(kept), replicate)
@@ -80,7 +80,7 @@ def sampling_units(
     design: str,
     variants: NDArray[np.int64],
     *,
-    streets: NDArray[np.int64] | None = None,
+    sites: NDArray[np.int64] | None = None,
     replicate: NDArray[np.int64] | None = None,
 ) -> Units:
     """Return the units that ``design`` drew.
@@ -88,24 +88,23 @@ def sampling_units(
     Args:
         design: ``grid``, ``points``, ``random``, ``sobol``, ``halton`` or ``latin_hypercube``.
         variants: (N,) variant of every row; any integers.
-        streets: (N,) street seed of every row; None where the street does not vary.
-        replicate: (N,) replicate of every row, for a design whose variants are drawn together; without it, all are of
-            one replicate.
+        sites: (N,) site seed of every row; None where the site does not vary.
+        replicate: (N,) replicate of every row, for a design whose variants are drawn together; default: one replicate.
 
     Raises:
         UnknownName: there is no such design.
-        InvalidInput: the arrays differ in length, or a variant lies in two replicates.
+        InvalidInput: the arrays differ in length, or a variant belongs to two replicates.
     """
     known = LISTED | INDEPENDENT | EVEN
     if design not in known:
         raise UnknownName("design", design, known, field="design")
-    for name, labels in (("streets", streets), ("replicate", replicate)):
+    for name, labels in (("sites", sites), ("replicate", replicate)):
         if labels is not None and len(labels) != len(variants):
             raise InvalidInput("one label for every row is needed", field=name, value=len(labels), limit=len(variants))
     if design in LISTED:
-        if streets is None or len(np.unique(streets)) < 2:
+        if sites is None or len(np.unique(sites)) < 2:
             return _units(Estimand.LISTED_GRID, variants)
-        return _units(Estimand.STREETS, streets)
+        return _units(Estimand.SITES, sites)
     units = _units(Estimand.DESIGN_BOX, variants)
     if design in INDEPENDENT:
         return units
@@ -117,17 +116,17 @@ def sampling_units(
     return Units(units.estimand, units.index, units.count, of_unit)
 
 
-def places(positions: NDArray[np.float64], streets: NDArray[np.int64] | None = None) -> Units:
-    """Return whole places as units: rows with equal positions of all persons on one street.
+def places(positions: NDArray[np.float64], sites: NDArray[np.int64] | None = None) -> Units:
+    """Return whole places as units: rows with equal positions of all persons on one site.
 
-    Places are what comparisons are paired within. They are no sample of the positions between them, so the estimand is
-    the listed grid.
+    Comparisons are paired within places. Places are no sample of the positions between them, so the estimand is the listed
+    grid.
 
     Args:
         positions: (N, P) coordinates of the persons, metres; equal numbers are equal positions.
-        streets: (N,) street seed of every row; None where the street does not vary.
+        sites: (N,) site seed of every row; None where the site does not vary.
     """
-    columns = positions if streets is None else np.column_stack((positions, streets))
+    columns = positions if sites is None else np.column_stack((positions, sites))
     if columns.shape[1] == 0:
         return Units(Estimand.LISTED_GRID, np.zeros(len(columns), np.int64), min(len(columns), 1))
     distinct, index = np.unique(columns, axis=0, return_inverse=True)

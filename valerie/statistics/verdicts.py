@@ -1,13 +1,13 @@
-"""Does a mean of scores reach a bound? Counted on a listed grid, tested by whole units where variants are drawn at random.
+"""Verdicts: does a mean of scores reach a bound? Counted on a listed grid, tested by whole units where variants are drawn.
 
 A share is the mean of scores that are 0 or 1, and a quantile reaches t where the share of values ≥ t is 1 − its order.
 
-The test may be looked at after any number of units and ended at any time. It bets on the mean score of each unit against
-the hypothesis that the true mean is just at the bound: a player who cannot win on average multiplies a stake by 1/α with a
-chance of at most α, however long the game (Ville 1939, *Étude critique de la notion de collectif*). The stakes are those of
-the likelihood ratios q against the bound p, spread over many q; for scores between 0 and 1 the same bets stay fair when
-they are linear in the score (Waudby-Smith & Ramdas 2024, doi:10.1093/jrsssb/qkad009). One game is played for each verdict,
-and each has half of the level.
+The test is sequential: it may be inspected after any number of units and stopped at any time. It bets on the mean score of
+each unit against the hypothesis that the true mean equals the bound: a player who cannot win on average multiplies a stake
+by 1/α with a chance of at most α, however long the game (Ville 1939, *Étude critique de la notion de collectif*). The
+stakes are those of likelihood ratios of alternatives q to the bound p, spread over many q. For scores between 0 and 1,
+bets that are linear in the score stay fair (Waudby-Smith & Ramdas 2024, doi:10.1093/jrsssb/qkad009). There is one game for
+"met" and one for "not met", each with half of the error.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from valerie.statistics.units import Estimand, Units
 
 #: Alternatives that each game bets on.
 _BETS: Final = 48
-#: Median distance of an alternative from the bound on the logit scale, and spread of its logarithm.
+#: Median distance of an alternative from the bound in log-odds, and spread of the logarithm of that distance.
 _DISTANCE: Final = 0.8
 _SPREAD: Final = 0.8
 #: Units whose bets are held in memory at once.
 _BLOCK: Final = 4_096
-#: Above this many further units, no run decides.
+#: Above this many further units, no run is affordable.
 _MOST_UNITS: Final = 10_000_000
-#: Part of the error that an interval over replicates is given: at the whole, it misses in up to 7 instead of 5 per cent
+#: Part of the error that an interval over replicates uses: with all of it, the interval misses in up to 7 % instead of 5 %
 #: (`make bench-findings`).
 _EVEN: Final = 0.7
-#: A sum that misses its bound by less than this a row misses it by rounding.
+#: A sum that misses its bound by less than this per row misses it by rounding only.
 _ROUNDING: Final = 1e-12
 
 
@@ -50,7 +50,7 @@ class Outcome(StrEnum):
 
 
 class Basis(StrEnum):
-    """Subject of a verdict."""
+    """Population that a verdict is about."""
 
     SAMPLE = "the space that the variants were drawn from"
     GRID = "the listed grid"
@@ -62,14 +62,14 @@ class Verdict:
 
     Attributes:
         outcome: met, not met or undecided.
-        basis: what it speaks of.
-        estimate: mean score; of a sample, each unit weighs the same. NaN without rows.
-        units: units (of a grid: rows) that were looked at.
-        decided_after: units after which the sequential test ended; None where it did not, and where none was made.
-        further: further units that would decide it if the estimate is right; None where it is decided, or where no affordable
-            number decides.
-        p_met: anytime-valid p-value of "not met": small where the rows speak for met; 1 where no sequential test was made.
-        p_not_met: the same of "met".
+        basis: the population that it is about.
+        estimate: mean score; in a sample, each unit weighs the same. NaN without rows.
+        units: number of units (rows of a grid).
+        decided_after: units after which the sequential test ended; None where it did not or there was none.
+        further: further units that would decide if the estimate is right; None where it is decided or no affordable number
+            suffices.
+        p_met: anytime-valid p-value against "not met": small where the rows support "met"; 1 without a sequential test.
+        p_not_met: the same against "met".
         undefined: rows without a value, which were left out.
     """
 
@@ -85,17 +85,17 @@ class Verdict:
 
 
 def judge_sample(scores: ArrayLike, units: ArrayLike, *, at_least: float, confidence: float = 0.95) -> Verdict:
-    """Judge variants that were drawn at random, independently; look as often as you like.
+    """Judge variants that were drawn independently at random, after any number of them.
 
     Args:
         scores: (N,) in 0…1; NaN where a row has none.
         units: (N,) whole numbers: the independent unit (place, variant) of each row, ascending in the order of drawing.
-            All rows of a unit have to be there, or the unit has to wait.
+            Pass a unit only with all of its rows.
         at_least: the bound of the mean score, between 0 and 1.
         confidence: 1 − the chance of a false verdict.
 
     Returns:
-        The verdict of the first unit that decided: later units do not change it, only the p-values.
+        The verdict at the first unit that decided: later units change only the estimate and the p-values.
 
     Raises:
         InvalidInput: a score, the bound or the confidence is out of range, or the lengths differ.
@@ -111,7 +111,7 @@ def judge_sample(scores: ArrayLike, units: ArrayLike, *, at_least: float, confid
     for start in range(0, len(means), _BLOCK):
         for game in games:
             game.play(means[start : start + _BLOCK] - at_least, target)
-    # Both games can end in theory; the first one stands.
+    # Both games can end in theory; the first to end decides.
     ends = [game.ended or len(means) + 1 for game in games]
     outcome = Outcome.UNDECIDED if min(ends) > len(means) else (Outcome.MET, Outcome.NOT_MET)[int(np.argmin(ends))]
     estimate = float(means.mean())
@@ -135,10 +135,10 @@ def judge_sample(scores: ArrayLike, units: ArrayLike, *, at_least: float, confid
 def judge_even(
     scores: ArrayLike, units: ArrayLike, replicate: ArrayLike, *, at_least: float, confidence: float = 0.95
 ) -> Verdict:
-    """Judge variants that a design drew together, evenly spread, once: at the number of units that it was made for.
+    """Judge variants that an evenly spread design drew together, once: at the number of units that it was made for.
 
-    The verdict is that of an interval over the design's replicates (`valerie.statistics.intervals`), a little wider than
-    that of ``confidence``. Unlike a sequential test it must not be repeated with more and more units until it decides.
+    The verdict follows from an interval over the design's replicates (`valerie.statistics.intervals`) that is a little wider
+    than ``confidence`` asks for. Unlike a sequential test it must not be repeated with more units until it decides.
 
     Args:
         scores, units, at_least, confidence: as for `judge_sample`; the order does not matter.
@@ -165,7 +165,7 @@ def judge_even(
     elif interval.high < at_least:
         outcome = Outcome.NOT_MET
     elif estimate != at_least:
-        # The interval shrinks at least with the root of the number of units.
+        # The interval shrinks at least as fast as 1/√units.
         half = estimate - interval.low if estimate > at_least else interval.high - estimate
         needed = len(means) * (half / (estimate - at_least)) ** 2
         further = max(ceil(needed) - len(means), 1) if needed < _MOST_UNITS else None
@@ -194,13 +194,13 @@ def judge_grid(scores: ArrayLike, *, at_least: float) -> Verdict:
 
 
 def units_to_decide(truth: float, *, at_least: float, confidence: float = 0.95) -> int | None:
-    """Return about how many units decide, said before a run; None where no affordable number does.
+    """Return about how many units a verdict needs, to plan a run; None where no affordable number suffices.
 
-    It is the number after which the bets have grown to the limit on average, for units that pass or fail as a whole;
-    units with several rows need no more.
+    It is the number after which the bets reach the limit on average, for units that pass or fail as a whole; units with
+    several rows need no more.
 
     Args:
-        truth: the true mean to be reckoned with, in 0…1.
+        truth: the assumed true mean, in 0…1.
         at_least, confidence: as for `judge_sample`.
     """
     _require_between(at_least=at_least, confidence=confidence)
@@ -210,12 +210,12 @@ def units_to_decide(truth: float, *, at_least: float, confidence: float = 0.95) 
 
 
 class _Game:
-    """One game.
+    """One betting game.
 
     Attributes:
         capital: (B,) log capital of each bet.
-        highest: the highest log of their mean so far.
-        ended: units after which it reached the target; None before.
+        highest: highest log of the mean capital so far.
+        ended: units after which the mean reached the target; None before.
     """
 
     def __init__(self, stakes: NDArray[np.float64]) -> None:
@@ -227,7 +227,7 @@ class _Game:
 
     @property
     def p_value(self) -> float:
-        """Anytime-valid p-value of the hypothesis that the game is played against."""
+        """Anytime-valid p-value of the hypothesis that the game bets against."""
         return float(np.exp(-self.highest))
 
     def play(self, surplus: NDArray[np.float64], target: float) -> None:
@@ -246,14 +246,14 @@ class _Game:
 
 @cache
 def _stakes(p: float, *, upward: bool) -> NDArray[np.float64]:
-    """(B,) stakes λ = (q − p) / (p (1 − p)) of alternatives q on one side of the bound, log-normally distant in log-odds."""
+    """Return (B,) stakes λ = (q − p) / (p (1 − p)) of alternatives q on one side of p, at log-normal distances in log-odds."""
     distance = _DISTANCE * np.exp(_SPREAD * ndtri((np.arange(_BETS) + 0.5) / _BETS))
     q = expit(logit(p) + (distance if upward else -distance))
     return np.asarray((q - p) / (p * (1 - p)))
 
 
 def _forecast(capital: NDArray[np.float64], growth: NDArray[np.float64], target: float) -> int | None:
-    """Units after which the mean of bets that grow at these rates reaches the target; None above the limit."""
+    """Return the units after which the mean of bets that grow at these rates reaches the target; None above the limit."""
 
     def reached(units: int) -> bool:
         return float(logsumexp(capital + units * growth)) - float(np.log(_BETS)) >= target

@@ -1,1 +1,1 @@
-"""Turn the document of a study into its strategy, its runs and its scores; without database or queue."""
+"""Studies: strategies, runs and scores from a study's document; without database or queue."""

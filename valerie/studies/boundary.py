@@ -14,7 +14,7 @@ from valerie.parameters.samplers import UnitPoints
 
 #: Cells of a side.
 CELLS: Final = 32
-#: What stands in a cell in which no legal variant lies.
+#: Text of a cell whose variant is illegal.
 ILLEGAL: Final = "does not occur"
 _COMPARED: Final = 256
 
@@ -24,9 +24,9 @@ class BoundarySlice:
     """A section of the map over two parameters; the others stay as in one variant.
 
     Attributes:
-        names: of the parameters across and up.
-        ends: for each of them, the values at both ends, as text. Between them, distances are quantiles.
-        strips: (row from the top, first column, number of columns, call) of like cells; calls are those of
+        names: names of the parameters across and up.
+        ends: for each of them, the values at both ends, as text. The scale between them is in quantiles.
+        strips: (row from the top, first column, number of columns, call) of equal cells; calls are those of
             `valerie.guided.map.Call`, or `ILLEGAL`.
         anchor: values of the other parameters, by name, as text.
     """
@@ -46,8 +46,8 @@ class BoundarySlice:
 def slice_of(boundary: Map, domain: Domain, anchor: UnitPoints) -> BoundarySlice | None:
     """Return the slice through a point.
 
-    A parameter matters as much as it changes calls: the share of operational points whose call is another one after this
-    parameter alone was drawn again.
+    The two parameters are those that change the most calls: the share of operational points whose call changes when only
+    this parameter is drawn again.
 
     Args:
         boundary: the map.
@@ -55,7 +55,7 @@ def slice_of(boundary: Map, domain: Domain, anchor: UnitPoints) -> BoundarySlice
         anchor: (dimensions,) the point.
 
     Returns:
-        None for a domain of one parameter.
+        The slice; None for a domain of one parameter.
     """
     if domain.dimensions < 2:
         return None

@@ -1,4 +1,4 @@
-"""Find a minimal pair without known verdicts: draw variants until one fails and one passes, or check two given ones."""
+"""Minimal pairs without known verdicts: draws variants until one fails and one passes, or checks two specified ones."""
 
 from __future__ import annotations
 

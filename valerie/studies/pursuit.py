@@ -1,8 +1,8 @@
 """The strategy of a study in step with its batches.
 
-Batch k rests on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
-order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; a strategy that is taken through the stored batches
-in this order proposes again what it proposed before. An empty batch has no run, and nothing is told of it.
+Batch k depends on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
+order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; replaying the stored batches in this order makes the
+strategy propose the same points again. An empty batch has no run, and the strategy is not told of it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from pydantic import JsonValue
 
 from valerie.errors import Conflict, InvalidInput
-from valerie.guided import compare, rank
+from valerie.guided import cascade, compare, rank
 from valerie.guided import map as mapping
+from valerie.guided.cascade import Cascade, TwoEngines
 from valerie.guided.compare import Compare, Difference
 from valerie.guided.estimate import Estimate, FailureRate
 from valerie.guided.explain import MinimalPair
@@ -27,7 +28,9 @@ from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy
 from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
+from valerie.runs.document.documents import RunSpec, engine_name
 from valerie.runs.study.document import (
+    CascadeGoal,
     CompareGoal,
     EstimateGoal,
     ExplainGoal,
@@ -42,7 +45,7 @@ from valerie.studies.boundary import BoundarySlice, slice_of
 from valerie.studies.pairs import ExplainFromScratch
 from valerie.studies.resolved import ResolvedStudy
 
-#: A batch rests on the outcomes of the batches up to this many before it.
+#: A batch depends on the outcomes of the batches up to this many before it.
 LAG: Final = 2
 _FIRST: Final = (20, 256)
 #: Modes, and rises and falls of a comparison, that are shown as pictures.
@@ -54,17 +57,17 @@ class StoredBatch(Protocol):
 
     @property
     def count(self) -> int:
-        """Number of points that were asked for."""
+        """Number of requested points."""
         ...
 
     @property
     def points(self) -> list[list[float]]:
-        """(n, dimensions) that were proposed."""
+        """(n, dimensions) proposed points."""
         ...
 
     @property
     def outcomes(self) -> Outcomes | None:
-        """None while the batch is in work."""
+        """Outcomes; None while the batch is in work."""
         ...
 
 
@@ -83,16 +86,17 @@ class Pursuit:
         self.asked = self.told = 0
         self._strategy = strategy_of(study)
         self._batches: list[UnitPoints] = []
+        self._levels: list[int] = []
 
     def follow(self, batches: Sequence[StoredBatch], *, everything: bool = False) -> None:
         """Replay the stored batches that the strategy does not know yet.
 
         Args:
-            batches: all of the study, in order.
+            batches: all batches of the study, in order.
             everything: also tell the last batches, after which nothing more can be asked.
 
         Raises:
-            Conflict: it proposes other points than the stored ones: another version of the strategy made them.
+            Conflict: the proposed points differ from the stored ones, which another version of the strategy proposed.
         """
         for batch in batches[self.asked :]:
             proposal = self.ask(batches, batch.count)
@@ -108,12 +112,13 @@ class Pursuit:
         """Tell the strategy the outcomes that the next batch may depend on, and return that batch.
 
         Args:
-            batches: all of the study; those up to two before the next have outcomes, or are empty.
+            batches: all batches of the study; those up to two before the next have outcomes or are empty.
             count: largest number of points.
         """
         self.tell_due(batches)
         proposal = self._strategy.ask(count)
         self._batches.append(proposal.points)
+        self._levels.append(proposal.level)
         self.asked += 1
         return proposal
 
@@ -122,19 +127,26 @@ class Pursuit:
         self._tell(batches, self.asked - LAG + 1)
 
     def agrees(self, batches: Sequence[StoredBatch]) -> bool:
-        """Return whether the batches begin with those that were asked for; the last may have been replaced since."""
+        """Return True if the last batch asked for is still the stored one; it may have been replaced since."""
         if self.asked > len(batches):
             return False
         return not self.asked or self._batches[-1].tolist() == batches[self.asked - 1].points
 
-    def points(self, number: int) -> UnitPoints:
-        """Return the points of a batch, (n, dimensions)."""
-        return self._batches[number]
+    def spec(self, number: int, *, parent: str | None) -> RunSpec:
+        """Return the spec of the run of a batch.
 
-    def repeats(self, number: int) -> bool:
-        """Return whether a batch repeats a point of an earlier one."""
-        earlier = {point.tobytes() for points in self._batches[:number] for point in points}
-        return any(point.tobytes() in earlier for point in self._batches[number])
+        A point that the same render engine has evaluated before is evaluated under another random seed.
+
+        Args:
+            number: of the batch.
+            parent: id of the run before it.
+        """
+        points, level = self._batches[number], self._levels[number]
+        before = zip(self._batches[:number], self._levels, strict=False)
+        earlier = {point.tobytes() for batch, other in before if other == level for point in batch}
+        again = any(point.tobytes() in earlier for point in points)
+        seed = self.study.document.spec.seed + (number if again else 0)
+        return self.study.spec(points, number, parent=parent, seed=seed, level=level)
 
     @property
     def waits(self) -> bool:
@@ -156,10 +168,10 @@ class Pursuit:
         interval = known.assumption_free
         if interval.high - interval.low > width:
             return None
-        return f"the interval is {interval.high - interval.low:.4g} wide, and {width:g} was asked for"
+        return f"the interval is {interval.high - interval.low:.4g} wide; {width:g} was requested"
 
     def decisive(self) -> list[tuple[int, int, str]]:
-        """Return variants to look at: (batch, index, what it is), from what was told."""
+        """Return the variants to look at: (batch, index, description), from the outcomes so far."""
         named: list[tuple[str, UnitPoints]] = []
         match known := self._known():
             case MinimalPair():
@@ -176,22 +188,31 @@ class Pursuit:
                 second = self.study.document.spec.functions[1]
                 named = [(f"{second} does worse", point) for point in known.falls[: _SHOWN // 2]]
                 named += [(f"{second} does better", point) for point in known.rises[: _SHOWN // 2]]
-        places = [(self._place(point), words) for words, point in named]
-        unique = dict(reversed([(place, words) for place, words in places if place is not None]))
+            case TwoEngines():
+                named = [("The engines disagree", point) for point in known.disagree[: _SHOWN // 2]]
+        places = [(place, words + self._engine(place[0])) for words, point in named for place in self._places(point)]
+        unique = dict(reversed(places))
         return [(*place, words) for place, words in reversed(unique.items())]
 
     def boundary(self) -> BoundarySlice | None:
-        """Return what a map says of the two parameters that matter most; None for another goal, or too early."""
+        """Return the slice of a map over the two parameters that matter most; None for other goals, or too early."""
         known = self._known()
         if not isinstance(self._strategy, Map) or not isinstance(known, Boundary):
             return None
         return slice_of(self._strategy, self.study.domain, known.nearest[0])
 
-    def _place(self, point: UnitPoints) -> tuple[int, int] | None:
-        for number, points in enumerate(self._batches):
+    def _engine(self, number: int) -> str:
+        """Return the render engine of a batch as the end of a title; empty where the study has only one."""
+        renderers = self.study.renderers
+        return f", {engine_name(renderers[self._levels[number]])}" if len(renderers) > 1 else ""
+
+    def _places(self, point: UnitPoints) -> list[tuple[int, int]]:
+        """Return the first place of a point, (batch, index), for each render engine."""
+        first: dict[int, tuple[int, int]] = {}
+        for number, (points, level) in enumerate(zip(self._batches, self._levels, strict=True)):
             for index in np.flatnonzero((points == point).all(axis=1)) if len(points) else ():
-                return number, int(index)
-        return None
+                first.setdefault(level, (number, int(index)))
+        return list(first.values())
 
     def _known(self) -> Result | None:
         strategy = self._strategy
@@ -204,6 +225,8 @@ class Pursuit:
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
                 assert batch.outcomes is not None, "a batch is told when it has ended"
+                if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
+                    self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
                 self._strategy.tell(points, batch.outcomes.values)
             self.told += 1
 
@@ -236,6 +259,8 @@ def strategy_of(study: ResolvedStudy) -> Strategy:
             return Compare(domain, within=goal.within, seed=seed, at_least=passes, level=goal.level, names=names)
         case RankGoal():
             return Rank(domain, seed=seed)
+        case CascadeGoal():
+            return Cascade(domain, seed=seed, at_least=at_least if goal.of == "rate" else None)
         case ExplainGoal():
             pair = None
             if goal.failing is not None and goal.passing is not None:
@@ -247,11 +272,15 @@ def _fewest(study: ResolvedStudy) -> int:
     """Return the least number of variants that can lead to an answer."""
     match study.document.goal:
         case MapGoal():
-            # The first prediction knows all scores but those of the last batch.
+            # The first prediction uses all scores but those of the last batch.
             batch = study.document.batch
             return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
         case CompareGoal():
             return compare.FEWEST
+        case CascadeGoal():
+            # Pairs are drawn from cheap points whose scores are known.
+            batch = study.document.batch
+            return max(LAG, math.ceil(cascade.FEWEST / batch)) * batch + cascade.FEWEST
         case RankGoal():
             return rank.TRAJECTORIES * (study.domain.dimensions + 1)
     return 1
@@ -265,7 +294,7 @@ def first_of(study: ResolvedStudy) -> int:
 
 
 def looks_of(study: ResolvedStudy) -> int:
-    """Return the largest number of looks at an estimate; without a stop rule 1, at the end."""
+    """Return the largest number of looks at an estimate; without a stop rule 1, the one at the end."""
     document = study.document
     if document.stop.width is None:
         return 1

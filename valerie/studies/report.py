@@ -29,7 +29,7 @@ class ShownPicture:
     """A frame of a decisive variant.
 
     Attributes:
-        title: what the variant is.
+        title: description of the variant.
         score, values, frame: of the variant, as text.
         jpeg: the picture with the errors of the function.
     """
@@ -42,7 +42,7 @@ class ShownPicture:
 
     @property
     def base64(self) -> str:
-        """The picture as text for the page."""
+        """The picture in Base64."""
         return base64.b64encode(self.jpeg).decode()
 
 
@@ -86,11 +86,16 @@ class StudyReport:
 
 
 def build_report(source: StudyReport) -> str:
-    """Write the page; equal input gives equal text."""
+    """Return the page; equal input gives equal text."""
     style = files("valerie.analysis.report").joinpath("templates/report.css").read_text(encoding="utf-8")
     return (
         _environment().get_template("study.html.j2").render(source=source, style=style, cells=CELLS, colours=_COLOURS)
     )
+
+
+def duration(seconds: float) -> str:
+    """Return a CPU time as text."""
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 3600:.2f} h"
 
 
 @cache

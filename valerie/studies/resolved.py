@@ -1,4 +1,4 @@
-"""A study resolved against its asset: operational domain, specs of its runs, scores of its variants."""
+"""Studies resolved against their asset: operational domain, specs of the runs, scores of the variants."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from valerie.parameters.samplers import UnitPoints
 from valerie.runs.document.documents import BlockDocument, RunSpec
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.runs.resolving.where import Where, choices_of, compile_where
-from valerie.runs.study.document import Outcomes, StudyDocument
+from valerie.runs.study.document import CascadeGoal, Outcomes, StudyDocument
 from valerie.runs.study.measure import VariantMeasure, parse_measure
+from valerie.runs.values import Scalar
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class ResolvedStudy:
         run: its spec, resolved.
         domain: its parameters and their distributions.
         measure: the score of a variant.
-        where: selects the rows that count; None: all.
+        where: expression that selects the rows that count; None: all.
     """
 
     document: StudyDocument
@@ -40,17 +41,24 @@ class ResolvedStudy:
     where: Where | None
 
     def rejection(self, point: UnitPoints) -> str | None:
-        """Return why the variant at a point, (dimensions,), is rejected; None for a legal one."""
+        """Return the reason why the variant at a point, (dimensions,), is rejected; None for a legal one."""
         return self.run.rejection({**self.run.space.constants[0], **self.domain.values(point)})
 
-    def spec(self, points: UnitPoints, number: int, *, parent: str | None, seed: int) -> RunSpec:
+    @property
+    def renderers(self) -> tuple[str | dict[str, Scalar], ...]:
+        """The render engine of the study, and the costly one where its goal has one."""
+        goal, cheap = self.document.goal, self.document.spec.renderer
+        return (cheap, goal.renderer) if isinstance(goal, CascadeGoal) else (cheap,)
+
+    def spec(self, points: UnitPoints, number: int, *, parent: str | None, seed: int, level: int = 0) -> RunSpec:
         """Return the spec of the run of a batch.
 
         Args:
-            points: (n, dimensions) of the batch.
+            points: (n, dimensions) points of the batch.
             number: number of the batch, from 0.
-            parent: id of the run of the batch before it.
-            seed: seeds this run.
+            parent: id of the run of the previous batch.
+            seed: seed of this run.
+            level: 0 for the render engine of the study, 1 for the costly one of its goal.
         """
         values: list[dict[str, Value]] = [self.domain.values(point) for point in points]
         return self.document.spec.model_copy(
@@ -60,16 +68,18 @@ class ResolvedStudy:
                 "seed": seed,
                 "parent_run": parent,
                 "iteration": number,
+                "renderer": self.renderers[level],
             }
         )
 
-    def outcomes(self, rows: Iterable[TableRow], count: int, rejected: Sequence[int]) -> Outcomes:
+    def outcomes(self, rows: Iterable[TableRow], count: int, rejected: Sequence[int], cpu_seconds: float) -> Outcomes:
         """Return the outcomes of a batch.
 
         Args:
-            rows: of the long table of its run, with the values of all parameters.
+            rows: long table of its run, with the values of all parameters.
             count: number of variants.
-            rejected: indexes of those that are rejected.
+            rejected: indices of the rejected ones.
+            cpu_seconds: price of all products of its run.
         """
         values: dict[tuple[int, object], list[float]] = defaultdict(list)
         seen: set[tuple[object, ...]] = set()
@@ -87,7 +97,12 @@ class ResolvedStudy:
         for function in self.document.spec.functions:
             scores = (self.measure.score(values.get((index, function), ())) for index in range(count))
             columns.append(tuple(None if np.isnan(score) else score for score in scores))
-        return Outcomes(scores=columns[0], second=columns[1] if len(columns) > 1 else (), rejected=tuple(rejected))
+        return Outcomes(
+            scores=columns[0],
+            second=columns[1] if len(columns) > 1 else (),
+            rejected=tuple(rejected),
+            cpu_seconds=cpu_seconds if isinstance(self.document.goal, CascadeGoal) else None,
+        )
 
 
 def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
@@ -98,7 +113,7 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
         run: its spec, resolved.
 
     Raises:
-        InvalidInput, UnknownName: ``where`` or the goal names what the asset does not have.
+        InvalidInput, UnknownName: ``where`` or the goal names something that the asset does not have.
     """
     block = run.space.blocks[0]
     variations = [Variation(run.space.names[v.path].path, v.distribution) for v in block.variations]

@@ -8,10 +8,11 @@ export const hasToken = () => sessionStorage.getItem(KEY) !== null;
 export const forgetToken = () => sessionStorage.removeItem(KEY);
 
 export class Problem extends Error {
-  constructor(status, title, detail) {
+  constructor(status, title, detail, errors = []) {
     super(detail || title);
     this.status = status;
     this.title = title;
+    this.errors = errors;
   }
 }
 
@@ -35,20 +36,23 @@ async function send(path, options = {}) {
         continue;
       }
     }
-    let title = response.statusText, detail = "";
+    let title = response.statusText, detail = "", errors;
     try {
-      ({ title, detail } = await response.json());
+      ({ title, detail, errors } = await response.json());
     } catch { /* no problem document */ }
-    throw new Problem(response.status, title, detail);
+    throw new Problem(response.status, title, detail, errors);
   }
 }
 
 export const get = async (path, options) => (await send(path, options)).json();
 export const getBytes = async (path, options) => (await send(path, options)).arrayBuffer();
-export async function post(path, document) {
+export async function post(path, document, { signal } = {}) {
   const body = document === undefined ? {} : { body: JSON.stringify(document), headers: { "Content-Type": "application/json" } };
-  return (await send(path, { method: "POST", ...body })).json();
+  return (await send(path, { method: "POST", signal, ...body })).json();
 }
+// A spec as its author wrote it.
+export const postSpec = async (path, text, { signal, headers } = {}) => (await send(path, { method: "POST", signal, body: text, headers: { ...headers, "Content-Type": "application/yaml" } })).json();
+export const replace = async (path, document) => (await send(path, { method: "PUT", body: JSON.stringify(document), headers: { "Content-Type": "application/json" } })).json();
 export async function remove(path) { await send(path, { method: "DELETE" }); }
 
 // Recent pictures, which show at once on the way back and forth.

@@ -29,7 +29,7 @@ export function put(element, key, ...children) {
 
 export function table(head, rows, { caption } = {}) {
   return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption ?? "Table" },
-    h("table", {}, h("thead", {}, h("tr", {}, head.map((one) => h("th", { scope: "col", class: one.class, title: one.title }, one.text ?? one)))),
+    h("table", {}, h("thead", {}, h("tr", {}, head.map((one) => (one === "" ? h("td", {}) : h("th", { scope: "col", class: one.class, title: one.title }, one.text ?? one))))),
       h("tbody", {}, rows)));
 }
 
@@ -39,7 +39,7 @@ export function command(text) {
     button.textContent = "Copied";
     setTimeout(() => { button.textContent = "Copy"; }, 1500);
   } } }, "Copy");
-  return h("div", { class: "command" }, h("code", {}, text), navigator.clipboard ? button : null);
+  return h("div", { class: "command" }, h("code", { tabindex: "0" }, text), navigator.clipboard ? button : null);
 }
 
 export function toast(text) {

@@ -2,6 +2,7 @@
 import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
 import { fixed, heading, percent, short, shown, value, words } from "./format.js";
+import { marksOf } from "./marks.js";
 import { player } from "./player.js";
 
 const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
@@ -10,7 +11,7 @@ const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); //
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // opaque pictures of their own
 const NOTES = {
   depth: "Bright is near, from 1 m to 200 m. Black is empty.",
-  normals: "Direction that the surface faces in the world: red across the street, green along it, blue up. Black is no surface.",
+  normals: "Direction that the surface faces in the world: red to the right, green ahead, blue up. Black is no surface.",
   flow: "Displacement to the next frame: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move farther, relative to the largest displacement in this frame. Grey is undefined.",
   velocity: "Velocity in the image: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move faster, relative to the fastest point in this frame.",
 };
@@ -29,6 +30,7 @@ export async function frameView({ main, key, parameters, signal }) {
   labels ??= await get("/v1/labels", { signal });
   measures ??= await get("/v1/measures", { signal });
 
+  const marks = marksOf(frame.run_id, signal);
   const offered = Object.keys(VIEWS).filter((name) => !OPTIONAL.has(name) || frame.images[name]);
   const panes = h("div", { class: "panes" });
   const legend = h("div", {});
@@ -53,7 +55,8 @@ export async function frameView({ main, key, parameters, signal }) {
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("a", { href: `#/runs/${frame.run_id}` }, run.name), " / ", h("span", { class: "mono" }, `${frame.variant_index}.${frame.id.split(".").slice(2).join(".")}`)),
       h("div", { class: "spread" },
         h("h1", {}, title),
-        h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame")))),
+        h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame"))),
+      marks.place("frame", frame.id.slice(frame.run_id.length + 1), "this frame")),
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
     h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
@@ -102,6 +105,7 @@ export async function frameView({ main, key, parameters, signal }) {
     else if (event.key === "z") { SETTINGS.zoom = null; SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
   }, { signal });
   prefetch(frame, signal);
+  marks.load().catch(() => {});
   return title;
 }
 

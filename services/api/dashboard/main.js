@@ -5,6 +5,7 @@ import { h } from "./dom.js";
 import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
+import { newView } from "./new.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
 import { studiesView } from "./studies.js";
@@ -13,6 +14,7 @@ import { workersView } from "./workers.js";
 
 const ROUTES = [
   [/^\/?$/, "runs", () => runsView],
+  [/^\/new$/, "runs", () => newView],
   [/^\/runs\/([\w-]+)$/, "runs", () => runView],
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
   [/^\/explore$/, "explore", () => exploreView],
@@ -42,7 +44,7 @@ async function show() {
     else link.removeAttribute("aria-current");
   }
   if (!route) {
-    main.replaceChildren(h("section", { class: "card empty" }, h("h2", {}, "Page not found"), h("a", { href: "#/" }, "All runs")));
+    main.replaceChildren(h("section", { class: "card empty" }, h("h1", {}, "Page not found"), h("a", { href: "#/" }, "All runs")));
     return;
   }
   try {
@@ -55,7 +57,7 @@ async function show() {
   } catch (error) {
     if (error.name === "AbortError" || current !== mine) return;
     main.replaceChildren(h("section", { class: "card empty" },
-      h("h2", {}, error.status === 404 ? "Not found" : "Something went wrong"), h("p", {}, error.message),
+      h("h1", {}, error.status === 404 ? "Not found" : "Something went wrong"), h("p", {}, error.message),
       h("div", { class: "row" }, h("button", { type: "button", on: { click: () => { current = null; show(); } } }, "Try again"), h("a", { class: "button", href: "#/" }, "All runs"))));
     if (!error.status && error.status !== 0) throw error;
   }

@@ -2,6 +2,8 @@
 import { download, get, hasToken, post, remove } from "./api.js";
 import { confirm, h, put, table, toast } from "./dom.js";
 import { ACTIVE, ago, clock, count, duration, look, plural, rate, words } from "./format.js";
+import { lineageSection } from "./lineage.js";
+import { marksOf } from "./marks.js";
 import { poll } from "./poll.js";
 import { bar } from "./runs.js";
 import { scatterSection } from "./scatter.js";
@@ -14,7 +16,7 @@ const ACTIONS = [
   { verb: "resume", text: "Resume", states: ["paused", "cancelled"], done: "The run continues." },
   { verb: "retry", text: "Retry failures", states: ["running", "completed-with-failures", "failed"], needs: (f) => f > 0, done: "Failed products are tried again." },
   { verb: "cancel", text: "Cancel", states: ["submitted", "running", "paused"], ask: { title: "Cancel this run?", text: "Finished products stay and can be viewed; the rest is not computed. You can resume a cancelled run.", action: "Cancel the run" }, done: "The run is cancelled." },
-  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "This deletes its frames, results and report. Pictures that other runs use stay; valerie gc frees the rest. This cannot be undone.", action: "Delete for good", danger: true }, done: "The run is deleted." },
+  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "This deletes its frames, results, report, tags and notes. Pictures that other runs use stay; valerie gc frees the rest. This cannot be undone.", action: "Delete for good", danger: true }, done: "The run is deleted." },
 ];
 
 export async function runView({ main, key, parameters, signal }) {
@@ -27,6 +29,8 @@ export async function runView({ main, key, parameters, signal }) {
     if (items.length) location.hash = `#/frames/${items[0].id}`;
     else toast("There is no frame yet.");
   };
+  const marks = marksOf(key, signal);
+  const lineage = h("div", { class: "slot" });
   const chip = h("span", {});
   const actions = h("div", { class: "row" });
   const reason = h("div", { class: "slot" });
@@ -40,11 +44,11 @@ export async function runView({ main, key, parameters, signal }) {
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("span", { class: "mono" }, key)),
       h("div", { class: "spread" },
-        h("div", { class: "stack" }, h("div", { class: "row" }, h("h1", {}, run.name), chip), facts),
+        h("div", { class: "stack" }, h("div", { class: "row" }, h("h1", {}, run.name), chip), facts, marks.place("run", "", "this run")),
         actions)),
     reason,
     h("section", { class: "card", "aria-label": "Progress" }, h("h2", {}, "Progress"), stages, rejections, failures),
-    summary, scatter.element, specSection(run));
+    summary, scatter.element, lineage, specSection(run));
 
   const act = async ({ verb, ask, done }) => {
     if (ask && !(await confirm(ask))) return;
@@ -72,7 +76,8 @@ export async function runView({ main, key, parameters, signal }) {
     put(chip, state, h("span", { class: `chip ${look(state)}` }, words(state)));
     const offered = ACTIONS.filter((one) => one.states.includes(state) && (!one.needs || one.needs(failed)));
     put(actions, [offered.map((one) => one.verb), Boolean(run.finished_at)],
-      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore") : null, resultLinks(run, key), offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
+      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore") : null, resultLinks(run, key),
+      h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun"), offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants],
       `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
@@ -89,7 +94,7 @@ export async function runView({ main, key, parameters, signal }) {
       await Promise.all([
         failed ? get(`${path}/failures?limit=50`, { signal }).then((list) => put(failures, list, failureList(key, list, failed))) : put(failures, null),
         progress.variants.rejected ? get(`${path}/rejections`, { signal }).then((found) => put(rejections, found, rejectionList(found))) : null,
-        state.startsWith("completed") ? get(`${path}/summary`, { signal }).then((found) => put(summary, found, summarySection(found))) : put(summary, null),
+        state.startsWith("completed") ? get(`${path}/summary`, { signal }).then((found) => put(summary, found, summarySection(found, (sentence) => marks.place("finding", sentence, "this finding")))) : put(summary, null),
       ]);
     }
     const evaluated = progress.stages.eval?.done ?? 0;
@@ -99,6 +104,8 @@ export async function runView({ main, key, parameters, signal }) {
     }
   };
   await update();
+  marks.load().catch(() => {});
+  get(`${path}/lineage`, { signal }).then((relatives) => put(lineage, relatives, lineageSection(relatives, key))).catch(() => {});
 
   const again = poll(signal, async () => {
     progress = await get(`${path}/progress`, { signal });

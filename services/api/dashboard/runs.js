@@ -1,34 +1,45 @@
 // The list of runs.
 import { get } from "./api.js";
-import { command, h } from "./dom.js";
+import { command, h, put } from "./dom.js";
 import { ACTIVE, ago, clock, count, duration, look, percent, plural, words } from "./format.js";
+import { tagList } from "./marks.js";
 import { poll } from "./poll.js";
 
 const PAGE = 50;
 
-export async function runsView({ main, signal }) {
+export async function runsView({ main, parameters, signal }) {
   let pages = 1;
+  const tag = parameters.get("tag");
+  const filter = h("div", { class: "slot row tags" });
   const list = h("div", { class: "stack" });
   const more = h("button", { type: "button", hidden: true, on: { click: () => { pages += 1; again(); } } }, "Show earlier runs");
   const draw = async () => {
     const items = [];
     let next = null;
     for (let page = 0; page < pages; page += 1) {
-      const answer = await get(`/v1/runs?limit=${PAGE}${next ? `&cursor=${encodeURIComponent(next)}` : ""}`, { signal });
+      const answer = await get(`/v1/runs?limit=${PAGE}${tag ? `&tag=${encodeURIComponent(tag)}` : ""}${next ? `&cursor=${encodeURIComponent(next)}` : ""}`, { signal });
       items.push(...answer.items);
       next = answer.next;
       if (!next) break;
     }
     more.hidden = !next;
+    const known = await get("/v1/tags", { signal });
+    put(filter, known, Object.keys(known).length || tag ? [h("span", { class: "small soft" }, "Tags"), tagLinks(known, tag)] : null);
     const focused = document.activeElement?.getAttribute?.("href");
-    list.replaceChildren(items.length ? runsTable(items) : nothing());
+    list.replaceChildren(items.length ? runsTable(items) : tag ? h("p", { class: "card empty" }, "No run carries this tag.") : nothing());
     if (focused) list.querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
     return items.some((run) => ACTIVE.has(run.state)) ? 2000 : 10_000;
   };
   await draw();
-  main.replaceChildren(h("h1", {}, "Runs"), list, h("div", { class: "row" }, more));
+  main.replaceChildren(h("div", { class: "spread" }, h("h1", {}, "Runs"), h("a", { class: "button primary", href: "#/new" }, "New run")), filter, list, h("div", { class: "row" }, more));
   const again = poll(signal, draw);
   return "Runs";
+}
+
+function tagLinks(known, chosen) {
+  const tags = [...new Set([...Object.keys(known), ...(chosen ? [chosen] : [])])];
+  return tags.map((one) => h("a", { class: "tag", href: one === chosen ? "#/" : `#/?tag=${encodeURIComponent(one)}`, "aria-current": one === chosen ? "true" : null, title: one === chosen ? "Show all runs" : null },
+    one, " ", h("span", { class: "number" }, count(known[one] ?? 0)), one === chosen ? " ✕" : ""));
 }
 
 function nothing() {
@@ -36,7 +47,7 @@ function nothing() {
     h("h2", {}, "No run yet"),
     h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians. Start the first one:"),
     command("valerie run examples/first-run.yaml"),
-    h("p", { class: "small" }, "or submit your own spec to this server with ", h("code", {}, "valerie submit SPEC"), "; ", h("code", {}, "valerie new"), " writes one with comments."));
+    h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
 }
 
 function runsTable(items) {
@@ -52,7 +63,7 @@ function row(run) {
   const share = total ? (done + failed) / total : run.state === "completed" ? 1 : 0;
   const took = run.started_at ? (new Date(run.finished_at ?? Date.now()) - new Date(run.started_at)) / 1000 : null;
   return h("tr", {},
-    h("td", { class: "name" }, h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id),
+    h("td", { class: "name" }, h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id), run.tags.length ? h("div", { class: "row tags" }, tagList(run.tags)) : null,
       run.reason && ACTIVE.has(run.state) ? h("div", { class: "small soft" }, run.reason) : null),
     h("td", { "data-label": "State" }, h("span", { class: `chip ${look(run.state)}` }, words(run.state))),
     h("td", { class: "progress-cell", "data-label": "Progress" }, total

@@ -7,7 +7,7 @@ const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.hi
 const interval = (one, spread) => ends(one && !one.reason ? one : spread);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
-export function summarySection({ verdicts, summary, findings }) {
+export function summarySection({ verdicts, summary, findings }, marked) {
   const judged = verdictList(verdicts);
   const warnings = summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
   if (!summary.rows.length) return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
@@ -42,7 +42,7 @@ export function summarySection({ verdicts, summary, findings }) {
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", brackets, reasons.map((reason) => ` No confidence interval: ${reason}.`),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
-    list("Findings", findings.items), list("Candidates, not confirmed", findings.candidates),
+    list("Findings", findings.items, marked), list("Candidates, not confirmed", findings.candidates, marked),
     findings.items.length ? null : h("p", { class: "small soft under" }, `${count(findings.comparisons)} comparisons; none is confirmed.`),
     findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
 }
@@ -58,5 +58,5 @@ function verdictList(verdicts) {
       one.reason ? ` Undecided: ${one.reason}${one.further === null ? "" : `; about ${count(one.further)} more would decide it`}.` : "")))));
 }
 
-const list = (title, findings) => (findings.length
-  ? h("div", { class: "findings" }, h("h3", {}, title), h("ul", {}, findings.map((one) => h("li", {}, one.sentence)))) : null);
+const list = (title, findings, marked) => (findings.length
+  ? h("div", { class: "findings" }, h("h3", {}, title), h("ul", {}, findings.map((one) => h("li", {}, one.sentence, marked(one.sentence))))) : null);

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, HTTPException, Path, status
+from fastapi import APIRouter, HTTPException, Path, Query, status
 
 from services.api.dependencies import ContextDependency
 from services.api.openapi import problems
@@ -16,9 +16,8 @@ from services.api.schemas.catalog import (
     QueueRead,
     RendererRead,
     WorkerRead,
+    WorkRead,
 )
-from valerie.db import processes
-from valerie.db.engine import database_time, reading
 from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
 from valerie.measures import MEASURES
@@ -66,10 +65,9 @@ def measures() -> list[MeasureRead]:
     return [MeasureRead.model_validate(measure) for measure in MEASURES]
 
 
-@router.get("/workers", responses=problems(422), summary="Living worker processes")
+@router.get("/workers", responses=problems(422), summary="Living worker processes, and what they do")
 def workers(context: ContextDependency) -> list[WorkerRead]:
-    with reading(context.engine) as connection:
-        return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=database_time(connection))]
+    return [WorkerRead.model_validate(one) for one in monitoring.workers(context)]
 
 
 @router.get(
@@ -79,3 +77,15 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
 )
 def queues(context: ContextDependency) -> list[QueueRead]:
     return [QueueRead.model_validate(one) for one in monitoring.queues(context)]
+
+
+@router.get(
+    "/work",
+    responses=problems(422),
+    summary="Cost of products over time, reasons of failures, and the space left",
+)
+def work(
+    context: ContextDependency,
+    hours: Annotated[int, Query(ge=1, le=720, description="how far back", examples=[24])] = 24,
+) -> WorkRead:
+    return WorkRead.model_validate(monitoring.work(context, hours))

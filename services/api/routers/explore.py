@@ -47,7 +47,7 @@ from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, large
 from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
 from valerie.pipeline.export.archive import export_archive
 from valerie.pipeline.export.plan import ExportSettings, Format
-from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.runs.products.frames import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 
@@ -59,7 +59,7 @@ _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
-    list[Annotated[str, Query(pattern=RUN_ID_PATTERN)]],
+    list[Annotated[str, Query(pattern=ID)]],
     Query(alias="run", min_length=1, max_length=MAX_RUNS, description="ids of runs", examples=[[RUN_ID]]),
 ]
 WhereText = Annotated[

@@ -23,16 +23,16 @@ from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, Varia
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
 from valerie.db.engine import reading
-from valerie.errors import UnknownName
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
 from valerie.pipeline.reading.frame_details import frame_details
 from valerie.pipeline.reading.frame_details import list_frames as frames_after
 from valerie.pipeline.reading.frame_pictures import find_picture, label_map, paint_picture
-from valerie.pipeline.reading.painting import KINDS, png
+from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.storage.keys import product_key
 
 router = APIRouter(prefix="/v1", tags=["frames"])
@@ -90,7 +90,7 @@ def image(
     context: ContextDependency,
     conditions: ConditionsDependency,
     kind: Annotated[
-        str, Query(max_length=40, description=f"one of {', '.join(KINDS)}", examples=["picture"])
+        str, Query(max_length=40, description=f"one of {', '.join(PictureKind)}", examples=["picture"])
     ] = "picture",
     function: Annotated[
         str | None, Query(max_length=200, description="default: the run's first", examples=["deeplabv3plus-small"])
@@ -99,8 +99,6 @@ def image(
         str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
     ] = None,
 ) -> Response:
-    if kind not in KINDS:
-        raise UnknownName("kind of picture", kind, KINDS, field="kind")
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
     painted: list[bytes] = []
 

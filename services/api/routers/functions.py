@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
+from fastapi import APIRouter, HTTPException, Path, Query, Request, Response, status
 
-from services.api.dependencies import ContextDependency, FrameDependency, wake_control
-from services.api.openapi import binary, problems
+from services.api.dependencies import Body, ContextDependency, FrameDependency, wake_control
+from services.api.openapi import binary, problems, request_body
 from services.api.schemas.functions import FunctionDetail, FunctionRead, PredictionRead
 from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
@@ -17,7 +17,6 @@ from valerie.errors import NotFound, UnknownName
 from valerie.pipeline.functions import catalog, registry
 from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
 from valerie.pipeline.work.uploaded_predictions import put_prediction
-from valerie.plain import JsonObject
 
 router = APIRouter(prefix="/v1", tags=["functions"])
 
@@ -31,43 +30,33 @@ Reference = Annotated[
 ]
 #: One import at a time in this process, since it takes memory and time.
 _IMPORTS: Final = threading.Lock()
-_FORM: Final[JsonObject] = {
-    "requestBody": {
-        "required": True,
-        "description": "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision "
-        "override the document.",
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "properties": {
-                        "document": {"type": "string"},
-                        "payload": {"type": "string", "format": "binary"},
-                        "name": {"type": "string"},
-                        "engine": {"type": "string"},
-                        "precision": {"type": "string"},
-                    },
+_FORM: Final = request_body(
+    "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision override the "
+    "document.",
+    {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "properties": {
+                    "document": {"type": "string"},
+                    "payload": {"type": "string", "format": "binary"},
+                    "name": {"type": "string"},
+                    "engine": {"type": "string"},
+                    "precision": {"type": "string"},
                 },
-                "example": {
-                    "document": "name: street-net\nclasses: [road, person]\n",
-                    "payload": "(the file)",
-                    "engine": "openvino",
-                },
-            }
-        },
-    }
-}
-_PNG: Final[JsonObject] = {
-    "requestBody": {
-        "required": True,
-        "description": "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",
-        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
-    }
-}
-
-
-async def _body(request: Request) -> bytes:
-    return await request.body()
+            },
+            "example": {
+                "document": "name: my-net\nclasses: [road, person]\n",
+                "payload": "(the file)",
+                "engine": "openvino",
+            },
+        }
+    },
+)
+_PNG: Final = request_body(
+    "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",
+    {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+)
 
 
 @router.post(
@@ -170,7 +159,7 @@ def upload(
     request: Request,
     response: Response,
     context: ContextDependency,
-    body: Annotated[bytes, Depends(_body)],
+    body: Body,
     function: Annotated[
         str | None, Query(max_length=200, description="default: the only one of this kind", examples=["my-predictions"])
     ] = None,

@@ -7,21 +7,19 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
 from services.api.dependencies import (
+    Body,
     ContextDependency,
-    Cursor,
     Limit,
     RunId,
-    decode_cursor,
-    encode_cursor,
-    moment,
-    text,
+    SeenDependency,
+    next_page,
     wake_control,
 )
-from services.api.openapi import example, problems
+from services.api.openapi import document_body, example, problems
 from services.api.schemas.base import CAMERAS, DIGEST
-from services.api.schemas.runs import SPEC, Failure, Progress, RunDetail, RunPage, RunRead
+from services.api.schemas.runs import SPEC, Failure, Progress, RelativeRead, RunDetail, RunPage, RunRead
 from services.api.transfer import IfNoneMatch, send_page
-from valerie.db import results, runs
+from valerie.db import marks, results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
@@ -29,22 +27,15 @@ from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec, parse
 
 router = APIRouter(prefix="/v1", tags=["runs"])
 
 _YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
-_SPEC_BODY: JsonObject = {
-    "requestBody": {
-        "required": True,
-        "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
-        "content": {
-            "application/json": {"schema": {"type": "object"}, "example": SPEC},
-            "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
-        },
-    }
-}
+SPEC_BODY: Final = document_body(
+    "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.", example=SPEC, yaml=_YAML
+)
 #: The plan of `SPEC`.
 PLAN: Final[JsonObject] = {
     "name": SPEC["name"],
@@ -84,11 +75,7 @@ _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
 
-async def body(request: Request) -> bytes:
-    return await request.body()
-
-
-def _spec(body: Annotated[bytes, Depends(body)]) -> RunSpec:
+def _spec(body: Body) -> RunSpec:
     # Runs in a thread, so that a large document does not hold up other requests.
     return parse(body)
 
@@ -98,7 +85,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 
 @router.post(
     "/plan",
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses={**problems(413, 422), **example(PLAN)},
     summary="Size and cost of a run before it is submitted; stores nothing",
 )
@@ -109,7 +96,7 @@ def plan(spec: Spec, context: ContextDependency) -> Plan:
 @router.post(
     "/runs",
     status_code=status.HTTP_202_ACCEPTED,
-    openapi_extra=_SPEC_BODY,
+    openapi_extra=SPEC_BODY,
     responses=problems(404, 409, 413, 422, 507),
     summary="Submit a run",
     response_description="accepted; Location names the run",
@@ -127,8 +114,11 @@ def create(
             examples=["4be1f0d2-first-run"],
         ),
     ] = None,
+    priority: Annotated[
+        Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
+    ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)
@@ -139,28 +129,28 @@ def list_runs(
     request: Request,
     context: ContextDependency,
     limit: Limit = 50,
-    cursor: Cursor = None,
+    seen: SeenDependency = None,
     state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
+    tag: Annotated[
+        str | None,
+        Query(max_length=40, pattern=r"^[^\x00]*$", description="only runs that carry it", examples=["night"]),
+    ] = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
-        rows = runs.page(
-            connection, limit=limit + 1, before=None if before is None else (before[0], before[1]), state=state
-        )
-    items = [_run(row) for row in rows[:limit]]
-    more = len(rows) > limit
-    following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if more else None
-    return send_page(
-        RunPage(items=items, next=following), known=if_none_match, encodings=request.headers.get("accept-encoding")
-    )
+        earlier = None if before is None else (before[0], before[1])
+        rows = runs.page(connection, limit=limit + 1, before=earlier, state=state, tag=tag)
+        tags = marks.tags_of_runs(connection, [row.id for row in rows])
+    page = RunPage(items=[_run(row, tags.get(row.id, [])) for row in rows[:limit]], next=next_page(rows, limit))
+    return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 
 
 @router.get("/runs/{run_id}", responses=_OF_RUN, summary="One run with its spec")
 def read(run_id: RunId, context: ContextDependency) -> RunDetail:
     with reading(context.engine) as connection:
         row = runs.get(connection, run_id)
-    return RunDetail(**_run(row).model_dump(), spec=row.spec.model_dump(mode="json"))
+        tags = marks.tags_of_runs(connection, [run_id])
+    return RunDetail(**_run(row, tags.get(run_id, [])).model_dump(), spec=row.spec.model_dump(mode="json"))
 
 
 @router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="Progress of a run; cheap to poll")
@@ -202,6 +192,16 @@ def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
         return runs.rejections(connection, run_id)
 
 
+@router.get(
+    "/runs/{run_id}/lineage",
+    responses=_OF_RUN,
+    summary="The runs that this one descends from, and all that descend from the oldest of them, oldest first",
+)
+def lineage(run_id: RunId, context: ContextDependency) -> list[RelativeRead]:
+    with reading(context.engine) as connection:
+        return [RelativeRead.model_validate(one) for one in runs.lineage(connection, run_id)]
+
+
 @router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")
 def cancel(run_id: RunId, context: ContextDependency) -> RunRead:
     lifecycle.cancel(context, run_id)
@@ -234,8 +234,9 @@ def delete(run_id: RunId, context: ContextDependency) -> None:
 
 def _read(context: Context, run_id: str) -> RunRead:
     with reading(context.engine) as connection:
-        return _run(runs.get(connection, run_id))
+        return _run(runs.get(connection, run_id), marks.tags_of_runs(connection, [run_id]).get(run_id, []))
 
 
-def _run(row: runs.RunRow) -> RunRead:
-    return RunRead.model_validate(vars(row) | {"stages": {} if row.progress is None else row.progress.stages})
+def _run(row: runs.RunRow, tags: list[str]) -> RunRead:
+    stages = {} if row.progress is None else row.progress.stages
+    return RunRead.model_validate(vars(row) | {"stages": stages, "tags": tags})

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, status
 
 from services.api.dependencies import (
+    Body,
     ContextDependency,
-    Cursor,
     Limit,
-    decode_cursor,
-    encode_cursor,
-    moment,
-    text,
+    SeenDependency,
+    next_page,
     wake_control,
 )
-from services.api.openapi import example, problems
-from services.api.routers.runs import PLAN, body
+from services.api.openapi import document_body, example, problems
+from services.api.routers.runs import PLAN
 from services.api.schemas.studies import (
     REASON,
     STUDY,
@@ -37,6 +35,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
 from valerie.pipeline.control.studies.advancing import left
 from valerie.plain import JsonObject
+from valerie.runs.products.frames import ID
 from valerie.runs.study.document import Outcomes, StudyDocument, parse_study
 from valerie.runs.study.measure import parse_measure
 
@@ -50,16 +49,9 @@ measure: min(pacc) >= 0.5
 goal: estimate
 budget: {variants: 256}
 """
-_STUDY_BODY: JsonObject = {
-    "requestBody": {
-        "required": True,
-        "description": "A study as JSON or YAML; `valerie study new` writes one with comments.",
-        "content": {
-            "application/json": {"schema": {"type": "object"}, "example": STUDY},
-            "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
-        },
-    }
-}
+_STUDY_BODY: Final = document_body(
+    "A study as JSON or YAML; `valerie study new` writes one with comments.", example=STUDY, yaml=_YAML
+)
 _NEXT: JsonObject = {
     "number": 0,
     "reason": REASON,
@@ -73,12 +65,10 @@ _NEXT: JsonObject = {
 _OF_STUDY = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
 
-StudyId = Annotated[
-    str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a study", examples=[STUDY_ID])
-]
+StudyId = Annotated[str, Path(pattern=ID, description="id of a study", examples=[STUDY_ID])]
 
 
-def _document(content: Annotated[bytes, Depends(body)]) -> StudyDocument:
+def _document(content: Body) -> StudyDocument:
     return parse_study(content)
 
 
@@ -115,17 +105,13 @@ def list_studies(
     request: Request,
     context: ContextDependency,
     limit: Limit = 50,
-    cursor: Cursor = None,
+    seen: SeenDependency = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
-        rows = studies.page(connection, limit=limit + 1, before=None if before is None else (before[0], before[1]))
-    items = [_study(row) for row in rows[:limit]]
-    following = encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if len(rows) > limit else None
-    return send_page(
-        StudyPage(items=items, next=following), known=if_none_match, encodings=request.headers.get("accept-encoding")
-    )
+        rows = studies.page(connection, limit=limit + 1, before=seen)
+    page = StudyPage(items=[_study(row) for row in rows[:limit]], next=next_page(rows, limit))
+    return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))
 
 
 @router.get(

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
-from datetime import datetime
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from valerie.measures import Measure, Source, measure_of, measures_from
-from valerie.runs.moments import in_utc
-
-Moment = Annotated[datetime, AfterValidator(in_utc)]
 
 #: Names that the examples of several models and parameters share.
 RUN_ID: Final = str(measure_of("run_id").example)

@@ -8,6 +8,7 @@ from services.api.schemas.base import CAMERAS, NUMERIC_CLASS, Digest, Read
 from valerie.measures import Source
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.runs.products.pins import AnyOffer
+from valerie.runs.products.states import ProductKind
 
 _PARAMETER = {
     "name": "person-1.pos.x",
@@ -92,6 +93,9 @@ class WorkerRead(Read):
             ]
         ],
     )
+    makes: dict[ProductKind, int] = Field(
+        description="products that it makes at this moment, by kind", examples=[{"layer": 12}]
+    )
     started_at: float = Field(description="Unix seconds", examples=[1764000000.0])
     seen_at: float = Field(description="time of its last sign of life, Unix seconds", examples=[1764000042.0])
 
@@ -103,6 +107,34 @@ class QueueRead(Read):
     running: int = Field(examples=[6])
     messages: int | None = Field(description="in the broker; null where it does not answer", examples=[2])
     workers: int = Field(description="living workers that serve it", examples=[1])
+    per_minute: float = Field(description="products done in the last two minutes, per minute", examples=[36.5])
+
+
+class CostSeriesRead(Read):
+    kind: ProductKind = Field(examples=["layer"])
+    products: list[int] = Field(description="done in each span", examples=[[0, 24]])
+    cpu_seconds: list[float | None] = Field(description="mean of these; null for none", examples=[[None, 0.34]])
+
+
+class FailureReasonRead(Read):
+    kind: ProductKind = Field(examples=["layer"])
+    type: str = Field(description="class of the error", examples=["RenderingError"])
+    products: int = Field(examples=[3])
+    message: str = Field(description="of the latest", examples=["raster: the image is constant"])
+    latest: float = Field(description="Unix seconds", examples=[1764000000.0])
+
+
+class WorkRead(Read):
+    """What a deployment made lately, and the space left."""
+
+    since: float = Field(description="beginning of the first span of time, Unix seconds", examples=[1764000000.0])
+    span_s: float = Field(description="length of a span", examples=[60.0])
+    costs: list[CostSeriesRead]
+    failures: list[FailureReasonRead] = Field(
+        description="reasons of products that failed for good, the most frequent first"
+    )
+    free_bytes: int | None = Field(description="of the artifact folder; null for a bucket", examples=[50000000000])
+    min_free_bytes: int = Field(description="free space below which runs pause", examples=[209715200])
 
 
 class Health(Read):

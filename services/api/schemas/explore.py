@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
 
-from services.api.schemas.base import FUNCTION, RUN_ID, Moment, Read
+from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
 from valerie.measures import Cell
 from valerie.pipeline.exploring.confusion import Confusion
@@ -14,7 +14,8 @@ from valerie.pipeline.exploring.exploration import ExploredColumn
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import RUN_ID as RUN_ID_PATTERN
+from valerie.runs.moments import Moment
+from valerie.runs.products.frames import ID
 
 #: The name of a saved selection, and text that a database can hold, as regular expressions.
 SELECTION_NAME: Final = r"^[^\x00-\x1f/]+$"
@@ -166,7 +167,7 @@ class NewSelection(BaseModel, extra="forbid"):
 
     name: Annotated[str, Field(min_length=1, max_length=120, pattern=SELECTION_NAME, examples=["dark and far"])]
     runs: Annotated[
-        tuple[Annotated[str, Field(pattern=RUN_ID_PATTERN)], ...],
+        tuple[Annotated[str, Field(pattern=ID)], ...],
         Field(min_length=1, max_length=20, examples=[[RUN_ID]]),
     ]
     expression: Annotated[str, Field(max_length=2000, pattern=_TEXT, examples=["distance_m > 25"])] = ""

@@ -6,10 +6,11 @@ from typing import Annotated
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, FRAME_ID, Moment, Read
+from services.api.schemas.base import DIGEST, FRAME_ID, Read
+from valerie.runs.moments import Moment
 
 _DOCUMENT: dict[str, JsonValue] = {
-    "name": "street-net",
+    "name": "my-net",
     "kind": "onnx",
     "payload": {"sha256": "e0" * 32, "bytes": 16_042_000, "format": "onnx"},
     "output": {"kind": "logits", "classes": ["road", "person", "everything else"]},
@@ -22,11 +23,11 @@ _CARD = [
     ["classes", "3: road, person, everything else → void"],
     ["input size", "the frame's own, padded to multiples of 32"],
 ]
-_PROVENANCE = {"source": "street-net.onnx", "producer": "pytorch 2.13.0", "opset": "17"}
+_PROVENANCE = {"source": "my-net.onnx", "producer": "pytorch 2.13.0", "opset": "17"}
 
 
 class FunctionRead(Read):
-    name: str = Field(examples=["street-net"])
+    name: str = Field(examples=["my-net"])
     digest: str = Field(
         description="of a registered version 32 characters, of an installed function those of its file",
         examples=[DIGEST],
@@ -42,7 +43,7 @@ class FunctionRead(Read):
     reference: str | None = Field(
         None,
         description="what a spec writes to name this version; null for an installed function",
-        examples=[f"street-net@{DIGEST[:12]}"],
+        examples=[f"my-net@{DIGEST[:12]}"],
     )
     kind: str | None = Field(
         None,

@@ -6,10 +6,11 @@ from typing import Final
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
+from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, NextCursor, Read
+from valerie.runs.moments import Moment
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.ready import ProductError
-from valerie.runs.products.states import RunState, Stage
+from valerie.runs.products.states import Priority, RunState, Stage
 
 #: The paper's two lists (section 4) in its own notation.
 SPEC: Final[dict[str, JsonValue]] = {
@@ -68,11 +69,13 @@ class RunRead(Read):
     iteration: int = Field(examples=[0])
     variant_count: int = Field(examples=[10])
     rejected_count: int = Field(examples=[0])
+    priority: Priority = Field(examples=["normal"])
     pins: Pins | None = Field(
         description="engines and functions in the numeric classes that the run keeps from its start; null before",
         examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],
     )
     stages: dict[Stage, StageProgress] = Field(description="at the latest count; empty before the first")
+    tags: list[str] = Field(description="that people put on it", examples=[["night"]])
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     started_at: Moment | None = Field(examples=["2026-11-21T02:43:09Z"])
     finished_at: Moment | None
@@ -85,6 +88,16 @@ class RunDetail(RunRead):
 class RunPage(Read):
     items: list[RunRead]
     next: NextCursor
+
+
+class RelativeRead(Read):
+    id: str = Field(examples=[RUN_ID])
+    name: str = Field(examples=["two lists of the paper"])
+    state: RunState = Field(examples=["completed"])
+    parent_run: str | None = Field(description="the run that it goes on from")
+    iteration: int = Field(examples=[0])
+    created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
+    study: str | None = Field(description="id of the study that made it as a batch")
 
 
 class Failure(Read):

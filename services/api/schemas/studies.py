@@ -6,8 +6,9 @@ from typing import Final
 
 from pydantic import Field, JsonValue
 
-from services.api.schemas.base import DIGEST, RUN_ID, Digest, Moment, NextCursor, Read
+from services.api.schemas.base import DIGEST, RUN_ID, Digest, NextCursor, Read
 from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.moments import Moment
 from valerie.runs.study.document import Budget, Outcomes, StudyResult, StudyState
 
 STUDY_ID: Final = "s1ng219w3v1ks"

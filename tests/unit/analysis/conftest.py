@@ -16,8 +16,8 @@ PARAMETERS = {
     "scene.person-1.pos.y": "FLOAT",
     "scene.person-1.character": "CATEGORICAL",
 }
-#: A grid of any size on one street.
-GRID = {"run-1": Design((("grid", 10_000_000),), street=0)}
+#: A grid of any size on one site.
+GRID = {"run-1": Design((("grid", 10_000_000),), site=0)}
 CHARACTERS = ("black-outfit", "yellow-shirt")
 CAMERAS = {"camera-1": 0.0, "camera-2": 1.5, "camera-3": 3.0}
 

@@ -1,4 +1,4 @@
-from valerie.analysis.comparison.before_after import Change, Difference
+from valerie.analysis.comparison.before_after import GroupDifference, VersionChange
 from valerie.analysis.comparison.wording import change_sentence
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, Step
 from valerie.analysis.findings.wording import finding_sentence, searched_sentence
@@ -70,7 +70,7 @@ def test_a_run_without_findings_says_how_much_was_looked_at() -> None:
 
 
 def test_a_change_between_versions_has_its_interval_and_its_flips() -> None:
-    own = Difference(0.048, 0.01, 0.09, 20, 2, 7, "better")
-    assert change_sentence(Change("group", "far", 0.5, 0.55, 0.048, own)) == (
+    own = GroupDifference(0.048, 0.01, 0.09, 20, 2, 7, "better")
+    assert change_sentence(VersionChange("group", "far", 0.5, 0.55, 0.048, own)) == (
         "far: mean pACC 50.0 → 55.0 % (+4.8 points by place, 95 % [+1.0, +9.0], 20 places; 2 lost, 7 gained)"
     )

@@ -146,7 +146,7 @@ def test_a_pedestrian_out_of_view_is_told_with_what_is_undefined_then(tmp_path: 
     code, (found,) = findings(tmp_path)
     assert code == 0
     assert (found["severity"], found["code"], found["where"]) == ("warning", "out-of-view", "scene.person-1")
-    assert "every pacc of it would be undefined (outside the image)" in check(tmp_path).stderr
+    assert "its pacc would always be undefined (outside the image)" in check(tmp_path).stderr
 
 
 def test_a_mesh_without_normals_is_told_and_gets_those_of_its_faces(tmp_path: Path) -> None:

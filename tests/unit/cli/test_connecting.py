@@ -31,3 +31,21 @@ def test_reading_where_nothing_ran_makes_no_database(command: list[str], tmp_pat
     assert isinstance(result.exception, NotFound)
     assert "nobody/valerie.sqlite3" in str(result.exception)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", [["status"], ["report", "r1"], ["study", "status"], ["study", "report", "s1"]])
+def test_a_configured_address_is_asked_also_where_the_folder_could_answer(
+    command: list[str], invoke: CliRunner, deployed: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VALERIE_API_PORT", "9")  # the discard service: no server of VALERIE has it
+    result = invoke.invoke(app, [*command, "--data-dir", str(deployed[0] / "data")])
+    assert isinstance(result.exception, ServerUnavailableError)
+    assert "http://127.0.0.1:9" in str(result.exception)
+
+
+def test_the_data_folder_answers_for_its_studies(invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path) -> None:
+    data = ["--data-dir", str(deployed[0] / "data")]
+    assert "no studies yet" in invoke.invoke(app, ["study", "status", *data], catch_exceptions=False).stderr
+    for command in (["status", "s1"], ["report", "s1", "--output", str(tmp_path / "s.html")]):
+        with pytest.raises(NotFound, match="no study s1"):
+            invoke.invoke(app, ["study", *command, *data], catch_exceptions=False)

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.planted_tables import planted_finding
-from valerie.analysis.findings.findings import View
+from valerie.analysis.findings.findings import ScoredPerson
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 
@@ -28,7 +28,7 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     shutil.copytree(deployed[0] / "data", tmp_path / "data")
     summary = tmp_path / "data/artifacts/runs" / run_id / "summary.json"
     document = json.loads(summary.read_text())
-    view = View(f"{run_id}.5.1.0", "default", "blank", 24001, 0.0)
+    view = ScoredPerson(f"{run_id}.5.1.0", "default", "blank", 24001, 0.0)
     document["findings"]["items"] = [asdict(planted_finding(view, view))]
     summary.write_text(json.dumps(document))
     key, folder = tmp_path / "key", tmp_path / "evidence"

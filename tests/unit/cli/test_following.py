@@ -10,9 +10,9 @@ import pytest
 
 from valerie.cli.connecting import System
 from valerie.cli.display import JsonDisplay
-from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, save_report, show_result
+from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, show_result
 from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
-from valerie.errors import StorageUnavailable, ValerieError
+from valerie.errors import ValerieError
 from valerie.runs.products.states import RunState
 from valerie.settings import load_settings
 
@@ -120,20 +120,6 @@ def test_a_report_gets_a_plain_name_beside_the_data_folder(tmp_path: Path) -> No
     path = report_path(settings, "First run: 2/3 ../ Straße", "r1")
     assert path == tmp_path / "var" / "reports" / "first-run-2-3-strasse-r1.html"
     assert report_path(settings, "…", "r1").name == "run-r1.html"
-
-
-def test_a_report_is_saved_and_named_as_people_would_type_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    client = _system(lambda _: httpx.Response(200, content=b"<html>")).client
-    assert save_report(client, "r1", tmp_path / "a" / "report.html") == Path("a/report.html")
-    assert (tmp_path / "a" / "report.html").read_bytes() == b"<html>"
-
-
-def test_a_report_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    client = _system(lambda _: httpx.Response(200, content=b"<html>")).client
-    with pytest.raises(StorageUnavailable, match=r"file/report\.html"):
-        save_report(client, "r1", tmp_path / "file" / "report.html")
 
 
 def test_the_last_json_line_holds_state_exit_code_summary_and_report(

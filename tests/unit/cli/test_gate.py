@@ -147,3 +147,15 @@ def test_a_server_gives_the_same_result(deployed: tuple[Path, str, str, str]) ->
 def test_an_unknown_format_is_refused_before_anything_is_read(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown file format"):
         CliRunner().invoke(app, ["gate", "r1", "-o", str(tmp_path / "x.xls")], catch_exceptions=False)
+
+
+def test_before_a_version_is_run_the_gate_says_how_many_places_it_takes(
+    deployed: tuple[Path, str, str, str],
+) -> None:
+    text = gated(deployed, deployed[1], "--before", "--effect", "0.2", code=0)
+    assert f"{WORSE}: a drop of 20 points in one of " in text
+    (need,) = json.loads(
+        gated(deployed, deployed[2], "--before", "--deviation", "0.1", "--json", code=0)
+    )  # a run of one function
+    assert need["needed"] > 1
+    assert need["slices"]["all"] > 100

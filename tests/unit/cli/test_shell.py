@@ -9,10 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from valerie.cli.main import app
-from valerie.cli.shell import Exit, exit_code_of
+from valerie.cli.shell import Exit, exit_code_of, save
 from valerie.client import ServerProblemError, ServerUnavailableError
 from valerie.errors import (
     Conflict,
@@ -20,6 +21,7 @@ from valerie.errors import (
     MissingDependency,
     NotFound,
     StorageFull,
+    StorageUnavailable,
     TransientError,
     UnknownName,
     ValerieError,
@@ -190,14 +192,42 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
 
 
-def test_new_writes_a_commented_spec_and_never_replaces_one(tmp_path: Path) -> None:
-    assert _valerie("new", "first.yaml", cwd=tmp_path).returncode == 0
-    text = (tmp_path / "first.yaml").read_text()
+def test_a_saved_file_is_named_as_people_would_type_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert save(b"<html>", tmp_path / "a" / "report.html") == Path("a/report.html")
+    assert (tmp_path / "a" / "report.html").read_bytes() == b"<html>"
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageUnavailable, match=r"file/report\.html"):
+        save(b"", tmp_path / "file" / "report.html")
+
+
+@pytest.mark.parametrize("command", [["new"], ["study", "new"]])
+def test_new_writes_a_commented_file_and_never_replaces_one(command: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "first.yaml"
+
+    def new(*more: str) -> Result:
+        return CliRunner().invoke(app, [*command, str(path), *more])
+
+    assert new().exit_code == 0
+    text = path.read_text()
     assert text.count("#") > 5
-    again = _valerie("new", "first.yaml", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
-    assert (tmp_path / "first.yaml").read_text() == text
+    path.write_text("mine")
+    refused = new().exception
+    assert isinstance(refused, InvalidInput)
+    assert "--force" in str(refused)
+    assert path.read_text() == "mine"
+    assert new("--force").exit_code == 0
+    assert path.read_text() == text
+
+
+@pytest.mark.parametrize("command", [["new"], ["study", "new"]])
+def test_new_writes_through_no_link_to_a_file_that_is_still_missing(command: list[str], tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    assert isinstance(CliRunner().invoke(app, [*command, str(tmp_path / "link")]).exception, InvalidInput)
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_plan_needs_no_server_and_leaves_nothing_behind(tmp_path: Path) -> None:

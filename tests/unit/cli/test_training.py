@@ -49,7 +49,7 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
-    little = ["--frames", "1", "--streets", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]
+    little = ["--frames", "1", "--sites", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]
     place = ["--data-dir", str(folder)]
     given = ["train", "--from", run_id, "--where", WEAK, *little, *place, "--json"]
     result = CliRunner().invoke(app, given, catch_exceptions=False)

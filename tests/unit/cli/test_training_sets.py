@@ -25,7 +25,7 @@ SHORT = ["--steps", "1", "--batch", "2", "--precision", "fp32", "--device", "cpu
 
 def write_frames(folder: Path, seed: int, count: int = 2, **size: int) -> Path:
     folder.mkdir()
-    shard = write_shard(folder, seed, box_frames(count, street_seed=seed, **size))
+    shard = write_shard(folder, seed, box_frames(count, site_seed=seed, **size))
     write_index(folder, [shard], {"street-seeds": f"{seed}-{seed}", "asset": "boxes"})
     return folder
 
@@ -153,8 +153,8 @@ def test_frames_that_are_kept_apart_from_training_are_refused_by_their_option(
 ) -> None:
     refused = refusal(*fit, "--frames", folders[1], "--out", tmp_path / "x.safetensors")
     assert str(refused) == (
-        "--frames: streets that are kept apart from training, for runs and for held-out frames; got [900]; "
-        "limit: street seeds 1000…99999"
+        "--frames: sites that are kept apart from training, for runs and for held-out frames; got [900]; "
+        "limit: site seeds 1000…99999"
     )
     refused = refusal("frames", tmp_path / "new", "--first-seed", "0")
     assert str(refused) == "--first-seed: no seed of train; got 0; limit: 1000…99999"
@@ -170,4 +170,4 @@ def test_a_size_out_of_bounds_is_refused_by_its_option(tmp_path: Path) -> None:
 
 
 def test_frames_into_a_full_folder_are_refused(folders: tuple[Path, Path]) -> None:
-    assert "DIR: the folder is not empty" in str(refusal("frames", folders[0], "--streets", "1"))
+    assert "DIR: the folder is not empty" in str(refusal("frames", folders[0], "--sites", "1"))

@@ -20,7 +20,15 @@ def digest(name: str) -> str:
 def product(name: str, kind: str, *inputs: str, state: str = "waiting", **values: Any) -> dict[str, Any]:
     a, b = (*(digest(i) for i in inputs), None, None)[:2]
     stage = {"prediction": "infer", "evaluation": "eval"}.get(kind, "render")
-    row = {"digest": digest(name), "kind": kind, "state": state, "route": stage, "cache_group": "g", "attempts": 0}
+    row = {
+        "digest": digest(name),
+        "kind": kind,
+        "state": state,
+        "route": stage,
+        "cache_group": "g",
+        "turn": 0.0,
+        "attempts": 0,
+    }
     return {**row, "input_a": a, "input_b": b, **values}
 
 

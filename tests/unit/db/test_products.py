@@ -17,6 +17,7 @@ from valerie.db.statements import insert_ignoring
 from valerie.runs.products.frames import FrameKey, FrameProducts
 from valerie.runs.products.ready import FailedInput, Fault
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind
+from valerie.runs.products.turns import Turns
 
 NO = Fault(stage=ProductKind.LAYER, type="RenderingError", message="no", attempts=1)
 ALL = [digest(name) for name in "bltpe"]
@@ -104,7 +105,7 @@ WANTED: list[Wanted] = [
 
 def want(engine: Engine, rows: list[Wanted], now: float = 100.0) -> list[str]:
     with writing(engine) as connection:
-        return [item.digest for item in products.want(connection, rows, now)]
+        return [item.digest for item in products.want(connection, rows, now, Turns())]
 
 
 def set_state(engine: Engine, name: str, state: str) -> None:
@@ -375,7 +376,7 @@ class TestCost:
             totals.backlog,
             lambda connection: sweeping.take_back_expired(connection, now=100.0, max_attempts=3),
             lambda connection: products.promote_all(connection, 100.0),
-            lambda connection: sweeping.stale_ready(connection, before=100.0, limit=10),
+            lambda connection: sweeping.stale_ready(connection, now=100.0, resend_seconds=9.0, limit=10),
             lambda connection: sweeping.fail_orphaned_dependents(connection, 100.0),
             lambda connection: products.promote_dependents(connection, [digest("l")], 100.0),
             lambda connection: products.fail_dependents(connection, [digest("l")], 100.0),

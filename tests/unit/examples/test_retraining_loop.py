@@ -15,7 +15,7 @@ from tests.world.drawn import DrawnWorld, spec
 from tests.world.training import DRAWS, class_here, draw_frames
 from tests.world.world import settings_of
 from valerie.perception.importing.function_file import read_header
-from valerie.pipeline.retraining.loop import RetrainSettings
+from valerie.runs.study.retraining import RetrainSettings
 from valerie.storage.keys import run_key
 
 WEAK = "pacc < 0.9 and distance_m > 25"
@@ -31,7 +31,7 @@ def test_a_run_is_shown_beside_two_new_versions(
     world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
     run_id = world.work(spec("validation", asset="urban-street", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
-        frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
+        frames=2, sites=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
     document = close_the_loop(world.context, run_id, WEAK, settings, tmp_path / "out")
     written = json.loads((tmp_path / "out" / "comparison.json").read_text())

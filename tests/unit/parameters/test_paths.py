@@ -1,24 +1,7 @@
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.parameters.paths import attribute_of, node_of, parse_path, short_name
-
-
-@pytest.mark.parametrize(
-    ("path", "node", "attribute"),
-    [
-        ("scene.person-1.pos.x", "scene.person-1", "pos.x"),
-        ("scene.person-1.heading", "scene.person-1", "heading"),
-        ("scene.car-3.door-1.rot.z", "scene.car-3.door-1", "rot.z"),
-        ("scene.person-1.cloth.specular_tint", "scene.person-1", "cloth.specular_tint"),
-        ("scene.environment.turbidity", "scene.environment", "turbidity"),
-        ("scene.kiosk.pos.x", "scene.kiosk", "pos.x"),
-        ("sensor.exposure_ev", "sensor", "exposure_ev"),
-        ("sensor.noise.sigma", "sensor", "noise.sigma"),
-    ],
-)
-def test_a_path_splits_into_node_and_attribute(path: str, node: str, attribute: str) -> None:
-    assert (node_of(path), attribute_of(path)) == (node, attribute)
+from valerie.parameters.paths import parse_path, short_name
 
 
 @pytest.mark.parametrize(

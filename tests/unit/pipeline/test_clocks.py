@@ -99,7 +99,7 @@ def test_a_message_sent_before_the_clock_was_set_back_is_sent_again(engine: Engi
     clock.now -= HOURS
     assert taken_back(engine) == []
     with reading(engine) as connection:
-        assert sweeping.stale_ready(connection, before=clock.now + 1, limit=9)
+        assert sweeping.stale_ready(connection, now=clock.now + 11, resend_seconds=10, limit=9)
 
 
 def test_a_worker_that_died_before_the_clock_was_set_back_is_dead(engine: Engine, clock: Clock) -> None:

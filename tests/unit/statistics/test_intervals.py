@@ -209,10 +209,10 @@ def test_a_listed_grid_has_no_sampling_error_and_the_refusal_says_what_would() -
     refusal = mean_interval(mild(48), sampling_units("grid", np.arange(48)))
     assert isinstance(refusal, Refusal)
     assert refusal.estimand is Estimand.LISTED_GRID
-    assert "5 more streets" in refusal.reason
-    streets = np.repeat(np.arange(1 + refusal.more_units), 48)
-    variants = np.arange(len(streets))
-    assert isinstance(mean_interval(mild(len(streets)), sampling_units("grid", variants, streets=streets)), Interval)
+    assert "5 more sites" in refusal.reason
+    sites = np.repeat(np.arange(1 + refusal.more_units), 48)
+    variants = np.arange(len(sites))
+    assert isinstance(mean_interval(mild(len(sites)), sampling_units("grid", variants, sites=sites)), Interval)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

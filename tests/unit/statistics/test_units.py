@@ -9,25 +9,25 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.statistics.units import Estimand, places, sampling_units
 
 
-def test_a_grid_on_one_street_is_all_there_is() -> None:
+def test_a_grid_on_one_site_is_all_there_is() -> None:
     variants = np.repeat(np.arange(12), 3)
-    units = sampling_units("grid", variants, streets=np.full(36, 7))
+    units = sampling_units("grid", variants, sites=np.full(36, 7))
     assert units.estimand is Estimand.LISTED_GRID
     assert sampling_units("points", variants).estimand is Estimand.LISTED_GRID
 
 
-def test_a_grid_on_several_streets_has_whole_streets_as_units_whatever_is_crossed_with_them() -> None:
-    streets, suns, cameras = (axis.ravel() for axis in np.meshgrid([101, 7, 55], range(4), range(2), indexing="ij"))
-    variants = streets * 10 + suns
-    units = sampling_units("grid", variants, streets=streets)
-    assert units.estimand is Estimand.STREETS
+def test_a_grid_on_several_sites_has_whole_sites_as_units_whatever_is_crossed_with_them() -> None:
+    sites, suns, cameras = (axis.ravel() for axis in np.meshgrid([101, 7, 55], range(4), range(2), indexing="ij"))
+    variants = sites * 10 + suns
+    units = sampling_units("grid", variants, sites=sites)
+    assert units.estimand is Estimand.SITES
     assert units.count == 3
     for camera in (0, 1):
         assert (units.index[cameras == camera] == np.repeat([2, 0, 1], 4)).all()
 
 
 def test_a_random_design_has_variants_with_all_their_rows_as_units() -> None:
-    units = sampling_units("random", np.array([40, 40, 12, 30, 12]), streets=np.array([1, 1, 2, 1, 2]))
+    units = sampling_units("random", np.array([40, 40, 12, 30, 12]), sites=np.array([1, 1, 2, 1, 2]))
     assert units.estimand is Estimand.DESIGN_BOX
     assert units.index.tolist() == [2, 2, 0, 1, 0]
     assert units.replicate is None
@@ -53,12 +53,12 @@ def test_units_of_fewer_rows_are_numbered_anew_and_keep_their_replicates() -> No
     assert fewer.replicate.tolist() == [0, 1]
 
 
-def test_a_place_is_a_position_of_all_persons_on_one_street() -> None:
+def test_a_place_is_a_position_of_all_persons_on_one_site() -> None:
     positions = np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 3.0], [1.0, 2.0]])
     assert places(positions).index.tolist() == [0, 0, 1, 0]
-    on_two_streets = places(positions, np.array([4, 4, 4, 5]))
-    assert on_two_streets.count == 3
-    assert on_two_streets.index.tolist()[0] == on_two_streets.index.tolist()[1] != on_two_streets.index.tolist()[3]
+    on_two_sites = places(positions, np.array([4, 4, 4, 5]))
+    assert on_two_sites.count == 3
+    assert on_two_sites.index.tolist()[0] == on_two_sites.index.tolist()[1] != on_two_sites.index.tolist()[3]
 
 
 def test_without_varied_positions_everything_is_one_place() -> None:
@@ -71,8 +71,8 @@ def test_an_unknown_design_is_refused_with_its_name() -> None:
 
 
 def test_labels_need_one_entry_for_every_row() -> None:
-    with pytest.raises(InvalidInput, match="streets"):
-        sampling_units("grid", np.arange(3), streets=np.arange(2))
+    with pytest.raises(InvalidInput, match="sites"):
+        sampling_units("grid", np.arange(3), sites=np.arange(2))
 
 
 def test_a_variant_of_two_replicates_is_refused() -> None:

@@ -1,1 +1,1 @@
-"""A source's statements and printed numbers beside what a run shows."""
+"""A source's statements and printed numbers, compared with a run."""

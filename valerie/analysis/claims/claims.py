@@ -1,9 +1,9 @@
-"""A ledger of claims: each statement of a paper, a data sheet or a colleague beside what a run shows of it.
+"""A ledger of claims: tests each statement of a paper, a data sheet or a colleague on a run.
 
-Claims are documents (`examples/claims/paper.yaml`). A claim says which rows it is about and how it is tested; the ledger
-computes the quantity with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not
-testable here*. Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from
-the band of a curve (`valerie.statistics.curves.departure`).
+Claims are documents (`examples/claims/paper.yaml`). A claim names its rows and its test; the ledger computes the quantity
+with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not testable here*.
+Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from the band of a
+curve (`valerie.statistics.curves.departure`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
 from valerie.validation import problems_of
 
-#: Confidence of every interval of the ledger, each alone.
+#: Confidence of each interval of the ledger, not adjusted for the others.
 LEVEL: Final = 0.95
 
 Text = Annotated[str, Field(min_length=1, max_length=2_000)]
@@ -43,8 +43,8 @@ class _Document(BaseModel):
 Statistic = Literal["mean", "minimum", "maximum", "share"]
 
 
-class Quantity(_Document):
-    """A number of the rows lies in a range: their mean, smallest or largest value, or the share above a value."""
+class QuantityTest(_Document):
+    """A statistic of the rows is in a range: their mean, smallest or largest value, or the share above a value."""
 
     of: Name
     statistic: Statistic = "mean"
@@ -61,10 +61,10 @@ class Quantity(_Document):
         return self
 
 
-class Difference(_Document):
-    """The score at one level of a factor less that at another, everything else equal.
+class DifferenceTest(_Document):
+    """The score at one level of a factor minus that at another, everything else equal.
 
-    ``sign`` is ``>`` or ``<``, or ``=``: then the interval lies within ± ``within``.
+    ``sign`` is ``>``, ``<`` or ``=``; for ``=`` the interval must be within ± ``within``.
     """
 
     factor: Name
@@ -74,7 +74,7 @@ class Difference(_Document):
     within: Annotated[float, Field(gt=0, lt=1)] = 0.05
 
 
-class Departure(_Document):
+class DepartureTest(_Document):
     """The score stays level up to ``at`` on an axis and then changes by more than ``by``."""
 
     over: Name
@@ -83,15 +83,15 @@ class Departure(_Document):
     by: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
-class Trend(_Document):
+class TrendTest(_Document):
     """The score rises, falls or stays level over an axis."""
 
     over: Name
     shape: Literal["rising", "falling", "level"]
 
 
-class Flip(_Document):
-    """Some pair that differs in one factor alone differs in its score by at least ``at_least``."""
+class FlipTest(_Document):
+    """Some pair of rows that differs only in one factor differs in its score by at least ``at_least``."""
 
     factor: Name
     first: Name
@@ -103,14 +103,14 @@ class Claim(_Document):
     """One statement and its test.
 
     Attributes:
-        id: of the claim.
-        source: where it stands, such as ``6.2.2``.
-        says: in the source's words.
-        where: selection of the rows that it is about; empty: all.
-        functions: that it is about; empty: every function of the run.
+        id: identifies the claim.
+        source: place in the source, such as ``6.2.2``.
+        says: the statement in the source's words.
+        where: expression that selects its rows; empty: all.
+        functions: the functions that it is about; empty: every function of the run.
         quantity, difference, departure, trend, flip: the test.
-        untestable: why this run cannot say; instead of a test.
-        slip: why the source cannot mean what it says; instead of a test.
+        untestable: instead of a test, the reason why a run cannot test it.
+        slip: instead of a test, the reason why the statement must be an error of the source.
     """
 
     id: Name
@@ -118,11 +118,11 @@ class Claim(_Document):
     says: Text
     where: str = Field(default="", max_length=2_000)
     functions: tuple[Name, ...] = ()
-    quantity: Quantity | None = None
-    difference: Difference | None = None
-    departure: Departure | None = None
-    trend: Trend | None = None
-    flip: Flip | None = None
+    quantity: QuantityTest | None = None
+    difference: DifferenceTest | None = None
+    departure: DepartureTest | None = None
+    trend: TrendTest | None = None
+    flip: FlipTest | None = None
     untestable: str = ""
     slip: str = ""
 
@@ -135,11 +135,11 @@ class Claim(_Document):
 
 
 class Printed(_Document):
-    """A number that the source prints, beside which the report puts that of the run.
+    """A number that the source prints, which the report compares with the run's.
 
     Attributes:
-        source: where it stands, such as ``table 2``.
-        what: in words.
+        source: place in the source, such as ``table 2``.
+        what: description.
         of, statistic, above: the number, as in `Quantity`.
         value: as printed, in the column's unit.
         where, functions: as in `Claim`.
@@ -159,8 +159,8 @@ class Cross(_Document):
     """Pictures of one view under the levels of two factors, everything else equal.
 
     Attributes:
-        source: where the source shows the like.
-        title: in words.
+        source: place in the source that shows such pictures.
+        title: heading.
         down, across: the factors.
         where: selection of the rows that may be shown.
         published: the source's own table, line by line; the first line is the head.
@@ -178,10 +178,10 @@ class Claims(_Document):
     """A document of claims.
 
     Attributes:
-        title: of the source.
-        source: where it is found.
+        title: title of the source.
+        source: reference to the source.
         claims: its statements.
-        numbers: that it prints.
+        numbers: numbers that it prints.
         crosses: pictures like those that it shows.
     """
 
@@ -192,7 +192,7 @@ class Claims(_Document):
     crosses: Annotated[tuple[Cross, ...], Field(max_length=100)] = ()
 
 
-class Outcome(StrEnum):
+class ClaimOutcome(StrEnum):
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
     UNDECIDED = "undecided"
@@ -201,16 +201,16 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class LedgerEntry:
     """One line of the ledger.
 
     Attributes:
-        id, source, says: of the claim.
-        function: that was looked at; empty for a claim about frames alone.
+        id, source, says: as in `Claim`.
+        function: the tested function; empty for a claim about frames only.
         outcome: answer.
-        finding: what the run shows, in words.
+        finding: result of the run in words.
         estimate, low, high: the quantity and its interval; None where there is none.
-        rows, places: that it rests on.
+        rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """
 
@@ -218,7 +218,7 @@ class Entry:
     source: str
     says: str
     function: str
-    outcome: Outcome
+    outcome: ClaimOutcome
     finding: str
     estimate: float | None = None
     low: float | None = None
@@ -240,7 +240,7 @@ def parse_claims(document: object) -> Claims:
         raise problems_of(error) from None
 
 
-def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tuple[Entry, ...]:
+def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tuple[LedgerEntry, ...]:
     """Test every claim on a run.
 
     Args:
@@ -250,13 +250,18 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
 
     Raises:
         InvalidInput, UnknownName: a claim names a column, function or level that the run does not have, with its field.
+            A claim about a factor that the run does not vary is not testable here.
     """
-    entries: list[Entry] = []
+    entries: list[LedgerEntry] = []
+    factors = {factor.name: factor for factor in factors_of(table)}
     for i, claim in enumerate(claims.claims):
         field = f"claims.{i}"
-        if claim.slip or claim.untestable:
-            outcome = Outcome.SLIP if claim.slip else Outcome.NOT_TESTABLE
-            entries.append(Entry(claim.id, claim.source, claim.says, "", outcome, claim.slip or claim.untestable))
+        untestable = claim.untestable
+        if (compared := claim.difference or claim.flip) is not None and compared.factor not in factors:
+            untestable = f"The run does not vary {compared.factor}; it varies {', '.join(factors) or 'nothing'}."
+        if claim.slip or untestable:
+            outcome = ClaimOutcome.SLIP if claim.slip else ClaimOutcome.NOT_TESTABLE
+            entries.append(LedgerEntry(claim.id, claim.source, claim.says, "", outcome, claim.slip or untestable))
             continue
         rows = rows_where(claim.where, table, f"{field}.where")
         names = table.codes("function").names
@@ -266,26 +271,28 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
         about_frames = claim.quantity is not None and not is_score(claim.quantity.of)
         for name in claim.functions or (names[:1] if about_frames else names):
             own = rows & table.codes("function").where(name)
-            entry = Entry(claim.id, claim.source, claim.says, "" if about_frames else name, Outcome.UNDECIDED, "")
+            entry = LedgerEntry(
+                claim.id, claim.source, claim.says, "" if about_frames else name, ClaimOutcome.UNDECIDED, ""
+            )
             entries.append(_test(claim, entry, table, own, field, seed))
     return tuple(entries)
 
 
-def ledger_table(entries: Sequence[Entry]) -> pa.Table:
+def ledger_table(entries: Sequence[LedgerEntry]) -> pa.Table:
     """Return the ledger as a table, one row per entry."""
     return pa.Table.from_pylist(
         [{**asdict(entry), "outcome": str(entry.outcome), "frames": " ".join(entry.frames)} for entry in entries],
-        schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(Entry)]),
+        schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(LedgerEntry)]),
     )
 
 
-def ledger_text(claims: Claims, entries: Sequence[Entry]) -> str:
+def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
     """Return the ledger as a Markdown table."""
 
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
 
-    lines = [f"# {claims.title}", "", claims.source, "", "| | Claim | Function | Answer | What the run shows |"]
+    lines = [f"# {claims.title}", "", claims.source, "", "| | Claim | Function | Outcome | What the run shows |"]
     lines.append("|---|---|---|---|---|")
     for entry in entries:
         cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
@@ -299,7 +306,7 @@ _NUMBERS: Final = {
 
 
 def is_score(column: str) -> bool:
-    """Return True if a function's look decides the value of a column."""
+    """Return True if the values of a column depend on the function under test."""
     return bool(compile_where(f"{column} == {column}").scored)
 
 
@@ -316,7 +323,9 @@ def rows_where(expression: str, table: EvaluationTable, field: str) -> NDArray[n
     return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
 
 
-def _test(claim: Claim, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str, seed: int) -> Entry:
+def _test(
+    claim: Claim, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], field: str, seed: int
+) -> LedgerEntry:
     if claim.quantity is not None:
         return _quantity(claim.quantity, entry, table, rows)
     if claim.difference is not None:
@@ -336,7 +345,7 @@ def statistic_of(values: NDArray[np.float64], statistic: Statistic, above: float
     return float({"minimum": np.min, "maximum": np.max}.get(statistic, np.mean)(values))
 
 
-def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_]) -> Entry:
+def _quantity(test: QuantityTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_]) -> LedgerEntry:
     values = table.numbers(test.of)
     rows = rows & np.isfinite(values)
     if not rows.any():
@@ -351,11 +360,11 @@ def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArra
     least, most = (-np.inf if test.low is None else test.low), (np.inf if test.high is None else test.high)
     inside = least <= estimate <= most
     if inside:
-        outcome = Outcome.REPRODUCED
+        outcome = ClaimOutcome.REPRODUCED
     elif low is not None and high is not None and high >= least and low <= most:
-        outcome = Outcome.UNDECIDED
+        outcome = ClaimOutcome.UNDECIDED
     else:
-        outcome = Outcome.NOT_REPRODUCED
+        outcome = ClaimOutcome.NOT_REPRODUCED
     what = test.of if test.above is None else f"{test.of} > {test.above:g}"
     claimed = " and ".join(
         f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
@@ -369,7 +378,9 @@ def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArra
     )  # fmt: skip
 
 
-def _difference(test: Difference, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str) -> Entry:
+def _difference(
+    test: DifferenceTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], field: str
+) -> LedgerEntry:
     contrast, _ = _contrast(test, table, rows, field)
     if contrast is None:
         return replace(entry, finding=f"no place shows both {test.first} and {test.second}, everything else equal")
@@ -378,7 +389,7 @@ def _difference(test: Difference, entry: Entry, table: EvaluationTable, rows: ND
         held, against = max(abs(low), abs(high)) <= test.within, low > test.within or high < -test.within
     else:
         held, against = (low > 0, high < 0) if test.sign == ">" else (high < 0, low > 0)
-    outcome = Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED if against else Outcome.UNDECIDED
+    outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
     finding = (
         f"{test.factor} {test.first} less {test.second}: {100 * contrast.estimate:+.1f} points "
         f"({100 * low:.1f} to {100 * high:.1f}; {contrast.matching}, {contrast.pairs:,} pairs)"
@@ -389,7 +400,9 @@ def _difference(test: Difference, entry: Entry, table: EvaluationTable, rows: ND
     )  # fmt: skip
 
 
-def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str) -> Entry:
+def _flip(
+    test: FlipTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], field: str
+) -> LedgerEntry:
     contrast, observations = _contrast(test, table, rows, field)
     if contrast is None:
         return replace(entry, finding=f"no pair shows {test.first} and {test.second}, everything else equal")
@@ -402,7 +415,7 @@ def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.boo
     frames = table.codes("frame_id")
     return replace(
         entry,
-        outcome=Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED,
+        outcome=ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED,
         finding=f"the largest change of {test.factor} alone, from {test.second} to {test.first}, is {100 * largest:+.1f} points "
         f"({contrast.pairs:,} pairs)",
         estimate=largest, rows=2 * contrast.pairs, places=contrast.places,
@@ -411,12 +424,10 @@ def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.boo
 
 
 def _contrast(
-    test: Difference | Flip, table: EvaluationTable, rows: NDArray[np.bool_], field: str
+    test: DifferenceTest | FlipTest, table: EvaluationTable, rows: NDArray[np.bool_], field: str
 ) -> tuple[Contrast | None, Observations]:
-    """Return the contrast of the first level to the second, and the rows that it was made of."""
+    """Return the contrast of the first level to the second, and the rows that it was computed from."""
     factors = {factor.name: factor for factor in factors_of(table)}
-    if test.factor not in factors:
-        raise UnknownName("factor of the run", test.factor, factors, field=f"{field}.factor")
     factor = factors[test.factor]
     before, after = _level(factor, test.second, f"{field}.second"), _level(factor, test.first, f"{field}.first")
     values = np.where(rows, table.numbers("pacc"), np.nan)
@@ -439,7 +450,9 @@ def _level(factor: Factor, name: str, field: str) -> int:
     return factor.levels.index(name)
 
 
-def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:
+def _departure(
+    test: DepartureTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
+) -> LedgerEntry:
     curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
     if curve is None:
         return replace(entry, finding=f"too few places for a curve over {test.over}")
@@ -448,13 +461,13 @@ def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDAr
     reached = at_latest is not None and at_latest <= test.at + test.tolerance
     held = not_before is not None and not_before >= test.at - test.tolerance
     if held and reached:
-        outcome = Outcome.REPRODUCED
+        outcome = ClaimOutcome.REPRODUCED
     elif (at_latest is not None and at_latest < test.at - test.tolerance) or (
         not_before is not None and not_before > test.at + test.tolerance
     ):
-        outcome = Outcome.NOT_REPRODUCED
+        outcome = ClaimOutcome.NOT_REPRODUCED
     else:
-        outcome = Outcome.UNDECIDED
+        outcome = ClaimOutcome.UNDECIDED
     best = "never" if left.estimate is None else f"at {left.estimate:.3g}"
     certain = [f"not before {not_before:.3g}"] if not_before is not None else []
     certain += [f"at {at_latest:.3g} at the latest"] if at_latest is not None else []
@@ -469,22 +482,24 @@ def _departure(test: Departure, entry: Entry, table: EvaluationTable, rows: NDAr
     )  # fmt: skip
 
 
-def _trend(test: Trend, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int) -> Entry:
+def _trend(
+    test: TrendTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
+) -> LedgerEntry:
     curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
     if curve is None:
         return replace(entry, finding=f"too few places for a curve over {test.over}")
     first, last = curve.y[0], curve.y[-1]
     opposite = {Shape.RISING: Shape.FALLING, Shape.FALLING: Shape.RISING}
     claimed = Shape(test.shape)
-    # A level is what is left where nothing else is seen: it shows no level.
+    # The fit falls back to a level where it detects nothing else, so its shape alone does not prove one.
     if (curve.shape is claimed and claimed is not Shape.LEVEL) or (
         claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1
     ):
-        outcome = Outcome.REPRODUCED
+        outcome = ClaimOutcome.REPRODUCED
     elif curve.shape is opposite.get(claimed) or (claimed is Shape.LEVEL and curve.shape is not Shape.LEVEL):
-        outcome = Outcome.NOT_REPRODUCED
+        outcome = ClaimOutcome.NOT_REPRODUCED
     else:
-        outcome = Outcome.UNDECIDED
+        outcome = ClaimOutcome.UNDECIDED
     ends = f"{100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at {curve.x[-1]:.3g}"
     finding = f"pACC over {test.over} is {curve.shape}: {ends}"
     return replace(entry, outcome=outcome, finding=finding, estimate=last - first, rows=curve.rows, places=curve.places)

@@ -1,4 +1,4 @@
-"""Put a source's numbers and pictures beside the run's: views under the levels of two factors.
+"""A source's numbers beside the run's, and views of the run under the levels of two factors.
 
 The document of claims names both (`valerie.analysis.claims.claims`).
 """
@@ -23,11 +23,12 @@ class NumberBeside:
 
     Attributes:
         source, what: of the printed number.
-        function: that was looked at; empty for a number about frames alone.
-        column: that it is of; ``share`` is True where it is a share of rows.
-        printed: by the source.
-        here: of the run; None where no row has a value.
-        rows: that it rests on.
+        function: the function under test; empty for a number about frames only.
+        column: column of the number.
+        share: True where it is a share of rows.
+        printed: number of the source.
+        here: number of the run; None where no row has a value.
+        rows: number of rows behind ``here``.
     """
 
     source: str
@@ -55,11 +56,11 @@ class CrossExample:
     """One person at one place under the levels of two factors, everything else equal.
 
     Attributes:
-        cross: what was asked for.
+        cross: the request.
         down, across: levels that are shown.
         views: row by row.
         places: number of views that show all these levels and could have been chosen.
-        change: the largest change of pACC between two levels of ``down``, which the choice maximises.
+        change: largest change of pACC between two levels of ``down``; the choice maximises it.
         occlusion: of the person; None where undefined.
     """
 
@@ -78,7 +79,7 @@ def numbers_beside(claims: Claims, table: EvaluationTable) -> tuple[NumberBeside
     Raises:
         InvalidInput, UnknownName: a number names a column or function that the run does not have, with its field.
     """
-    found = []
+    entries = []
     functions = table.codes("function").names
     for i, number in enumerate(claims.numbers):
         field = f"numbers.{i}"
@@ -93,25 +94,23 @@ def numbers_beside(claims: Claims, table: EvaluationTable) -> tuple[NumberBeside
             here = statistic_of(own, number.statistic, number.above) if len(own) else None
             shown = "" if of_frames else name
             share = number.above is not None
-            found.append(
+            entries.append(
                 NumberBeside(number.source, number.what, shown, number.of, share, number.value, here, len(own))
             )
-    return tuple(found)
+    return tuple(entries)
 
 
 def cross_examples(claims: Claims, table: EvaluationTable) -> tuple[CrossExample, ...]:
-    """Return a view for each cross of a document; those without any are left out.
+    """Return an example for each cross of a document; crosses without a view are left out, as where a factor does not vary.
 
     Raises:
-        InvalidInput, UnknownName: a cross names a column or factor that the run does not have, with its field.
+        InvalidInput, UnknownName: a cross names a column that the run does not have, with its field.
     """
     factors = {factor.name: factor for factor in factors_of(table)}
     examples = []
     for i, cross in enumerate(claims.crosses):
-        for end in ("down", "across"):
-            name = getattr(cross, end)
-            if name not in factors:
-                raise UnknownName("factor of the run", name, factors, field=f"crosses.{i}.{end}")
+        if not factors.keys() >= {cross.down, cross.across}:
+            continue
         rows = rows_where(cross.where, table, f"crosses.{i}.where")
         if (example := _example(cross, table, rows, factors)) is not None:
             examples.append(example)
@@ -171,7 +170,7 @@ def _example(
 
 
 class _Shown(NamedTuple):
-    """The rows of one view, and the levels of it that are shown."""
+    """The rows of one view, and its levels that are shown."""
 
     rows: NDArray[np.int64]
     down: list[int]

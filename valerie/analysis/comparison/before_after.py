@@ -1,7 +1,7 @@
-"""Several versions of a function on the same frames: scores side by side, and what became better or worse.
+"""Several versions of a function on the same frames: scores side by side, and their improvements and regressions.
 
-All versions looked at the same frames, so rows are paired and judged by whole places, all groups together
-(`valerie.statistics.gates`). Every score is given as frame mean and pooled.
+All versions were evaluated on the same frames, so rows are paired and judged by whole places, all groups together
+(`valerie.statistics.gates`). Every score is computed as frame mean and pooled.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class VersionScores:
     """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
 
     Attributes:
-        pacc_mean, pacc_pooled: over the group's persons; in the mean every person has the same weight, pooled every pixel.
+        pacc_mean, pacc_pooled: over the group's persons; the mean weighs persons equally, the pooled score pixels.
         detected: share of persons with pACC ≥ the threshold.
         precision_mean, precision_pooled, iou_mean, iou_pooled: of the frames that show the group's persons.
         false_pixels: pixels of these frames that are called person and belong to none.
@@ -49,14 +49,14 @@ class VersionScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class GroupDifference:
     """Mean pACC of a later version minus that of the first, on one group of persons.
 
     Attributes:
         mean: mean over places of the mean difference of their persons.
-        low, high: 95 % interval of it alone, by place; None with fewer than two places.
+        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than two places.
         places: number of places.
-        lost, gained: persons that were detected and now are not; that were not and now are.
+        lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
     """
 
@@ -85,18 +85,18 @@ class GroupComparison:
     persons: int
     frames: int
     sides: tuple[VersionScores, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[GroupDifference, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """One thing that a later version does better or worse than the first.
+class VersionChange:
+    """One score that a later version improves or worsens.
 
     Attributes:
         kind: ``group`` of persons (mean pACC), ``class`` (pooled IoU), or ``score`` of the class person (pooled).
-        name: of the group, the class or the score.
-        before, after: of the first and the later version, in [0, 1].
-        step: their difference; above 0 the later version is better.
+        name: name of the group, the class or the score.
+        before, after: value of the first and of the later version, in [0, 1].
+        step: after − before; above 0 the later version is better. For a group, the mean difference by place.
         difference: by place, with its interval; groups only.
     """
 
@@ -105,19 +105,19 @@ class Change:
     before: float | None
     after: float | None
     step: float
-    difference: Difference | None = None
+    difference: GroupDifference | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class VersionComparison:
     """Comparison of all versions over all groups and classes.
 
     Attributes:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
-        numeric_classes: in which the versions ran, in their order; empty where unknown.
-        judged_by: names of the classes that ``classes`` and ``overall`` are over; all 19 unless a version knows fewer.
+        numeric_classes: numeric class of each version, in their order; empty where unknown.
+        judged_by: names of the classes that ``classes`` and ``overall`` cover; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
         overall: score over all classes to (frame mean, pooled) per version.
     """
@@ -135,26 +135,26 @@ class Comparison:
         """True unless two versions are known to have run in different numeric classes."""
         return len(set(self.numeric_classes)) < 2
 
-    def changes(self, version: int) -> tuple[Change, ...]:
-        """Return what became better or worse with one later version, the largest change first.
+    def changes(self, version: int) -> tuple[VersionChange, ...]:
+        """Return the changes of one later version, the largest first.
 
-        A group changed where it is judged so; a class or a score of the class person changed where it moved by a
-        percentage point or more.
+        A group counts if it is judged better or worse; a class or a score of the class person if it moved by a percentage
+        point or more.
         """
         changes = [
-            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
+            VersionChange("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, own.mean, own)
             for group in self.groups
             for own in (group.differences[version - 1],)
             if own.judgement
         ]
         for name, sides in self.classes.items():
             before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
-            changes.append(Change("class", name, before, after, after - before))
+            changes.append(VersionChange("class", name, before, after, after - before))
         whole = self.groups[0].sides
         for name in ("precision", "iou"):
             one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
             if one is not None and other is not None:
-                changes.append(Change("score", name, one, other, other - one))
+                changes.append(VersionChange("score", name, one, other, other - one))
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
@@ -181,13 +181,13 @@ def compare(
     numeric_classes: Sequence[str] = (),
     more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
     threshold: float = 0.5,
-) -> Comparison:
+) -> VersionComparison:
     """Compare versions of a function on the same frames.
 
     Args:
         versions: name to long table (one function, one sensor setting) and scores; the first is "before". The rows come
             from `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
-        numeric_classes: in which the versions ran, in their order.
+        numeric_classes: numeric class of each version, in their order.
         more_groups: name to (N,) bool over the first table's rows; added to the groups by distance, occlusion, character
             and camera.
         threshold: of the detection rate.
@@ -225,13 +225,15 @@ def compare(
         for name in ("pixel_accuracy", "miou", "macc", "fwiou")
     }
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)
-    return Comparison(tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall)
+    return VersionComparison(
+        tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall
+    )
 
 
 def differences_of(
     masks: Mapping[str, NDArray[np.bool_]], first: EvaluationTable, later: EvaluationTable, threshold: float
-) -> dict[str, Difference]:
-    """Return the difference of a later version to the first in each group of rows, which are the same in both tables."""
+) -> dict[str, GroupDifference]:
+    """Return the difference of a later version to the first in each group of rows; both tables have the same rows."""
     before, after = first.numbers("pacc"), later.numbers("pacc")
 
     def gate(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[SliceComparison, ...]:
@@ -240,7 +242,7 @@ def differences_of(
         ).slices
 
     return {
-        fell.name: Difference(
+        fell.name: GroupDifference(
             mean=fell.difference if fell.pairs else 0.0,
             low=fell.low if fell.places > 1 else None,
             high=fell.high if fell.places > 1 else None,
@@ -257,7 +259,7 @@ def _group(
     name: str,
     mask: NDArray[np.bool_],
     tables: Sequence[EvaluationTable],
-    differences: tuple[Difference, ...],
+    differences: tuple[GroupDifference, ...],
     threshold: float,
 ) -> GroupComparison:
     defined = mask & np.isfinite(tables[0].numbers("pacc"))

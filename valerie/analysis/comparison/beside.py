@@ -1,8 +1,8 @@
-"""Two runs of the same scenes beside each other: another render engine, another version of a function, another setting.
+"""Two runs of the same scenes compared: another render engine, another version of a function, another setting.
 
-Frames are the same where the scene is (`valerie.pipeline.reading.reports` names it); rows are paired by frame, sensor
-setting, function and person, and judged by whole places (`valerie.statistics.gates`). Conclusions are tested in both runs on
-the rows that they share, so that neither has more evidence than the other.
+Frames match if their scenes are equal (`valerie.pipeline.reading.reports` names the scenes); rows are paired by frame,
+sensor setting, function and person, and judged by whole places (`valerie.statistics.gates`). Conclusions are tested in both
+runs on the rows that they share, so that neither has more evidence than the other.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from valerie.analysis.claims.claims import Claim, Claims, Entry, Outcome, write_ledger
-from valerie.analysis.claims.claims import Difference as ClaimedDifference
-from valerie.analysis.comparison.before_after import Difference, differences_of
+from valerie.analysis.claims.claims import Claim, ClaimOutcome, Claims, DifferenceTest, LedgerEntry, write_ledger
+from valerie.analysis.comparison.before_after import GroupDifference, differences_of
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.rows.pairing import RowKey, paired_rows, parts_of, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
@@ -25,11 +24,11 @@ from valerie.errors import InvalidInput
 from valerie.measures import OF_FUNCTION, names_from
 from valerie.plain import JsonObject
 
-#: Pairs that are shown of those which differ most.
+#: Number of pairs with the largest differences that are shown.
 _SHOWN_FLIPS: Final = 3
-#: Findings and candidates that are looked for in the other run.
+#: Most findings and candidates that are tested in the other run.
 _MOST_FINDINGS: Final = 12
-#: Columns that the other run has of its own; of the function's name there is one.
+#: Columns that are taken from the other run. The function keeps its name in the first run.
 _OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefined_reason") if name != "function")
 
 
@@ -38,10 +37,10 @@ class ComparedRun:
     """One of two runs.
 
     Attributes:
-        name: for people, such as its renderer.
+        name: title, such as its renderer.
         run_id: its id.
         table: its evaluations.
-        scenes: (N,) names of what the rows show: equal where the scenes of two frames are.
+        scenes: (N,) name of the scene of each row; frames with equal scenes have equal names.
     """
 
     name: str
@@ -65,11 +64,11 @@ class SharedSlice:
     pairs: int
     here: float
     there: float
-    difference: Difference
+    difference: GroupDifference
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class SharedPerson:
     """A person in the same frame of both runs."""
 
     frame_here: str
@@ -78,6 +77,7 @@ class Pair:
     sensor_there: str
     function: str
     function_there: str
+    instance_id: int
     here: float
     there: float
 
@@ -89,16 +89,16 @@ class FunctionBeside:
     Attributes:
         function, sensor: as the first run names them.
         slices: all persons first, then the parts.
-        rank_correlation: Spearman's, over the persons; None with fewer than three, or with equal scores.
-        fell, rose: pairs that differ most, there below here and above.
+        rank_correlation: Spearman's, over the persons; None with fewer than three or with constant scores.
+        fell, rose: pairs with the largest differences, where the second run scores lower, and where it scores higher.
     """
 
     function: str
     sensor: str
     slices: tuple[SharedSlice, ...]
     rank_correlation: float | None
-    fell: tuple[Pair, ...]
-    rose: tuple[Pair, ...]
+    fell: tuple[SharedPerson, ...]
+    rose: tuple[SharedPerson, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,20 +107,20 @@ class Conclusion:
 
     Attributes:
         kind: ``finding``, ``candidate`` or ``claim``.
-        text: what it says.
+        text: its statement.
         here, there: the ledger's answers.
     """
 
     kind: str
     text: str
-    here: Entry
-    there: Entry
+    here: LedgerEntry
+    there: LedgerEntry
 
     @property
     def agreement(self) -> str:
-        """The agreement of both runs in words."""
-        held = [entry.outcome is Outcome.REPRODUCED for entry in (self.here, self.there)]
-        refuted = [entry.outcome is Outcome.NOT_REPRODUCED for entry in (self.here, self.there)]
+        """Agreement of both runs in words."""
+        held = [entry.outcome is ClaimOutcome.REPRODUCED for entry in (self.here, self.there)]
+        refuted = [entry.outcome is ClaimOutcome.NOT_REPRODUCED for entry in (self.here, self.there)]
         if all(held):
             return "holds in both"
         if all(refuted):
@@ -132,12 +132,14 @@ class Conclusion:
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Two runs beside each other.
+    """Comparison of two runs.
 
     Attributes:
-        here, there: names of the runs; ``run_here`` and ``run_there`` are their ids.
-        frames: number of frames that both show; ``frames_here`` and ``frames_there`` are all of them.
-        differs: what differs between the specs besides names, in words.
+        here, there: names of the runs.
+        run_here, run_there: their ids.
+        frames: number of frames that both show.
+        frames_here, frames_there: number of all frames of each run.
+        differs: differences between the specs besides names, in words.
         functions: one entry per function and sensor setting that both have.
         conclusions: findings, candidates and claims.
     """
@@ -192,9 +194,9 @@ def put_beside(
 
     Args:
         here, there: the runs.
-        findings: of the first run, which are tested in both.
-        claims: a document that is tested in both, too.
-        differs: what differs between the specs, in words.
+        findings: findings of the first run, to be tested in both.
+        claims: claims to be tested in both.
+        differs: differences between the specs, in words.
         threshold: of the detection rate.
         seed: of the curves of claims.
 
@@ -211,7 +213,7 @@ def put_beside(
         )
     one = rows_taken(here.table, rows_here)
     other = rows_taken(there.table, rows_there)
-    # The same rows with the other run's scores: every factor and place is the same, whatever the other run varied.
+    # The rows of the first run with the other run's scores, so that both have the same factors and places.
     scored = one.arrow
     for name in _OWN_COLUMNS:
         scored = scored.set_column(scored.column_names.index(name), name, other.arrow[name])
@@ -232,7 +234,7 @@ def put_beside(
 
 
 def _keys(side: ComparedRun, other: ComparedRun) -> list[RowKey]:
-    """Return what names each row; a single sensor setting, and a single function, may have another name in the other run."""
+    """Return the key of each row, without sensor setting or function where each run has only one: names may differ."""
     table = side.table
     names: list[list[str]] = []
     for column in ("function", "sensor"):
@@ -248,7 +250,7 @@ def _functions(
 ) -> list[FunctionBeside]:
     before, after = one.numbers("pacc"), two.numbers("pacc")
     both = np.isfinite(before) & np.isfinite(after)
-    found = []
+    entries = []
     for function in one.codes("function").names:
         for sensor in one.codes("sensor").names:
             own = both & one.codes("function").where(function) & one.codes("sensor").where(sensor)
@@ -267,7 +269,7 @@ def _functions(
             order = rows[np.argsort((after - before)[rows], kind="stable")]
             fell = [row for row in order[:_SHOWN_FLIPS] if after[row] < before[row]]
             rose = [row for row in order[::-1][:_SHOWN_FLIPS] if after[row] > before[row]]
-            found.append(
+            entries.append(
                 FunctionBeside(
                     function,
                     sensor,
@@ -277,7 +279,7 @@ def _functions(
                     tuple(_pair(one, other, int(row)) for row in rose),
                 )
             )
-    return found
+    return entries
 
 
 def _rank_correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float | None:
@@ -289,15 +291,16 @@ def _rank_correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> f
     return float(spearmanr(one, other).statistic)
 
 
-def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> Pair:
+def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> SharedPerson:
     here, there = one.arrow.slice(row, 1).to_pylist()[0], other.arrow.slice(row, 1).to_pylist()[0]
-    return Pair(
+    return SharedPerson(
         here["frame_id"],
         there["frame_id"],
         here["sensor"],
         there["sensor"],
         here["function"],
         there["function"],
+        here["instance_id"],
         here["pacc"],
         there["pacc"],
     )
@@ -306,7 +309,7 @@ def _pair(one: EvaluationTable, other: EvaluationTable, row: int) -> Pair:
 def _of_findings(
     findings: Sequence[Finding], one: EvaluationTable, two: EvaluationTable, seed: int
 ) -> list[Conclusion]:
-    """Test main effects: an interaction and a comparison of functions are no statements of the ledger."""
+    """Test main effects; the ledger has no test for interactions or comparisons of functions."""
     conclusions = []
     for finding in findings[:_MOST_FINDINGS]:
         if len(finding.steps) != 1 or not finding.function:
@@ -314,7 +317,7 @@ def _of_findings(
         step = finding.steps[0]
         sign = ">" if finding.effect > 0 else "<"
         text = f"{finding.function}: {step.factor} {step.after} {'above' if sign == '>' else 'below'} {step.before}"
-        test = ClaimedDifference(factor=step.factor, first=step.after, second=step.before, sign=sign)
+        test = DifferenceTest(factor=step.factor, first=step.after, second=step.before, sign=sign)
         claim = Claim(id="finding", says=text, functions=(finding.function,), difference=test)
         kind = "finding" if finding.confirmed else "candidate"
         conclusions += _tested(kind, Claims(title=text, claims=(claim,)), one, two, seed)
@@ -326,16 +329,18 @@ def _of_claims(claims: Claims | None, one: EvaluationTable, two: EvaluationTable
         return []
     conclusions = []
     for claim in claims.claims:
-        # What the frames show is the same in both runs.
+        # A claim about frames, without a function, has the same answer in both runs.
         if not (claim.slip or claim.untestable):
             conclusions += _tested("claim", claims.model_copy(update={"claims": (claim,)}), one, two, seed)
     return [conclusion for conclusion in conclusions if conclusion.here.function]
 
 
 def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTable, seed: int) -> list[Conclusion]:
-    """Return the answers of both runs; nothing where the shared rows lack a factor, level or function of the claim."""
+    """Return the answers of both runs; empty where the shared rows lack a factor, level or function of the claim."""
     try:
         pairs = zip(write_ledger(claims, one, seed=seed), write_ledger(claims, two, seed=seed), strict=True)
     except InvalidInput:
         return []
-    return [Conclusion(kind, here.says, here, there) for here, there in pairs]
+    return [
+        Conclusion(kind, here.says, here, there) for here, there in pairs if here.outcome is not Outcome.NOT_TESTABLE
+    ]

@@ -11,18 +11,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.comparison.before_after import Comparison
+from valerie.analysis.comparison.before_after import VersionComparison
 from valerie.analysis.comparison.wording import change_sentence, numeric_classes_sentence
 from valerie.analysis.wording import classes_text, percent
 
-#: Colours of Okabe and Ito (2008), which remain apart in all common forms of colour blindness.
+#: Colours of Okabe and Ito (2008), distinguishable with all common forms of colour blindness.
 _COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 _MARKERS: Final = ("o", "D", "s", "^", "v")
-#: Characters of the small line above the picture that fit its width.
+#: Width of the small line above the picture, in characters.
 _CHARACTERS: Final = 160
 
 
-def comparison_renderable(comparison: Comparison) -> RenderableType:
+def comparison_renderable(comparison: VersionComparison) -> RenderableType:
     """Return the tables of groups and classes and the lists of changes, for a rich console."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     table.add_column("persons", no_wrap=True)
@@ -59,7 +59,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     for name, sides in comparison.classes.items():
         classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
     note = (
-        "In per cent. Differences of pACC are to the first version, the mean over places with its own 95 % interval; better and "
+        "In per cent. Differences of pACC are to the first version: the mean over places with its own 95 % interval. Better and "
         "worse are judged over all groups together (false discovery rate 2.5 % each). Precision and IoU are "
         "those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first version "
         "favour every later version (regression to the mean)."
@@ -75,13 +75,13 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     return Group(*parts)
 
 
-def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
+def draw_comparison(comparison: VersionComparison, path: Path, *, title: str = "") -> None:
     """Draw mean pACC per group and pooled IoU per class, all versions on one line.
 
     Args:
-        comparison: what to draw.
+        comparison: the comparison to draw.
         path: PNG or SVG file to write.
-        title: above the picture.
+        title: heading of the picture.
     """
     from matplotlib.figure import Figure
 

@@ -1,14 +1,13 @@
-"""The words of comparisons."""
+"""Sentences about comparisons."""
 
 from __future__ import annotations
 
-from valerie.analysis.comparison.before_after import Change, Difference
-from valerie.analysis.comparison.before_after import Comparison as VersionComparison
+from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
 from valerie.analysis.wording import percent
 from valerie.measures import measure_of
 
 
-def change_sentence(change: Change) -> str:
+def change_sentence(change: VersionChange) -> str:
     """Return one change between two versions with its numbers."""
     values = f"{percent(change.before)} → {percent(change.after)} %"
     if change.kind == "class":
@@ -21,8 +20,8 @@ def change_sentence(change: Change) -> str:
     return f"{change.name}: mean pACC {values} ({by_place}; {own.lost:,} lost, {own.gained:,} gained)"
 
 
-def span_text(difference: Difference) -> str:
-    """Return the interval of a difference as people read it, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
+def span_text(difference: GroupDifference) -> str:
+    """Return the interval of a difference as text, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
     if difference.low is None or difference.high is None:
         return ""
     return f", 95 % [{100 * difference.low:+.1f}, {100 * difference.high:+.1f}]"

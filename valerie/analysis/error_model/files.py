@@ -50,15 +50,16 @@ class ModelCard(_Document):
     Attributes:
         function: its name.
         file: its ONNX file; None if the model is not calibrated well enough.
-        columns: of the queries, in order.
+        columns: columns of a query, in order.
         miss_rate: share of the training rows that are misses.
         rows, places: held-out rows inside the support, and their places.
         calibration_error: of misses, on held-out places.
-        chance, on_new_places, places_needed: see `valerie.statistics.calibration.Calibration`.
+        chance, on_new_places: see `valerie.statistics.calibration.Calibration`.
+        places_needed: see `valerie.analysis.error_model.model.ErrorModel`.
         quantile_shares: share of held-out rows up to each quantile.
         quantile_error: mean distance of these from their levels.
         inside: share of held-out rows inside the support of the other places.
-        sentence: about the calibration.
+        sentence: the calibration in words.
         onnx_difference: largest difference between the answers of the file and the model; None without a file.
         reliability: bins of the reliability diagram.
     """
@@ -87,11 +88,11 @@ class ErrorModelCard(_Document):
     Attributes:
         run, table: id of the run, and the digest of its long table without ids, as in the evidence of the run.
         threshold: a person with pACC below it is a miss.
-        levels: of the quantiles of pACC.
+        levels: levels of the quantiles of pACC.
         limit: largest calibration error of a model with a file.
         conditions: values that the run held constant; the models say nothing about others.
-        statement: where the models hold.
-        models: of the functions that have one.
+        statement: the limits of validity in words.
+        models: models of the functions that have one.
         refusals: function to the reason why it has none.
         left_out: column to the reason why no model uses it.
     """
@@ -103,10 +104,10 @@ class ErrorModelCard(_Document):
     limit: float = LIMIT
     conditions: dict[str, str] = Field(default_factory=dict)
     statement: str = (
-        "An answer holds where `inside` is true: persons like those of the run stood within one cell of the query, in"
-        " every column. Elsewhere the model repeats its edge. It holds for the run's street, cameras, resolution,"
+        "An answer is valid where `inside` is true: the run has persons within one cell of the query in every column."
+        " Elsewhere the model repeats the values at its edge. It is valid for the run's asset, cameras, resolution,"
         " pedestrians, light and engine. It says nothing about false alarms, about persons without a visible pixel, or"
-        " about how errors of successive frames go together."
+        " about how the errors of successive frames are correlated."
     )
     models: tuple[ModelCard, ...]
     refusals: dict[str, str]
@@ -119,10 +120,10 @@ def error_model_files(
     """Return file name to content: card, table and diagram, and one ONNX file for each usable model.
 
     Args:
-        models: of the run.
+        models: models of the run.
         run: its id.
         table: digest of its long table.
-        threshold: of misses.
+        threshold: pACC below which a person is a miss.
         conditions: path to value, as text, of constant parameters.
 
     Raises:

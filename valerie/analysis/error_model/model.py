@@ -1,9 +1,9 @@
-"""Fit a perception-error model of each function of a run: the probability of a miss and the distribution of pACC, given a
-person's distance, occlusion, size and light.
+"""Perception-error models of a run's functions: the probability of a miss and the distribution of pACC, given a person's
+distance, occlusion, size and light.
 
 The model is a distribution regression (Chernozhukov, Fernández-Val and Melly 2013, doi:10.3982/ECTA10582): for each of
 several bounds of pACC, a logistic regression gives the probability that pACC is lower. Its terms are piecewise linear in
-each column, and products of these for pairs of columns where held-out places favour them. The probabilities are sorted, so
+each column, and products of these for pairs of columns if cross-validation favours them. The probabilities are sorted, so
 that they form a distribution (Chernozhukov, Fernández-Val and Galichon 2010, doi:10.3982/ECTA7880); its quantiles and the
 probability of a miss follow from it and never contradict each other.
 
@@ -40,20 +40,20 @@ MIN_PLACES: Final = 40
 MIN_OF_EACH: Final = 10
 #: Most rows of a fit; from more, whole places are drawn.
 MAX_ROWS: Final = 40_000
-#: pACC within this of 0 or 1 is the lowest, or the highest, step of the distribution.
+#: pACC within this distance of 0 or 1 is in the lowest or the highest step of the distribution.
 _END: Final = 0.005
 #: Differences below it are rounding.
 ROUNDING: Final = 1e-9
-#: Bounds of pACC whose probabilities make the distribution; the threshold of misses joins them.
+#: Bounds of pACC whose probabilities form the distribution, besides the threshold of misses.
 _BOUNDS: Final = (_END, *(round(0.05 * k, 2) for k in range(1, 20)), 1 - _END)
-#: Share of held-out rows that the support of the other places must hold.
+#: Share of held-out rows that must be inside the support of the other places.
 _HELD: Final = 0.95
-#: Cells of the support, over the middle 98 % of a column's values, and in all.
+#: Most cells of the support over the middle 98 % of a column's values, and in total.
 _CELLS: Final = 20
 _MOST_CELLS: Final = 2_000
 _FOLDS: Final = 5
 _INNER: Final = 4
-#: Quantiles of a column where its slope may change, and those of them that take part in products.
+#: Quantiles of a column at which its slope may change, and the subset of them that enters products.
 _KNOTS: Final = (0.2, 0.4, 0.6, 0.8)
 _IN_PRODUCTS: Final = (0.2, 0.6)
 _PENALTIES: Final = (1e-3, 1e-2, 1e-1, 1.0)
@@ -69,7 +69,7 @@ class Support:
     """The part of the columns' space that has training rows.
 
     Attributes:
-        centres: (C, F) centres of the cells that hold a row.
+        centres: (C, F) centres of the cells that contain a row.
         widths: (F,) widths of the cells, in the units of the columns.
         rows: (C,) number of rows in each cell.
     """
@@ -79,7 +79,7 @@ class Support:
     rows: NDArray[np.int64]
 
     def inside(self, x: Floats) -> Rows:
-        """Return (N,) bool: a cell with training rows has its centre within one width of the query, in every column."""
+        """Return (N,) bool: the centre of a cell with training rows is within one width of the query in every column."""
         tree = cKDTree(self.centres / self.widths)
         known = np.asarray(np.isfinite(x).all(axis=1), np.bool_)
         distances, _ = tree.query(np.where(known[:, None], x, 0.0) / self.widths, p=np.inf)
@@ -88,7 +88,7 @@ class Support:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """Terms of the regression: each column, its rises above knots, and products of two of these.
+    """Terms of the regression: each column, its excess above knots, and products of two of these.
 
     Attributes:
         low, high: (F,) range of the training rows, to which queries are clipped.
@@ -137,11 +137,11 @@ class Fit:
     """A fitted distribution of pACC.
 
     Attributes:
-        support: of the training rows.
-        terms: of the regressions.
-        weights: (T, B) of each term, for each bound.
-        offsets: (B,).
-        bounds: (B,) of pACC, ascending.
+        support: support of the training rows.
+        terms: terms of the regressions.
+        weights: (T, B) weight of each term for each bound.
+        offsets: (B,) intercepts.
+        bounds: (B,) bounds of pACC, ascending.
         miss: position of the threshold of misses among the bounds.
     """
 
@@ -204,7 +204,7 @@ class ErrorModel:
 
     @property
     def places_needed(self) -> int:
-        """Number of further places that would bring the error on new places down to `LIMIT`; 0 if it is there."""
+        """Number of further places that would reduce the error on new places to `LIMIT`; 0 if it is no larger already."""
         return max(self.misses.places_for(LIMIT) - self.misses.places, 0)
 
     @property
@@ -216,9 +216,9 @@ class ErrorModel:
             f" on new ones; of quantiles {self.quantile_error:.1%}"
         )
         if self.places_needed:
-            text += f"; {self.places_needed:,} more places would bring the error on new places to {LIMIT:.0%}"
+            text += f"; {self.places_needed:,} more places would reduce the error on new places to {LIMIT:.0%}"
         if misses.error > LIMIT and misses.error > 2 * misses.chance:
-            text += ", unless it comes from influences outside the columns: chance alone makes less"
+            text += ", unless influences outside the columns cause it: chance explains less"
         return text
 
     def predict(self, queries: ArrayLike) -> Prediction:
@@ -238,7 +238,7 @@ class ErrorModels:
     """The models of a run.
 
     Attributes:
-        models: of functions that have one, usable or not.
+        models: models of the functions that have one, usable or not.
         refusals: function to the reason why it has none.
         left_out: requested column to the reason why no model uses it.
     """
@@ -420,7 +420,7 @@ def _terms(x: Floats, *, products: bool) -> Terms:
 
 
 def _support(x: Floats, folds: NDArray[np.int64]) -> Support:
-    """Return the support with the smallest cells that hold `_HELD` of the rows of each fold, by the rows of the others."""
+    """Return the support with the smallest cells that contain `_HELD` of the held-out rows, fold by fold."""
     low, high = np.quantile(x, (0.01, 0.99), axis=0)
     spans = np.where(high > low, high - low, x.max(0) - x.min(0))
     for cells in range(_CELLS, 0, -1):
@@ -441,13 +441,13 @@ def _bounds(threshold: float) -> Floats:
 
 
 def _folds(places: NDArray[np.int64], count: int, seed: int) -> NDArray[np.int64]:
-    """Return (N,) the fold of each row; a place is in one fold."""
+    """Return the (N,) fold of each row; a place is in one fold."""
     distinct, index = np.unique(places, return_inverse=True)
     return np.asarray(np.random.default_rng([seed, count]).permutation(len(distinct)) % count)[index]
 
 
 def _some(rows: Rows, places: NDArray[np.int64], seed: int) -> Rows:
-    """Return at most `MAX_ROWS` of the rows: whole places, drawn at random."""
+    """Return (N,) bool: at most `MAX_ROWS` of the rows, in whole places drawn at random."""
     if rows.sum() <= MAX_ROWS:
         return rows
     distinct, index, counts = np.unique(places[rows], return_inverse=True, return_counts=True)

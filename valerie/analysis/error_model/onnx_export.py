@@ -61,7 +61,7 @@ def check_onnx(model: ErrorModel, data: bytes, queries: np.typing.NDArray[np.flo
     """Return the largest difference between the file's answers, in onnxruntime, and the model's.
 
     Raises:
-        CorruptArtifact: it is more than `MOST_DIFFERENCE`, or another query is inside.
+        CorruptArtifact: it exceeds `MOST_DIFFERENCE`, or the answers to ``inside`` differ.
         MissingDependency: onnxruntime is not installed.
     """
     try:

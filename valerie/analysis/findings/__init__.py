@@ -1,1 +1,1 @@
-"""Effects that places confirm, candidates, and the specs that examine them further."""
+"""Confirmed findings, candidates, and specs of runs that examine them further."""

@@ -1,4 +1,4 @@
-"""Specs of runs that look closer: at a finding on places that its run has not seen, or at where a selection lies."""
+"""Specs of runs that examine a finding on fresh places, or the region of a selection."""
 
 from __future__ import annotations
 
@@ -32,14 +32,13 @@ def child_spec(
 ) -> str:
     """Return the YAML of a run that compares the same levels on fresh places.
 
-    A design that draws its variants draws others. A grid keeps the two levels of each change and all that is listed
-    besides, at positions between those of the run.
+    A design that draws its variants draws new ones. A grid keeps the two levels of each change and all other listed
+    values, at positions between those of the run.
 
     Args:
-        table: of the run.
-        spec: of the run.
-        factors: of the finding.
-        changes: of the finding, in the same order.
+        table: evaluations of the run.
+        spec: spec of the run.
+        factors, changes: of the finding, in the same order.
         places: number of places that the finding needs; None: unknown.
     """
     child = spec.model_copy(update={"parent_run": table.codes("run_id").names[0], "iteration": spec.iteration + 1})
@@ -81,7 +80,7 @@ def _values(table: EvaluationTable, path: str) -> list[Scalar]:
 
 
 def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[float]]:
-    """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
+    """Return evenly spaced positions between neighbours: as many as ``places`` needs, up to `_BETWEEN`."""
     axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
     if not axes:
         return {}
@@ -94,17 +93,17 @@ def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, 
     }
 
 
-def selection_spec(
+def drawn_spec(
     table: EvaluationTable, spec: RunSpec, definitions: Iterable[ParameterDefinition], count: int
 ) -> RunSpec:
-    """Return the spec of a run that looks closer at where the rows of a selection lie.
+    """Return the spec of a run over the region of a selection.
 
-    Every varied number is drawn from the range that the rows span, every other parameter from the values that they have.
-    A parameter that has one value in them is a constant.
+    Every varied number is drawn from the range of the selected rows, every other parameter from their values. A parameter
+    with a single value becomes a constant.
 
     Args:
         table: the selected rows, of one run.
-        spec: of the run.
+        spec: spec of the run.
         definitions: the run's parameters.
         count: number of variants.
 

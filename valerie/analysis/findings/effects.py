@@ -1,4 +1,4 @@
-"""Mean pACC at every level of everything that varied, and over the pair of factors that explains most of it."""
+"""Mean pACC at every level of every varied factor, and over the pair of factors that explains most of its variance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.table import EvaluationTable
 
-#: Name, levels, and the place of every row among them.
+#: Name, levels, and the position of every row's level among them.
 Axis = tuple[str, Sequence[str], NDArray[np.int64]]
 
 
@@ -22,7 +22,7 @@ class Cell:
 
     Attributes:
         n: number of persons with a defined pACC; a person counts once in each frame.
-        mean: of their pACC; None without persons.
+        mean: their mean pACC; None without persons.
     """
 
     n: int
@@ -46,16 +46,16 @@ class Means:
 
 
 def level_means(table: EvaluationTable) -> tuple[Means, ...]:
-    """Return mean pACC over the levels of everything that varied, by function."""
+    """Return mean pACC over the levels of each varied factor, by function."""
     functions, everything = factor_of(table, "function"), np.ones(len(table), np.bool_)
     return tuple(_means(table, factor, functions, everything) for factor in factors_of(table))
 
 
 def strongest_pair(table: EvaluationTable) -> dict[str, Means]:
-    """Return mean pACC over the two factors that together explain most of it, by function.
+    """Return mean pACC over the two factors that together explain most of its variance, by function.
 
-    That is the largest share of the variance of pACC between the cells, adjusted for their number (adjusted R²; Fisher
-    1924, *Philosophical Transactions A* 213, 89–142), in the mean of the functions. Empty where fewer than two factors vary.
+    The pair has the largest share of the variance between its cells, adjusted for their number (adjusted R²; Fisher 1924,
+    *Philosophical Transactions A* 213, 89–142) and averaged over the functions. Empty where fewer than two factors vary.
     """
     functions, pacc = table.codes("function"), table.numbers("pacc")
     of_functions = [functions.where(name) & np.isfinite(pacc) for name in functions.names]
@@ -82,8 +82,8 @@ def means_of_cells(pacc: NDArray[np.float64], rows: NDArray[np.bool_], down: Axi
 
     Args:
         pacc: (N,) of the whole table.
-        rows: (N,) bool, those to use; their pACC is defined.
-        down, across: name, levels, and (N,) place of each row among them.
+        rows: (N,) bool, the rows to use; their pACC is defined.
+        down, across: name, levels, and (N,) position of each row's level among them.
     """
     down_name, down_levels, down_codes = down
     across_name, across_levels, across_codes = across
@@ -103,7 +103,7 @@ def means_of_cells(pacc: NDArray[np.float64], rows: NDArray[np.bool_], down: Axi
 
 
 def _adjusted_r2(values: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
-    """Return the share of the variance that lies between cells; 0 where there are too few values to tell."""
+    """Return the share of the variance between cells; 0 where the values are too few."""
     if not len(values) or np.ptp(values) == 0:
         return 0.0
     n = np.bincount(cell)

@@ -1,4 +1,4 @@
-"""Findings of a run: differences of pACC that other places confirmed, and candidates that await that."""
+"""Findings of a run: differences of pACC that other places confirmed, and unconfirmed candidates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from valerie.statistics.contrasts import Matching
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A factor that goes from one level to another.
+    """A change of a factor from one level to another.
 
     Attributes:
         factor: name of a parameter, or ``camera``, ``sensor``, ``person``, ``function``.
@@ -22,7 +22,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class ScoredPerson:
     """A person in one evaluated frame, and its pACC, 0…1."""
 
     frame_id: str
@@ -34,7 +34,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Inequality:
-    """A measured quantity in which the sides of a step differ strongly: its mean on both."""
+    """A measured quantity in which the sides of a step differ strongly, with its mean on both."""
 
     column: str
     step: Step
@@ -62,19 +62,19 @@ class Finding:
     """A difference of mean pACC with its evidence.
 
     Attributes:
-        sentence: for people.
-        function: that was tested; empty where functions are compared.
-        steps: one for a main effect; of an interaction two: the effect of the first differs between the sides of the second.
-        matching: how the sides are held equal.
+        sentence: the finding in words.
+        function: the tested function; empty where functions are compared.
+        steps: one for a main effect; two for an interaction: the effect of the first depends on the second.
+        matching: rule by which the sides are matched.
         confirmed: whether places that had no part in the search confirm it.
-        effect: mean pACC after − before, −1…1: as the confirming places show it; of a candidate that they do not show, as
-            the search saw it.
-        low, high: interval of the effect, jointly valid for all confirmed findings; None where places cannot tell.
-        places, pairs: places and pairs of rows that the effect rests on.
+        effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
+            others cannot show.
+        low, high: interval of the effect, jointly valid for all confirmed findings; None where it is unknown.
+        places, pairs: numbers of places and of pairs of rows behind the effect.
         places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
-            number would.
+            number suffices.
         examples: views before and after the (first) step, all else equal, that differ most in the direction of the effect.
-        unequal: measured quantities in which the sides differ strongly, so that the effect may be theirs.
+        unequal: measured quantities in which the sides differ strongly, so that they may cause the effect.
         picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty where the spec of the run is unknown.
     """
@@ -90,7 +90,7 @@ class Finding:
     places: int
     pairs: int
     places_needed: int | None
-    examples: tuple[tuple[View, View], ...] = ()
+    examples: tuple[tuple[ScoredPerson, ScoredPerson], ...] = ()
     unequal: tuple[Inequality, ...] = ()
     picture_fault: PictureFault | None = None
     spec: str = ""
@@ -101,9 +101,9 @@ class Findings:
     """Findings of a run.
 
     Attributes:
-        items: confirmed ones, those within places first; of several changes of the same factors only the clearest.
-        candidates: those that were not confirmed, likewise, where an affordable number of places would.
-        comparisons: number of contrasts that were looked at.
+        items: confirmed findings, those within places first; of several changes of the same factors only the clearest.
+        candidates: unconfirmed ones that an affordable number of places could confirm, likewise.
+        comparisons: number of contrasts that were tested.
         level: joint confidence.
         places_searched, places_confirming: numbers of places; 0 confirming where there are too few to split.
         notes: sentences about false positives, and about functions that are not compared.

@@ -1,4 +1,4 @@
-"""Find the columns, set or measured, that explain the pACC of each function."""
+"""Columns, set or measured, that explain the pACC of each function."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.statistics.importance import Importance, Share, measured_importance, variance_shares
 from valerie.statistics.observations import observe
 
-#: Measured columns that are asked for. Others say the same in other words: two that do hide each other.
+#: Measured columns that are tested. Redundant columns are left out, since two of them hide each other.
 MEASURED: Final = (
     "distance_m",
     "occlusion_rate",
@@ -30,7 +30,7 @@ class Explanation:
 
     Attributes:
         function: its name.
-        shares: of the variance, for the factors that the run set, largest first.
+        shares: shares of the variance, for the factors that the run set, largest first.
         measured: importance of measured columns, smallest p-value first; empty where there are too few places.
     """
 
@@ -42,7 +42,7 @@ class Explanation:
 def explanations(table: EvaluationTable, *, seed: int = 0) -> tuple[Explanation, ...]:
     """Explain the pACC of each function that has any; equal input gives equal numbers.
 
-    A measured column takes part where every person has a value.
+    Only measured columns with a value for every person are used.
 
     Args:
         table: the run's evaluations.

@@ -1,4 +1,4 @@
-"""The next spec from a run: half the steps, inside the region of what was found (the paper, section 5.3: "initial step size")."""
+"""Spec of the next iteration: half the step, inside the region of weakness (the paper, section 5.3: "initial step size")."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ADDED: Final = 3
 _TOLERANCE: Final = 1e-9
 
 
-def refined_spec(
+def halved_spec(
     spec: RunSpec,
     blocks: Sequence[Block],
     definitions: Mapping[str, ParameterDefinition],
@@ -34,17 +34,17 @@ def refined_spec(
 ) -> RunSpec:
     """Return the spec of the next iteration.
 
-    HOMOGENEOUS parameters get half the step, from the first to the last step inside the region; UNIFORM ones its range;
-    CHOICE the values inside. A GAUSSIAN stays as it is. Points become a Sobol' design over the region.
+    HOMOGENEOUS parameters get half the step, from the first to the last step inside the region; UNIFORM ones get its
+    range, and CHOICE ones the values inside. A GAUSSIAN stays unchanged. Points become a Sobol' design over the region.
 
     Args:
-        spec: of the run.
-        blocks: of the run, in the asset's units.
+        spec: spec of the run.
+        blocks: blocks of the run, in the asset's units.
         definitions: path to definition.
-        region: by path.
-        run_id: of the run.
+        region: bounds by path.
+        run_id: id of the run.
         middle: path to the value that a dropped parameter gets.
-        add: paths of parameters that are varied over their declared ranges, too.
+        add: paths of further parameters to vary over their declared ranges.
         drop: paths of parameters that become constants.
 
     Raises:
@@ -142,7 +142,7 @@ def _holds(bound: Bound, value: Value) -> bool:
 
 
 def _ends(bound: Bound | None) -> tuple[float, float]:
-    """Return the range of a bound; an arc across 360° is no range, and leaves everything."""
+    """Return the range of a bound; infinite for an arc across 360°, which is no range."""
     if isinstance(bound, Range):
         return bound.low, bound.high
     if isinstance(bound, Arc) and bound.start + bound.width <= 360:

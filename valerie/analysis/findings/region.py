@@ -1,8 +1,8 @@
-"""Regions of weakness: bounds on measures and parameters that hold the frames in which a function is weak.
+"""Regions of weakness: bounds on measures and parameters that contain the frames in which a function is weak.
 
-A selection of rows (`valerie.runs.resolving.where`) becomes bounds on those quantities that the selection *narrows*. A quantity
-that varies as widely within the selection as in the run is no part of the weakness and stays free. Bounds hold the middle
-of the selected rows, so that a few outliers do not widen the region.
+A selection of rows (`valerie.runs.resolving.where`) becomes bounds on those quantities that the selection *narrows*. A
+quantity that varies as widely within the selection as in the run is not part of the weakness and stays free. Bounds cover
+the middle of the selected rows, so that a few outliers do not widen the region.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ Bound = Annotated[Range | Arc | Choices, Field(discriminator="kind")]
 
 
 class Region(BaseModel):
-    """Bounds by name of the quantity; without bounds, everything is inside.
+    """A region; without bounds, everything is inside.
 
     Attributes:
         bounds: name of the quantity to its bound.
@@ -85,11 +85,11 @@ class Region(BaseModel):
     rows: int = 0
 
     def holds(self, values: Row) -> bool:
-        """Return whether all bounds hold; a missing quantity is outside."""
+        """Return True if all bounds hold; a missing quantity is outside."""
         return all(bound.holds(values.get(name)) for name, bound in self.bounds.items())
 
     def allows(self, values: Row) -> bool:
-        """Return whether the bounds hold for the quantities in ``values``; the others are not measured yet."""
+        """Return True if the bounds hold for the quantities in ``values``; the others are not measured yet."""
         return all(bound.holds(values[name]) for name, bound in self.bounds.items() if name in values)
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ def region_of(
 
     Args:
         selected: the rows that are weak.
-        everything: all rows of the run, whose range a bound must be narrower than.
+        everything: all rows of the run; a bound must be narrower than their range.
         quantities: name to type of the quantities that the region may bound.
 
     Raises:
@@ -146,14 +146,14 @@ def _choices(some: Sequence[str], known: set[str]) -> Choices | None:
 
 def _range(some: NDArray[np.float64], every: NDArray[np.float64]) -> Range | None:
     tail = (1.0 - _COVERED) / 2
-    # Take values that occur, so that the steps of a grid stay whole.
+    # Use values that occur, so that the steps of a grid stay whole.
     low, high = (float(x) for x in np.quantile(some, (tail, 1.0 - tail), method="closest_observation"))
     whole = float(every.max() - every.min())
     if high - low > _NARROWER * whole or whole == 0.0:
         return None
     values = np.unique(every)
     below, above = values[values < low], values[values > high]
-    # Extend half way to the next value outside, so that a single step of a grid has a width too.
+    # Extend half-way to the next value outside, so that a single step of a grid also has a width.
     margins = [float(low - below[-1]) / 2] if below.size else []
     margins += [float(above[0] - high) / 2] if above.size else []
     margin = max(margins, default=0.0) if low == high else None
@@ -176,7 +176,7 @@ def _arc(some: NDArray[np.float64], every: NDArray[np.float64]) -> Arc | None:
 
 
 def _shortest_arc(angles: NDArray[np.float64], share: float) -> tuple[float, float]:
-    """Return (start, width) in degrees of the shortest arc that holds ``share`` of the angles."""
+    """Return (start, width) in degrees of the shortest arc that contains ``share`` of the angles."""
     ordered = np.sort(angles % TURN)
     count = max(1, math.ceil(share * len(ordered)))
     twice = np.concatenate([ordered, ordered + TURN])

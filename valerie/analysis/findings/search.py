@@ -1,7 +1,7 @@
-"""Search of a run's findings.
+"""Search for a run's findings.
 
-Contrasts (`valerie.statistics.contrasts`) of everything that the run varied are searched in one half of its places and confirmed
-in the other. What one function is compared over is a *family*, and so are the functions on identical frames; the
+Contrasts (`valerie.statistics.contrasts`) of all varied factors are searched in one half of the places and confirmed in the
+other. The contrasts of one function form a *family*, and so do the comparisons of functions on identical frames; the
 families share the error.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.child_specs import child_spec
-from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step, View
+from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, ScoredPerson, Step
 from valerie.analysis.findings.wording import false_positives_sentence, finding_sentence, incomparable_sentence
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
@@ -32,19 +32,19 @@ from valerie.statistics.observations import Observations, observe
 LEVEL: Final = 0.95
 #: A function is named when more than this share of the pixels that it calls person belong to no person.
 HEAVY: Final = 0.5
-#: Sides that differ by more than this in a measured quantity are shown with it: share of the person, and metres.
+#: Differences of measured quantities between two sides above which a finding mentions them: share of the person, metres.
 UNEQUAL: Final[Mapping[str, float]] = {"occlusion_rate": 0.1, "distance_m": 2.0}
-#: Candidates that need more places than this many runs have are not listed.
+#: Candidates that need more than this many times the places of the run are not listed.
 AFFORDABLE: Final = 10
 #: Image pairs of a finding.
 _PAIRS: Final = 3
-#: Precisions in which the labels of a function differ from those in full precision.
+#: Precisions in which the labels of a function differ from those at full precision.
 _REDUCED: Final = frozenset({"bf16", "fp16"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Family:
-    """Rows that are compared, and the changes to look at; None: all, and how they act together."""
+    """Rows that are compared, and the changes to test; None: all, with their interactions."""
 
     function: str
     observations: Observations
@@ -63,9 +63,9 @@ def find_findings(
 
     Args:
         table: the run's evaluations.
-        seed: of the choice of places that search.
+        seed: of the choice of places to search.
         precisions: function to the precision that it ran in; see `incomparable`.
-        spec: of the run; its findings then propose a run that examines them.
+        spec: of the run; if present, each finding proposes a run that examines it.
     """
     families = list(_families(table, precisions or {}))
     clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
@@ -81,7 +81,7 @@ def find_findings(
         for item in (*confirmed, *named(observations, only=only, level=level), *others):
             if not (item.confirmed or _worth_a_run(item, observations.places)):
                 continue
-            # Of several changes of the same factors the clearest stands for all; each two functions are another matter.
+            # Only the clearest of several changes of the same factors is kept, but every pair of functions.
             steps = item.candidate.changes
             key = family.function, steps if family.only else tuple(change.factor for change in steps)
             if key not in clearest:
@@ -103,24 +103,24 @@ def find_findings(
 
 
 def _worth_a_run(item: Confirmation, places: int) -> bool:
-    """Return whether a fresh run can settle a candidate, and other places do not already show the opposite."""
+    """Return True if a fresh run can settle a candidate and the other places do not already show the opposite."""
     contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
     return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
 
 
 def _clear(finding: Finding) -> bool:
-    """Return whether an interval leaves out 0."""
+    """Return True if the interval excludes 0."""
     return finding.low is not None and finding.high is not None and finding.low * finding.high > 0
 
 
 def incomparable(table: EvaluationTable, precisions: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of functions, sorted, whose precisions differ so that a difference would partly be theirs.
+    """Return the pairs of functions, sorted, whose precisions differ so much that they affect a comparison.
 
-    bf16 and fp16 are comparable with themselves only. All other precisions are comparable with one another.
+    bf16 and fp16 are comparable only with themselves. All other precisions are comparable with one another.
 
     Args:
-        table: that holds the functions.
-        precisions: function to the precision that it ran in; a function that is missing ran in full precision.
+        table: the evaluations of the functions.
+        precisions: function to the precision that it ran in; default: full precision.
     """
 
     def reduced(name: str) -> str:
@@ -132,7 +132,7 @@ def incomparable(table: EvaluationTable, precisions: Mapping[str, str]) -> tuple
 
 
 def _families(table: EvaluationTable, precisions: Mapping[str, str]) -> Iterator[_Family]:
-    """Yield the comparisons of each function, then that of the functions; none without anything to compare."""
+    """Yield the family of each function, then that of the functions, where there is anything to compare."""
     pacc = table.numbers("pacc")
     factors = {factor.name: factor for factor in factors_of(table)}
     codes = {name: factor.codes for name, factor in factors.items()}
@@ -184,9 +184,9 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
     return replace(finding, sentence=finding_sentence(finding))
 
 
-def _view(table: EvaluationTable, row: int) -> View:
+def _view(table: EvaluationTable, row: int) -> ScoredPerson:
     columns = table.arrow.slice(row, 1).select(["frame_id", "sensor", "function", "instance_id", "pacc"])
-    return View(**columns.to_pylist()[0])
+    return ScoredPerson(**columns.to_pylist()[0])
 
 
 def _picture_fault(table: EvaluationTable, family: _Family, contrast: Contrast) -> PictureFault | None:
@@ -213,7 +213,7 @@ def _picture_fault(table: EvaluationTable, family: _Family, contrast: Contrast) 
 def _unequal(
     table: EvaluationTable, rows: NDArray[np.int64], factor: Factor, change: Change, step: Step
 ) -> Iterator[Inequality]:
-    """Yield the measured quantities of which the two sides of a change have unlike means."""
+    """Yield the measured quantities whose means differ strongly between the two sides of a change."""
     before, after = (rows[factor.codes[rows] == level] for level in (change.before, change.after))
     for column, bound in UNEQUAL.items():
         values = table.numbers(column)
@@ -225,7 +225,7 @@ def _unequal(
 
 
 def _false_positives(table: EvaluationTable) -> Iterator[str]:
-    """Name the functions of whose person pixels more than `HEAVY` are wrong, beyond the choice of variants."""
+    """Name the functions with a share of false person pixels above `HEAVY`, by the lower end of its interval."""
     counts = frame_counts(table)
     called = counts.tp + counts.fp
     for function, sensor in settings(table):

@@ -1,4 +1,4 @@
-"""The words of findings."""
+"""Sentences about findings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from valerie.statistics.intervals import Interval
 
 
 def finding_sentence(finding: Finding) -> str:
-    """Return a finding as sentences: effect and condition, interval, numbers, and what else differs."""
+    """Return a finding as sentences: effect and condition, interval, numbers, and other differences of the sides."""
     step = finding.steps[0]
     size = f"{100 * abs(finding.effect):.1f} points"
     higher = "higher" if finding.effect > 0 else "lower"
@@ -34,7 +34,7 @@ def finding_sentence(finding: Finding) -> str:
     counted = [f"{finding.places:,} places"]
     counted += [f"{finding.pairs:,} pairs"] if finding.pairs else []
     if finding.low is not None and finding.high is not None:
-        # A function is named for being better, so the interval has to point its way.
+        # The better function is named first, so the interval takes its sign.
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
@@ -52,12 +52,12 @@ def picture_fault_sentence(fault: PictureFault) -> str:
 
 
 def _after(step: Step) -> str:
-    """Return the factor with its later level; names that contain the factor's stand alone: ``camera-3``."""
+    """Return the factor with its later level, or the level alone where it starts with the factor: ``camera-3``."""
     return step.after if step.after.startswith(step.factor) else f"{step.factor} {step.after}"
 
 
 def unequal_sentence(unequal: Sequence[Inequality]) -> str:
-    """Return what else differs between the sides of a finding; empty where nothing does."""
+    """Return the measured differences between the sides of a finding; empty where there are none."""
     texts = [
         f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
         f"{measure_of(one.column).text(one.before)} with {one.step.before})"
@@ -67,7 +67,7 @@ def unequal_sentence(unequal: Sequence[Inequality]) -> str:
 
 
 def searched_sentence(findings: Findings) -> str:
-    """Return how findings were found, and what it means that there are none."""
+    """Return how the findings were searched, and whether any is confirmed."""
     if not findings.comparisons:
         return "Nothing to compare: vary a parameter, or name several functions."
     looked = f"{findings.comparisons:,} comparisons searched in {findings.places_searched:,} places"
@@ -84,7 +84,7 @@ def candidate_text(finding: Finding) -> str:
 
 
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
-    """Return that most pixels which a function calls person belong to none."""
+    """Return the share of false person pixels of a function with its interval."""
     return (
         f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
         f"(95 % interval {percent(interval.low)} to {percent(interval.high)}, {interval.units:,} {interval.estimand.noun})."

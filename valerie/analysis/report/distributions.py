@@ -1,4 +1,4 @@
-"""Distribution of a run's persons over a measure, and mean pACC over two measures in bins."""
+"""Distributions of a run's persons over a measure, and mean pACC over two binned measures."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from valerie.analysis.rows.frame_counts import ALL, UNNAMED, Group, characters, 
 from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.measures import Measure
 
-#: Quantiles that a distribution names.
+#: Orders of the quantiles in a distribution.
 QUANTILES = (0.1, 0.5, 0.9)
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """Persons over one measure; a person counts once in each frame, however many functions look.
+    """Persons over one measure; a person counts once in each frame, however many functions evaluate it.
 
     Attributes:
         column: the measure.
-        character: which persons; `ALL` for all together.
+        character: their character; `ALL` for all together.
         persons: number with a value.
         low, high: smallest and largest value.
         quantiles: at `QUANTILES`.
@@ -48,19 +48,19 @@ def distributions(table: EvaluationTable, axis: Measure) -> tuple[Distribution, 
         return ()
     edges = bin_edges(float(values[known].min()), float(values[known].max()), axis.bin_width)
     names = characters(table)
-    found = []
+    results = []
     for name in (*names, ALL) if len(names) > 1 else names:
         own = values[known & _of_character(table, name)]
         if len(own):
             n = np.histogram(own, edges)[0].tolist()
             bins = tuple((low, high, n[k]) for k, (low, high) in enumerate(pairwise(edges.tolist())))
             quantiles = tuple(np.quantile(own, QUANTILES).tolist())
-            found.append(Distribution(axis.name, name, len(own), float(own.min()), float(own.max()), quantiles, bins))
-    return tuple(found)
+            results.append(Distribution(axis.name, name, len(own), float(own.min()), float(own.max()), quantiles, bins))
+    return tuple(results)
 
 
 def binned_means(table: EvaluationTable, down: Measure, across: Measure, group: Group) -> Means | None:
-    """Return mean pACC of a group over the bins of two measures (the paper's figure 5); None where either has a single bin."""
+    """Return mean pACC of a group over the bins of two measures (the paper's figure 5); None if either has fewer than 2."""
     pacc = table.numbers("pacc")
     rows = rows_of(table, group) & np.isfinite(pacc)
     axes = []
@@ -83,7 +83,7 @@ def binned_means(table: EvaluationTable, down: Measure, across: Measure, group: 
 
 
 def _once(table: EvaluationTable) -> NDArray[np.bool_]:
-    """Return (N,) bool: the first of the rows of each person that is present in a frame, of one sensor setting."""
+    """Return (N,) bool: the first row of each present person in each frame."""
     instance = np.nan_to_num(table.numbers("instance_id"))
     key = combine([table.codes("frame_id").index, instance])
     first = np.zeros(len(table), np.bool_)

@@ -1,4 +1,4 @@
-"""Frames that are worth a look: the extremes of a run, one frame each."""
+"""Example frames: the extremes of a run, one frame each."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Example:
 
     Attributes:
         title: reason for the choice.
-        frame_id, sensor, camera, character: the person and the frame.
-        measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
+        frame_id, sensor, camera, instance_id, character: the person and the frame.
+        measures: the person's value on each axis of the report, if defined; time only where it varies.
         pacc: per function, 0…1.
     """
 
@@ -28,13 +28,14 @@ class Example:
     frame_id: str
     sensor: str
     camera: str
+    instance_id: int
     character: str
     measures: dict[str, float]
     pacc: dict[str, float]
 
 
 def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
-    """Return the best seen person, the worst in plain sight, the worst of all, the most occluded and the most disputed one.
+    """Return the persons with the best pACC, the worst in plain sight, the worst of all, the most occlusion, the most dispute.
 
     No frame occurs twice, so there may be fewer.
     """
@@ -83,6 +84,7 @@ def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Exa
         frame_id=person["frame_id"],
         sensor=person["sensor"],
         camera=person["camera"],
+        instance_id=person["instance_id"],
         character=person["character"] or "",
         measures={name: person[name] for name in shown if person[name] is not None},
         pacc={row["function"]: row["pacc"] for row in people},

@@ -1,11 +1,10 @@
-"""Summarise a report in a few sentences."""
+"""Summary of a report in a few sentences."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 
-from valerie.analysis.claims.claims import Entry
 from valerie.analysis.comparison.wording import span_text
 from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
@@ -13,8 +12,8 @@ from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.wording import percent, points, setting_labels
 
 
-def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry]) -> list[str]:
-    """Return verdicts, scores, findings, claims and the other run in a sentence each."""
+def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
+    """Return a sentence each about verdicts, scores, findings, claims and the other run."""
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
@@ -37,7 +36,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
         sentences.append(f"{findings:,} {are} confirmed by places that had no part in the search.")
     elif source.findings.comparisons:
         sentences.append("No finding is confirmed.")
-    sentences.append(_counted("Claims", [str(entry.outcome) for entry in ledger]))
+    sentences.append(_counted("Claims", [str(entry.outcome) for entry in source.ledger]))
     if source.beside is not None:
         for function in source.beside.functions:
             whole, rank = function.slices[0], function.rank_correlation
@@ -51,6 +50,6 @@ def in_short(source: ReportInput, seen: Sequence[Seeing], ledger: Sequence[Entry
 
 
 def _counted(what: str, answers: Sequence[str]) -> str:
-    """Return how often each answer was given; empty where none was."""
+    """Return the number of each answer as a sentence; empty without answers."""
     counts = Counter(answers)
     return f"{what}: {', '.join(f'{answer} {count}' for answer, count in counts.items())}." if counts else ""

@@ -1,4 +1,4 @@
-"""What all report pages share: the settings of their templates."""
+"""Template settings of all report pages."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import jinja2
 
 
 def page_environment(package: str, finalize: Callable[[object], object] | None = None) -> jinja2.Environment:
-    """Return the environment of the templates in a package's folder ``templates``: text is escaped, unknown names fail.
+    """Return an environment for the templates in a package's folder ``templates``: text is escaped, unknown names fail.
 
     Args:
-        package: such as ``valerie.studies``.
-        finalize: changes each value before it is written.
+        package: name of the package, such as ``valerie.studies``.
+        finalize: function that converts each value before it is written.
     """
     return jinja2.Environment(
         loader=jinja2.PackageLoader(package),

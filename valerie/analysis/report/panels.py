@@ -15,7 +15,7 @@ from valerie.measures import Measure, measure_of
 
 #: Largest number of drawn points; beyond it a random sample is drawn. Curves and bins always use all points.
 MAX_POINTS: Final = 2500
-#: Colours that remain apart in all common forms of colour blindness (Okabe & Ito 2008) and in grey.
+#: Colours that are distinguishable with all common forms of colour blindness (Okabe & Ito 2008) and in grey.
 COMBINED_COLOR: Final = "#d55e00"
 CHARACTER_COLORS: Final = ("#1b1b1b", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 CHARACTER_SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross", "star")
@@ -23,7 +23,7 @@ CHARACTER_SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """Colour and symbol of a character in every plot of a report; each alone tells characters apart."""
+    """Colour and symbol of a character in every plot of a report; either suffices to identify it."""
 
     color: str
     symbol: str
@@ -31,7 +31,7 @@ class Style:
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """Points of one character: x in shown units, pACC in per cent, and the frame of each."""
+    """Points of one character: x in displayed units, pACC in per cent, and frame ids."""
 
     character: str
     style: Style
@@ -42,7 +42,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve with its 95 % band, or a polynomial without one: x in shown units, pACC in per cent, clipped to 0…100."""
+    """A curve with its 95 % band, or a polynomial without: x in displayed units, pACC in per cent, clipped to 0…100."""
 
     character: str
     style: Style
@@ -68,10 +68,11 @@ class Panel:
     Attributes:
         axis: measure on the x axis.
         function, sensor: names of the function and of the sensor setting.
-        points: per character; ``drawn`` of ``total`` points.
-        lines: per character, then of all characters together: the curve, then the polynomial where no bin contradicts it.
+        points: points of each character.
+        lines: per character, then of all characters together: the curve, then the polynomial if no bin contradicts it.
         marks: means of the bins, over all characters.
         contradicted: characters whose polynomial is not drawn, because bins contradict it.
+        drawn, total: number of drawn points, and of all.
     """
 
     axis: Measure
@@ -100,7 +101,7 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
     Args:
         table: the run's evaluations.
         trends: its trends.
-        column: of the x axis.
+        column: column on the x axis.
         function, sensor: names of the function and of the sensor setting.
         seed: of the sample where there are more than `MAX_POINTS` points.
     """

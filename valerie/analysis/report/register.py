@@ -1,7 +1,7 @@
-"""A register of triggering conditions, as ISO 21448 calls them, that follows from a run's findings.
+"""A register of triggering conditions (ISO 21448), derived from a run's findings.
 
-Each entry names a condition, the functional insufficiency that it brings to light, the frames that show it, and the run that
-tests it again. It supports an analysis; it is no statement of compliance.
+Each entry names a condition, the functional insufficiency that it reveals, the frames that show it, and a run that tests it
+again. The register supports an analysis; it is no statement of compliance.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from valerie.analysis.findings.findings import Finding, Findings
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TriggeringCondition:
     """A triggering condition of one function.
 
     Attributes:
         id: ``T1``, ``T2`` …, confirmed ones first.
-        function: that is insufficient.
+        function: the function that is insufficient.
         triggering_condition: the level of a factor at which the function is worse.
         reference_condition: the level that it was compared with, everything else equal.
-        functional_insufficiency: what the function does worse, in words.
-        confirmed: whether places that had no part in the search showed it; else it is a candidate.
-        effect: mean pACC under the condition less that under the reference, −1…0.
+        functional_insufficiency: description of the weakness.
+        confirmed: whether places that had no part in the search confirm it; otherwise it is a candidate.
+        effect: mean pACC under the condition minus that under the reference, −1…0.
         low, high: interval of the effect; None where there is none.
-        places: that the effect rests on.
-        evidence: ids of the frames that show it, those of the condition.
+        places: number of places behind the effect.
+        evidence: ids of frames under the condition that show it.
         places_needed: fresh places that a re-test needs; None: unknown.
         retest: YAML of a run that tests it again on fresh places; empty where the spec of the run is unknown.
     """
@@ -48,11 +48,11 @@ class Entry:
     retest: str
 
 
-def register(findings: Findings) -> tuple[Entry, ...]:
+def register(findings: Findings) -> tuple[TriggeringCondition, ...]:
     """Return the entries: findings and candidates about one function and one factor.
 
-    Comparisons of functions are no conditions. An interaction says how the effect of a factor changes, not where a function
-    is worse.
+    Comparisons of functions are not conditions. An interaction shows how the effect of a factor changes, not where a
+    function is worse.
     """
     about = [
         finding for finding in (*findings.items, *findings.candidates) if finding.function and len(finding.steps) == 1
@@ -60,12 +60,12 @@ def register(findings: Findings) -> tuple[Entry, ...]:
     return tuple(_entry(f"T{number}", finding) for number, finding in enumerate(about, 1))
 
 
-def register_json(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
+def register_json(entries: tuple[TriggeringCondition, ...]) -> list[dict[str, object]]:
     """Return the entries as JSON values."""
     return [asdict(entry) for entry in entries]
 
 
-def register_table(entries: tuple[Entry, ...]) -> pa.Table:
+def register_table(entries: tuple[TriggeringCondition, ...]) -> pa.Table:
     """Return the entries as a table; frames are separated by spaces."""
     rows = [{**asdict(entry), "evidence": " ".join(entry.evidence)} for entry in entries]
     return pa.Table.from_pylist(rows, schema=_SCHEMA)
@@ -90,12 +90,12 @@ _SCHEMA: Final = pa.schema(
 )
 
 
-def _entry(name: str, finding: Finding) -> Entry:
+def _entry(name: str, finding: Finding) -> TriggeringCondition:
     (step,) = finding.steps
     lower_after = finding.effect <= 0
     ends = (finding.low, finding.high) if lower_after else (_negative(finding.high), _negative(finding.low))
     before, after = _condition(step.factor, step.before), _condition(step.factor, step.after)
-    return Entry(
+    return TriggeringCondition(
         id=name,
         function=finding.function,
         triggering_condition=after if lower_after else before,
@@ -113,7 +113,7 @@ def _entry(name: str, finding: Finding) -> Entry:
 
 
 def _condition(factor: str, level: str) -> str:
-    """Return a level with its factor; names that contain the factor's stand alone: ``camera-3``."""
+    """Return a level with its factor, or the level alone where it starts with the factor: ``camera-3``."""
     return level if level.startswith(factor) else f"{factor} {level}"
 
 

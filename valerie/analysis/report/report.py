@@ -1,7 +1,7 @@
-"""One self-contained HTML file: it opens offline, asks for nothing, and reads well on paper and without scripts.
+"""One self-contained HTML file: it opens offline, loads nothing, and reads well on paper and without scripts.
 
-The page forbids itself every connection and every script but its own two (Content-Security-Policy with hashes). Plots
-are static pictures first; where scripts run, plotly draws the same numbers over them. The markup is in ``templates``.
+Its Content-Security-Policy (with hashes) forbids all connections and all scripts but its own two. Plots are static
+pictures; where scripts run, plotly draws the same numbers over them. The markup is in ``templates``.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ import yaml
 from markupsafe import Markup
 
 from valerie.analysis import wording
-from valerie.analysis.claims.claims import write_ledger
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
-from valerie.analysis.comparison.beside import Beside, Pair
+from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.findings.importance import explanations
@@ -31,10 +30,11 @@ from valerie.analysis.findings.wording import candidate_text, searched_sentence
 from valerie.analysis.report.distributions import binned_means, distributions
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
-from valerie.analysis.report.model import PictureKind, ReportInput
+from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.pages import page_environment
 from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
+from valerie.analysis.report.register import register
 from valerie.analysis.report.seeing import seeing
 from valerie.analysis.rows.frame_counts import ALL, Group, characters, settings
 from valerie.analysis.summary.all_classes import AllClasses
@@ -47,11 +47,12 @@ from valerie.labels import TRAIN_LABELS
 from valerie.measures import Measure, measure_of
 from valerie.plain import JsonObject
 from valerie.runs.moments import moment_text
+from valerie.runs.products.pictures import PictureKind
 from valerie.statistics.intervals import Interval
 
 
 class _Plot(NamedTuple):
-    """One panel of a trend section; ``number`` is its place among the page's figures, as in `Panel` what else is drawn."""
+    """One panel of a trend section; ``number`` is its index among the page's figures, the rest as in `Panel`."""
 
     title: str
     number: int
@@ -71,10 +72,10 @@ class _ClassRow(NamedTuple):
 
 
 def build_report(source: ReportInput) -> str:
-    """Write the report.
+    """Return the report.
 
     Args:
-        source: everything that is shown; equal input gives equal bytes.
+        source: its content; equal input gives equal bytes.
 
     Returns:
         A complete HTML document.
@@ -86,7 +87,6 @@ def build_report(source: ReportInput) -> str:
     figures: list[JsonObject] = []
     names = characters(source.table)
     seen = seeing(source.table, threshold=source.summary.threshold)
-    ledger = () if source.claims is None else write_ledger(source.claims, source.table, seed=source.trends.seed)
     plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
@@ -106,15 +106,16 @@ def build_report(source: ReportInput) -> str:
             found=[(finding, _pair(source, finding)) for finding in source.findings.items],
             candidates=[(finding, _pair(source, finding)) for finding in source.findings.candidates],
             searched=searched_sentence(source.findings),
-            in_short=in_short(source, seen, ledger),
+            in_short=in_short(source, seen),
             seeing=seen,
-            ledger=ledger,
+            ledger=source.ledger,
             numbers=() if source.claims is None else numbers_beside(source.claims, source.table),
             crosses=list(_crosses(source)),
             distributions={axis.name: distributions(source.table, axis) for axis in AXES},
             by_occlusion=list(_by_occlusion(source)),
             flips=list(_flips(source, source.beside)),
             limits=limits(source.summary, source.findings),
+            register=register(source.findings),
             certainty=certainty_sentences(source.summary.rows),
             parameters=level_means(source.table),
             pair=strongest_pair(source.table),
@@ -138,7 +139,7 @@ def build_report(source: ReportInput) -> str:
 
 
 def data_url(data: bytes) -> str:
-    """Return a picture file as a data URL; its first bytes tell the type (PNG, JPEG, WebP)."""
+    """Return a picture file (PNG, JPEG, WebP by its first bytes) as a data URL."""
     if data.startswith(b"\x89PNG"):
         kind = "png"
     elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
@@ -195,7 +196,7 @@ def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Ite
 
 
 def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Means]]]]:
-    """Yield the heat maps of pACC over pixel area and occlusion: title, and each pedestrian's map, all together first."""
+    """Yield the heat maps of pACC over pixel area and occlusion: title and maps, that of all pedestrians first."""
     names = characters(source.table)
     labels = wording.setting_labels(settings(source.table))
     down, across = measure_of("occlusion_rate"), measure_of("pixel_area_percent")
@@ -210,7 +211,7 @@ def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Me
 
 
 def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str, list[tuple[str, str | None]]]]]]:
-    """Yield the views that a document of claims asks for: each level with its (caption, data URL), function by function."""
+    """Yield the examples that a document of claims asks for: each level of ``down`` with its (caption, data URL)."""
     if source.claims is None:
         return
     for example in cross_examples(source.claims, source.table):
@@ -223,30 +224,36 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
-    """Yield the pairs of frames in which two runs differ most, with their pictures."""
+    """Yield the persons in whom two runs differ most: title and (caption, data URL) of both."""
     for one in beside.functions if beside is not None else ():
-        pairs: tuple[tuple[str, Pair], ...] = (
+        pairs: tuple[tuple[str, SharedPerson], ...] = (
             *(("fell", pair) for pair in one.fell),
             *(("rose", pair) for pair in one.rose[:1]),
         )
         for word, pair in pairs:
             title = f"{one.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
-            here = _picture(source, pair.frame_here, pair.sensor, pair.function)
-            there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there)
+            here = _picture(source, pair.frame_here, pair.sensor, pair.function, pair.instance_id)
+            there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there, pair.instance_id)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]
 
 
-def _picture(source: ReportInput, frame_id: str, sensor: str, function: str | None) -> str | None:
-    """Return the data URL of a picture, or of a prediction over it; None where it is gone or there are no pictures."""
+def _picture(
+    source: ReportInput, frame_id: str, sensor: str, function: str | None, person: int | None = None
+) -> str | None:
+    """Return the data URL of a picture, of a prediction over it, or of a person from near.
+
+    None where there is none.
+    """
     if source.picture is None:
         return None
-    kind = PictureKind.PICTURE if function is None else PictureKind.PREDICTION
-    data = source.picture(frame_id, kind, sensor=sensor, function=function)
+    of_frame = PictureKind.PICTURE if function is None else PictureKind.OVERLAY
+    kind = of_frame if person is None else PictureKind.ERRORS
+    data = source.picture(frame_id, kind, sensor=sensor, function=function, person=person)
     return None if data is None else data_url(data)
 
 
 def _number(column: str, share: bool, value: float | None) -> str:
-    """Return a number of a column as people read it."""
+    """Return a number of a column as text with its unit."""
     if value is None:
         return wording.DASH
     measure = measure_of(column)
@@ -261,25 +268,27 @@ def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, st
         picture = partial(source.picture, example.frame_id, sensor=example.sensor)
         shots = [
             ("picture", picture(PictureKind.PICTURE, function=None)),
-            ("truth", picture(PictureKind.TRUTH, function=None)),
+            ("truth", picture(PictureKind.TRUTH_OVERLAY, function=None)),
         ]
         for function, pacc in sorted(example.pacc.items()):
             caption = f"{function}: pACC {wording.percent(pacc)} %"
-            shots.append((caption, picture(PictureKind.PREDICTION, function=function)))
+            shots.append((caption, picture(PictureKind.OVERLAY, function=function)))
+            near = picture(PictureKind.ERRORS, function=function, person=example.instance_id)
+            shots.append((f"{function}, from near", near))
         yield example, [(caption, None if data is None else data_url(data)) for caption, data in shots]
 
 
 def _pair(source: ReportInput, finding: Finding) -> list[tuple[str, str | None]]:
-    """Return (caption, data URL) of the predictions in the two views that differ most, before and after."""
+    """Return (caption, data URL) of the two views that differ most, before and after: the persons from near, then the frames."""
     if source.picture is None or not finding.examples:
         return []
-    shots = []
+    near, frames = [], []
     step = finding.steps[0]
     for level, view in zip((step.before, step.after), finding.examples[0], strict=True):
-        data = source.picture(view.frame_id, PictureKind.PREDICTION, sensor=view.sensor, function=view.function)
-        caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} % · frame {view.frame_id}"
-        shots.append((caption, None if data is None else data_url(data)))
-    return shots
+        caption = f"{step.factor} {level}: pACC {wording.percent(view.pacc)} %"
+        near.append((caption, _picture(source, view.frame_id, view.sensor, view.function, view.instance_id)))
+        frames.append((f"frame {view.frame_id}", _picture(source, view.frame_id, view.sensor, view.function)))
+    return [*near, *frames]
 
 
 def _shade(mean: float) -> str:
@@ -304,7 +313,7 @@ def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:
 
 
 def _undefined(summary: Summary) -> list[tuple[str, dict[str, int]]]:
-    """Return (function and sensor, reason to number) over all pedestrians together."""
+    """Return (label of function and sensor, reason to number) over all pedestrians together."""
     labels = wording.setting_labels((row.function, row.sensor) for row in summary.rows)
     together = any(row.character == ALL for row in summary.rows)
     rows: Iterable[Any] = (row for row in summary.rows if row.character == ALL or not together)
@@ -316,7 +325,7 @@ def _own(name: str) -> str:
 
 
 def _plotly_source() -> str:
-    """Return plotly.js as the installed package carries it; the package itself is not imported."""
+    """Return plotly.js from the installed package without importing the package."""
     spec = find_spec("plotly")
     if spec is None or spec.origin is None:
         raise MissingDependency("the report needs plotly: install valerie[report]")

@@ -1,4 +1,4 @@
-"""Seeing, not luck: pACC beside the score of the same pixels where nobody stands."""
+"""Seeing, not luck: pACC compared with the score of the same pixels without the person."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class Seeing:
     """One group of persons whose background was inferred without movables.
 
     Attributes:
-        function, sensor, character: the group; the character `valerie.analysis.rows.frame_counts.ALL` stands for all together.
+        function, sensor, character: the group; the character `valerie.analysis.rows.frame_counts.ALL` means all together.
         persons: number with both scores; a person counts once in each frame.
         pacc, pacc_empty: mean scores with and without the person.
         detected: number of persons with pACC ≥ the threshold.
-        lucky: number of these whose pixels reach the threshold without the person, too.
+        lucky: number of these whose pixels also reach the threshold without the person.
     """
 
     function: str

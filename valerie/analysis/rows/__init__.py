@@ -1,1 +1,1 @@
-"""The long table of a run as columns, and the ways in which its rows are grouped."""
+"""The long table of a run as columns, and the groups of its rows."""

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 
-#: Largest number of bins; beyond it, the width is multiplied by 2, 5, 10, 20 … until fewer are left.
+#: Largest number of bins; beyond it, the width is multiplied by 2, 5, 10, 20 … until there are no more.
 MAX_BINS: Final = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Persons whose x lies in [low, high); a person counts once in each frame.
+    """Persons with x in [low, high); a person counts once in each frame.
 
     Attributes:
         low, high: edges, multiples of the bin width.
         n: number of persons with a defined pACC.
-        x: mean of their x, the position of the bin's mean in a plot.
+        x: mean of their x, the position of the bin in a plot.
         mean: mean of their pACC.
         detected: number of persons with pACC ≥ threshold.
     """
@@ -36,7 +36,7 @@ class Bin:
 
 
 def bin_edges(low: float, high: float, width: float) -> NDArray[np.float64]:
-    """Return edges at whole multiples of ``width`` that cover ``low`` … ``high``; the last edge lies above ``high``.
+    """Return edges at whole multiples of ``width`` that cover ``low`` … ``high``; the last edge is above ``high``.
 
     Raises:
         InvalidInput: ``width`` is not positive.
@@ -58,13 +58,13 @@ def bins_of(
     edges: NDArray[np.float64],
     threshold: float,
 ) -> tuple[Bin, ...]:
-    """Return the bins of ``x`` that hold at least one row, in ascending order.
+    """Return the bins of ``x`` with at least one row, in ascending order.
 
     Args:
         x: (N,) of the whole table; NaN values are left out.
         pacc: (N,) likewise.
         rows: (N,) bool, the rows to use.
-        edges: ascending (K+1,).
+        edges: (K+1,), ascending.
         threshold: of the detection rate.
     """
     usable = rows & np.isfinite(x) & np.isfinite(pacc)

@@ -1,4 +1,4 @@
-"""Choice of a run's variants, as far as statistics need it: which rows were drawn, and which positions make a place."""
+"""How a run's variants were chosen, as statistics need it: which rows were drawn, and which positions make a place."""
 
 from __future__ import annotations
 
@@ -21,24 +21,23 @@ class Design:
 
     Attributes:
         blocks: design and number of variants of each block, in order.
-        street: seed of the generated street; None for an asset without a seed.
+        site: the seed that the asset was generated from; None for an asset without one.
     """
 
     blocks: tuple[tuple[str, int], ...]
-    street: int | None = None
+    site: int | None = None
 
     def design_of(self, variants: NDArray[np.int64]) -> tuple[str, NDArray[np.int64] | None]:
         """Return the design of some variants (`valerie.statistics.units.sampling_units`) and their replicates.
 
-        Blocks that list their variants make the whole a list, as do the samplers of plug-ins, of which nothing is known.
-        Among blocks that draw, a single one of independent variants makes all count as independent, which is right but
-        wide.
+        If any block lists its variants, or uses the sampler of a plug-in, of which nothing is known, all count as listed.
+        Otherwise, if any block draws independent variants, all count as independent: intervals are valid but wide.
 
         Args:
-            variants: (N,) indexes of variants of the run.
+            variants: (N,) indices of variants of the run.
 
         Returns:
-            The name, and (N,) the replicate of each variant; None where the design has none.
+            The name, and the (N,) replicate of each variant; None where the design has none.
         """
         names = {name for name, _ in self.blocks}
         if not names <= INDEPENDENT | EVEN:
@@ -50,11 +49,11 @@ class Design:
         return "sobol", np.concatenate([own + first for own, first in zip(numbers, firsts, strict=True)])[variants]
 
     def drawn(self, variants: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return (N,) bool: the variants that are not listed, each of which is a place of its own."""
+        """Return (N,) bool: the variants that are not listed; each of them is its own place."""
         return np.array([name not in LISTED for name, _ in self.blocks])[self.blocks_of(variants)]
 
     def blocks_of(self, variants: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return (N,) the block that each variant comes from."""
+        """Return the (N,) block of each variant."""
         ends = list(accumulate(count for _, count in self.blocks))
         return np.searchsorted(ends, variants, side="right").astype(np.int64)
 
@@ -64,12 +63,12 @@ class Design:
         return name, sum(size for _, size in self.blocks[:number]), count
 
 
-#: Design of variants of which nothing is known: no sample of anything, and each a place of its own.
+#: Design of variants of which nothing is known: they are no sample, and each is its own place.
 UNKNOWN: Final = Design((("unknown", 2**62),))
 
 
 def position_paths(paths: Iterable[str]) -> tuple[str, ...]:
-    """Return the parameters that make a place: positions of persons, or all positions where no person's varies."""
+    """Return the parameters that make a place: positions of persons, or all positions if those of persons do not vary."""
     positions = [path for path in paths if ".pos." in path]
     of_persons = tuple(path for path in positions if path.split(".")[1].startswith(f"{PERSON.node_class}-"))
     return of_persons or tuple(positions)

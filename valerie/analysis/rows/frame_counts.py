@@ -14,7 +14,7 @@ from valerie.analysis.rows.table import EvaluationTable
 ABSENT: Final = "absent"
 #: Name of all characters together.
 ALL: Final = "all"
-#: Name of persons whose asset declares no character.
+#: Name of persons without a declared character.
 UNNAMED: Final = "unnamed"
 
 
@@ -23,9 +23,9 @@ class FrameCounts:
     """Person pixels of every evaluation (frame, sensor, function); all arrays (E,), in the table's numbering.
 
     Attributes:
-        row: int64, the first row of the evaluation, from which to read the frame's own columns.
+        row: int64, the first row of the evaluation, which supplies the frame's own columns.
         tp, fn, fp: float64 pixels; tp and fn summed over the frame's persons.
-        inhabited: bool, true where at least one person is present, visible or not.
+        inhabited: bool, True where at least one person is present, visible or not.
     """
 
     row: NDArray[np.int64]
@@ -73,7 +73,7 @@ def settings(table: EvaluationTable) -> tuple[tuple[str, str], ...]:
 
 
 def characters(table: EvaluationTable) -> tuple[str, ...]:
-    """Return the characters that are present in at least one frame, sorted; `UNNAMED` is last where a person has none."""
+    """Return the characters that are present in any frame, sorted, then `UNNAMED` if a person has none."""
     codes = table.codes("character")
     occurring = np.unique(codes.index[present(table)])
     named = tuple(codes.names[i] for i in occurring if i >= 0)

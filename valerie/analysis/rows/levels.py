@@ -1,4 +1,4 @@
-"""Factors: what a run varied, as numbered levels that contrasts compare and figures show."""
+"""Factors of a run as numbered levels, for contrasts and figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.analysis.rows.table import EvaluationTable
 #: Numbers with more distinct values than this are put into about `_RANGES` ranges.
 MAX_LEVELS: Final = 12
 _RANGES: Final = 5
-#: Columns besides the varied parameters that a run repeats every variant over.
+#: Columns, besides the varied parameters, over which a run repeats every variant.
 REPEATED: Final = ("camera", "sensor", "instance_id")
 
 
@@ -26,8 +26,8 @@ class Factor:
 
     Attributes:
         column: path of a parameter, or name of a measure.
-        levels: those that occur, for people: ``red``, ``300°``, ``5–10``; the last one is ``default`` where rows have no value.
-        codes: (N,) int64, position in ``levels``.
+        levels: texts of the occurring levels: ``red``, ``300°``, ``5–10``; the last is ``default`` if rows have no value.
+        codes: (N,) int64, index into ``levels``.
     """
 
     column: str
@@ -36,12 +36,12 @@ class Factor:
 
     @property
     def name(self) -> str:
-        """The factor for people: ``sun-1.azimuth``."""
+        """Short name: ``sun-1.azimuth``."""
         return "person" if self.column == "instance_id" else self.column.removeprefix("scene.")
 
 
 def factors_of(table: EvaluationTable) -> tuple[Factor, ...]:
-    """Return everything that varies among the rows with a pACC: parameters, then camera, sensor setting and person."""
+    """Return the factors that vary among rows with a pACC: parameters, then camera, sensor setting and person."""
     scored = np.isfinite(table.numbers("pacc"))
     factors = (factor_of(table, column) for column in (*table.parameters, *REPEATED))
     return tuple(factor for factor in factors if len(np.unique(factor.codes[scored])) > 1)
@@ -50,7 +50,7 @@ def factors_of(table: EvaluationTable) -> tuple[Factor, ...]:
 def factor_of(table: EvaluationTable, column: str) -> Factor:
     """Return the levels of a column.
 
-    Names and up to `MAX_LEVELS` numbers are levels of their own; more numbers are put into round ranges.
+    Each name is a level, as is each of up to `MAX_LEVELS` numbers; more numbers are grouped into round ranges.
     """
     kind = table.parameters.get(column, "CATEGORICAL")
     if kind == "CATEGORICAL":
@@ -74,7 +74,7 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
 
 
 def _with_default(column: str, levels: list[str], codes: NDArray[np.int64]) -> Factor:
-    """Return the factor; rows without a value have what the asset declares, which is a level too."""
+    """Return the factor; rows without a value have the asset's default, which is a level of its own."""
     empty = codes < 0
     if empty.any():
         levels = [*levels, "default"]

@@ -16,12 +16,12 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.parameters.paths import short_name
 from valerie.runs.products.frames import FrameKey
 
-#: Names a row; rows of two tables with equal keys are compared.
+#: Identity of a row; rows of two tables with equal keys are compared.
 RowKey = tuple[Hashable, ...]
 
-#: Columns that name the same person in the same frame, for two functions of a run.
+#: Columns that identify a person in a frame, for two functions of a run.
 SAME_FRAME: Final = ("frame_id", "sensor", "instance_id")
-#: Columns that do so for two runs, besides the varied parameters.
+#: Columns that do so for two runs, together with the varied parameters.
 SAME_MOMENT: Final = ("camera", "time_s", "sensor", "instance_id")
 _DISTANCE_BIN_M: Final = 10.0
 _OCCLUSION: Final = (
@@ -29,7 +29,7 @@ _OCCLUSION: Final = (
     ("occluded 5–50 %", 0.05, 0.5),
     ("occluded > 50 %", 0.5, 1.0),
 )
-#: A parameter with more levels than this is cut into so many parts of about equally many rows.
+#: A parameter with more levels than the first number is divided into the second number of parts with about equally many rows.
 _MOST_LEVELS, _PARTS = 8, 4
 
 
@@ -39,9 +39,9 @@ def row_keys(
     """Return (frame, *columns, instance) of every row.
 
     Args:
-        table: of one function and one sensor setting, unless ``columns`` tell them apart.
+        table: of one function and one sensor setting, unless ``columns`` distinguish them.
         columns: (N,) each, such as the sensors.
-        frames: (N,) names of the frames that both tables share; None: the frame ids.
+        frames: (N,) names that equal frames of both tables share; None: the frame ids.
     """
     names = table.arrow["frame_id"].to_pylist() if frames is None else frames
     return list(zip(names, *columns, table.arrow["instance_id"].to_pylist(), strict=True))
@@ -55,7 +55,7 @@ def frames_of_any_run(table: EvaluationTable) -> list[FrameKey]:
 
 
 def paired_rows(keys: Sequence[RowKey], others: Sequence[RowKey]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows of both tables whose keys are equal, (M,) each, in the order of the first."""
+    """Return the (M,) rows of each table whose keys are equal, in the order of the first."""
     row_of = {key: row for row, key in enumerate(others)}
     pairs = [(row, row_of[key]) for row, key in enumerate(keys) if key in row_of]
     first, second = np.array(pairs, np.int64).reshape(-1, 2).T
@@ -100,7 +100,7 @@ def levels_of(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
 
 
 def _distance_bands(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
-    """Return the bands that hold a row; an undefined distance is in none."""
+    """Return the bands with at least one row; rows with undefined distance are in none."""
     distance = table.numbers("distance_m")
     defined = distance[np.isfinite(distance)]
     if not len(defined):

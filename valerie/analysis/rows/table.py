@@ -42,10 +42,10 @@ _BATCH: Final = 65_536
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """A column of names, as positions in the list of names.
+    """A column of names, as indices into the list of names.
 
     Attributes:
-        index: (N,) int64, position in ``names``; −1 where the row is empty.
+        index: (N,) int64, index into ``names``; −1 where the row is empty.
         names: the distinct names that occur, sorted.
     """
 
@@ -69,7 +69,7 @@ class EvaluationTable:
     Attributes:
         arrow: the table.
         parameters: path to parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
-        designs: run id to the choice of its variants; of the variants of a run without an entry nothing is known.
+        designs: run id to the design of its variants; `UNKNOWN` for a run without an entry.
     """
 
     def __init__(
@@ -150,32 +150,15 @@ class EvaluationTable:
         return cls(arrow, document["parameters"], designs)
 
     @classmethod
-    def from_csv(cls, source: Path | BinaryIO, parameters: Mapping[str, str]) -> Self:
-        """Read a file that `to_csv` wrote; CSV has no types, so the caller passes those of the parameters.
-
-        Raises:
-            CorruptArtifact: not CSV, or a value does not fit its column.
-        """
-        types = {field.name: without_codes(field.type) for field in schema_of(parameters)}
-        options = pa.csv.ConvertOptions(
-            column_types=types, strings_can_be_null=True, quoted_strings_can_be_null=False, null_values=[""]
-        )
-        try:
-            arrow = pa.csv.read_csv(source, convert_options=options)
-        except (pa.ArrowException, OSError) as error:
-            raise CorruptArtifact(f"not a CSV evaluation table: {error}") from error
-        return cls(arrow, parameters)
-
-    @classmethod
     def joined(cls, tables: Sequence[Self]) -> Self:
-        """Return the rows of several runs, which vary the same parameters, as one table.
+        """Return the rows of several runs as one table.
 
         Raises:
-            InvalidInput: they do not, or there is no table.
+            InvalidInput: the runs vary different parameters, or there is no table.
         """
         if not tables or any(table.parameters != tables[0].parameters for table in tables):
             raise InvalidInput(
-                "runs of unlike parameters have no common table",
+                "runs with different parameters have no common table",
                 field="parameters",
                 value=[list(table.parameters) for table in tables],
                 limit="the same parameters in all",
@@ -184,7 +167,7 @@ class EvaluationTable:
         return cls(pa.concat_tables([table.arrow for table in tables]), tables[0].parameters, designs)
 
     def to_parquet(self, sink: Path | BinaryIO) -> None:
-        """Write a Parquet file with zstd; its metadata holds the types of the parameters and the designs."""
+        """Write a zstd-compressed Parquet file; its metadata contains the types of the parameters and the designs."""
         metadata = {_METADATA_KEY: orjson.dumps({"parameters": self.parameters, "designs": self.designs})}
         pa.parquet.write_table(self.arrow.replace_schema_metadata(metadata), sink, compression="zstd")
 
@@ -192,7 +175,7 @@ class EvaluationTable:
         """Write a CSV file with a header; an empty field is a missing value, names are quoted.
 
         Args:
-            sink: the file.
+            sink: file to write.
             without: columns to leave out.
         """
         arrow = self.arrow.drop_columns(list(without))
@@ -203,7 +186,7 @@ class EvaluationTable:
         return int(self.arrow.num_rows)
 
     def is_number(self, name: str) -> bool:
-        """Return whether a column holds numbers.
+        """Return True if a column contains numbers.
 
         Raises:
             UnknownName: no such column.
@@ -216,7 +199,7 @@ class EvaluationTable:
 
         Raises:
             UnknownName: no such column.
-            InvalidInput: the column holds names.
+            InvalidInput: the column contains names.
         """
         if name not in self._numbers:
             column = self._column(name)
@@ -250,17 +233,17 @@ class EvaluationTable:
         return self._codes[name]
 
     def select(self, mask: NDArray[np.bool_]) -> Self:
-        """Return the table of the rows where ``mask`` ((N,) bool) is true."""
+        """Return the rows where ``mask`` ((N,) bool) is True."""
         return type(self)(self.arrow.filter(pa.array(mask)), self.parameters, self.designs)
 
     @cached_property
     def evaluations(self) -> NDArray[np.int64]:
-        """(N,) int64: rows of the same (frame, sensor, function) share a number 0…E−1."""
+        """(N,) int64 number 0…E−1 of the evaluation (frame, sensor, function) of each row."""
         return combine([self.codes(name).index for name in ("frame_id", "sensor", "function")])
 
     @cached_property
     def units(self) -> Units:
-        """The sampling units of the rows; they follow from the designs of the runs (`valerie.statistics.units`)."""
+        """Sampling units of the rows by the designs of the runs (`valerie.statistics.units`)."""
         variants = combine([self.codes("run_id").index, self.numbers("variant_index")])
         designs, numbers = set(), np.zeros(len(self), np.int64)
         for run, (design, rows) in enumerate(self._by_run):
@@ -272,21 +255,21 @@ class EvaluationTable:
             return sampling_units("sobol", variants, replicate=numbers)
         if "grid" not in designs:
             return sampling_units("random", variants)
-        return sampling_units("grid", variants, streets=self._streets)
+        return sampling_units("grid", variants, sites=self._sites)
 
     @cached_property
     def places(self) -> NDArray[np.int64]:
-        """(N,) int64: rows of the same place share a number 0…P−1; neighbours along the street have near numbers.
+        """(N,) int64 number 0…P−1 of the place of each row; neighbours have adjacent numbers.
 
-        A drawn variant is a place of its own. Listed variants share a place where all persons stand alike on one street;
-        where the list is repeated on several streets, a street is one place.
+        A drawn variant is its own place. Listed variants share a place if all persons have the same positions on one
+        street; where the list is repeated on several sites, each site is one place.
         """
-        if self.units.estimand is Estimand.STREETS:
-            return combine([self._streets])
+        if self.units.estimand is Estimand.SITES:
+            return combine([self._sites])
         drawn = np.zeros(len(self), np.bool_)
         for design, rows in self._by_run:
             drawn[rows] = design.drawn(self._variants[rows])
-        keys = [self._streets, np.where(drawn, self.numbers("variant_index"), -1.0)]
+        keys = [self._sites, np.where(drawn, self.numbers("variant_index"), -1.0)]
         return combine([*keys, *(self.numbers(path) for path in position_paths(self.parameters))])
 
     @property
@@ -300,13 +283,13 @@ class EvaluationTable:
         return [(self.designs.get(name, UNKNOWN), runs.where(name)) for name in runs.names]
 
     @cached_property
-    def _streets(self) -> NDArray[np.int64]:
-        """(N,) street seed; −1 where the street has none."""
-        streets = np.full(len(self), -1, np.int64)
+    def _sites(self) -> NDArray[np.int64]:
+        """(N,) site seeds; −1 where the asset has none."""
+        sites = np.full(len(self), -1, np.int64)
         for design, rows in self._by_run:
-            if design.street is not None:
-                streets[rows] = design.street
-        return streets
+            if design.site is not None:
+                sites[rows] = design.site
+        return sites
 
     @cached_property
     def _numbers(self) -> dict[str, NDArray[np.float64]]:
@@ -341,7 +324,7 @@ def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
 
 
 def encoded(table: pa.Table, suffix: str) -> bytes:
-    """Return a small table as a file: CSV for ``csv``, else Parquet."""
+    """Return a small table as a file: CSV for the suffix ``csv``, otherwise Parquet."""
     buffer = BytesIO()
     (pa.csv.write_csv if suffix == "csv" else pa.parquet.write_table)(table, buffer)
     return buffer.getvalue()
@@ -367,7 +350,7 @@ def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
 
 
 def without_codes(dtype: pa.DataType) -> pa.DataType:
-    """Return the type of the values: text for a column of names."""
+    """Return the type of a column's values: text for a column of names."""
     return pa.string() if pa.types.is_dictionary(dtype) else dtype
 
 
@@ -378,9 +361,9 @@ def _batches(rows: Iterable[Row]) -> Iterator[list[Row]]:
 
 
 def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
-    """Return one column as Arrow: NaN becomes empty, floats become integers and integers text where the type asks for it."""
+    """Return one column as Arrow with type ``dtype``; NaN becomes empty."""
     if values is None:
-        raise InvalidInput("the column is missing; it may hold empty values", field=name)
+        raise InvalidInput("the column is missing; it may contain empty values", field=name)
     try:
         array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values, from_pandas=True)
         if pa.types.is_dictionary(dtype) and not pa.types.is_dictionary(array.type):
@@ -405,7 +388,7 @@ def _conform(arrow: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def _check(arrow: pa.Table) -> None:
-    """Check what the types of the columns cannot state.
+    """Check the rules that column types cannot express.
 
     Raises:
         InvalidInput: a required value is empty, a value is out of bounds, or a gap has no reason.

@@ -1,1 +1,1 @@
-"""Means, shares and spreads by pedestrian and function, and their words."""
+"""Means, shares and spreads by pedestrian and function, as numbers and text."""

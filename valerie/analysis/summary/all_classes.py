@@ -1,6 +1,6 @@
-"""Scores of a run over all classes, not persons alone: IoU class by class and its mean, as networks are usually compared.
+"""Scores of a run over all classes, not only persons: IoU per class and its mean, the usual comparison of networks.
 
-A function that knows fewer than the 19 classes is judged by those that it knows. Every page that shows its means names these.
+A function that knows fewer than the 19 classes is judged by those that it knows; every page with its means names them.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ class PooledClass:
     """One class over all frames, from summed counts; ratios in [0, 1], None where undefined.
 
     Attributes:
-        name: of the class.
-        pixels: of the class in the truth.
+        name: name of the class.
+        pixels: pixels of the class in the truth.
         pacc: recall.
-        precision, iou: precision and intersection over union. All three are None for a class that the function is not
+        precision, iou: precision and intersection over union. Like ``pacc``, None for a class that the function is not
             judged by.
     """
 
@@ -45,7 +45,7 @@ class AllClasses:
         miou_pooled: mean IoU of the summed counts, over the classes that the truth shows.
         pixel_accuracy_pooled: share of labelled pixels that were predicted correctly.
         classes: classes that the truth shows, in the order of their train ids.
-        judged_by: names of the classes that the three scores are over; empty: all 19.
+        judged_by: names of the classes of the three scores; empty: all 19.
     """
 
     function: str

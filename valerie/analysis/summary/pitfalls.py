@@ -1,4 +1,4 @@
-"""Warn of reasons why the numbers of a run say little; the warnings precede all results."""
+"""Warnings of faults that make the numbers of a run meaningless; they precede all results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LISTED: Final = 3
 
 
 def pitfalls(table: EvaluationTable) -> tuple[str, ...]:
-    """Return the warnings about a run, as sentences; its rates and verdicts count everything nevertheless."""
+    """Return the warnings about a run, as sentences; rates and verdicts still include all rows."""
     return (*_silent_functions(table), *_empty_pictures(table))
 
 

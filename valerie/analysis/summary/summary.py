@@ -1,7 +1,7 @@
 """Summary of a run: the table of the paper's section 6.2 with counts, reasons of gaps, precision, IoU, and intervals or spreads.
 
-Every aggregate exists twice: as *frame mean*, in which every person in every frame has the same weight, and from *pooled*
-counts, in which every pixel has the same weight.
+Every aggregate exists twice: as *frame mean*, which weighs every person in every frame equally, and from *pooled* counts,
+which weigh every pixel equally.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _TAIL: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Middle 80 % of the means of places: how much places differ, not how certain a mean is.
+    """Middle 80 % of the means of places: it shows how much places differ, not how certain a mean is.
 
     Attributes:
         low, high: quantiles 0.1 and 0.9 (linear between places).
@@ -66,11 +66,11 @@ class SummaryRow:
         defined: number of person-frames with a defined pACC.
         undefined: reason to number of the other person-frames.
         pacc_mean: mean over the defined person-frames.
-        pacc_min, pacc_max: smallest and largest value of the same.
+        pacc_min, pacc_max: smallest and largest value of these.
         pacc_pooled: Σ tp / Σ (tp + fn).
-        pacc_mean_interval, pacc_pooled_interval, detection_interval: 95 % intervals, or why there is none
+        pacc_mean_interval, pacc_pooled_interval, detection_interval: 95 % intervals, or the reason why there is none
             (`valerie.statistics.intervals`); None without a defined pACC.
-        pacc_mean_spread, detection_spread: where variants are listed, so that no interval is possible, how much places differ.
+        pacc_mean_spread, detection_spread: spread of places, for listed variants, which allow no interval; otherwise None.
         precision_mean, iou_mean: means over the frames in which the score is defined.
         precision_pooled, iou_pooled: from the summed counts of the frames.
         detected: number of person-frames with pACC ≥ the summary's threshold.
@@ -103,7 +103,7 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class OcclusionShare:
-    """Share of person-frames that are occluded, whatever function looks at them.
+    """Share of person-frames that are occluded; functions do not matter.
 
     Attributes:
         character: name of the pedestrian, or `ALL`.
@@ -128,7 +128,7 @@ class EmptyFrames:
     Attributes:
         function, sensor: names of the function and of the sensor setting.
         frames: number of frames without a person.
-        with_false_positives: number of these with at least one pixel called person.
+        with_false_positives: number of these with at least one pixel predicted as person.
         false_positive_pixels: number of such pixels.
     """
 
@@ -150,7 +150,7 @@ class Summary:
         occlusion: share of occluded person-frames per character, then of all.
         empty: frames without persons, per function and sensor; empty where there are none.
         classes: scores over all classes, per function and sensor.
-        warnings: sentences on what makes the numbers say little; they stand before all results.
+        warnings: sentences about faults that make the numbers meaningless; to be shown before all results.
     """
 
     threshold: float
@@ -172,7 +172,7 @@ def summarize(
 
     Args:
         table: its evaluations.
-        classes: scores over all classes, which the table does not hold.
+        classes: scores over all classes, which the table does not contain.
         threshold: smallest pACC of a detected person, 0 < t ≤ 1.
 
     Raises:
@@ -247,7 +247,7 @@ def _row(table: EvaluationTable, group: Group, counts: FrameCounts, threshold: f
 
 
 def _spread(scores: NDArray[Any], places: NDArray[np.int64]) -> Spread | None:
-    """Return the spread of the places' means; None for fewer than two places."""
+    """Return the spread of the places' means; None with fewer than two places."""
     rows = np.bincount(places)
     means = np.bincount(places, scores)[rows > 0] / rows[rows > 0]
     if len(means) < 2:
@@ -257,7 +257,7 @@ def _spread(scores: NDArray[Any], places: NDArray[np.int64]) -> Spread | None:
 
 
 def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
-    """Count each person of each frame once, although functions and sensors repeat its row."""
+    """Return the occluded shares; each person of each frame counts once, although functions and sensors repeat its row."""
     places = np.flatnonzero(present(table) & np.isfinite(table.numbers("occlusion_rate")))
     if not len(places):
         return ()

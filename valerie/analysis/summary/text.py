@@ -38,11 +38,11 @@ _ANY_WIDTH: Final = 10_000
 
 
 def summary_renderable(summary: Summary, findings: Findings | None = None, *, most: int | None = 5) -> RenderableType:
-    """Return the summary for a rich console, and below it the strongest findings.
+    """Return the summary for a rich console, followed by the strongest findings.
 
     Args:
-        summary: of the run.
-        findings: of the run; None: the summary alone.
+        summary: summary of the run.
+        findings: findings of the run; None: only the summary.
         most: largest number of findings, and of candidates; None: all.
     """
     parts: list[RenderableType] = [_Rows(summary) if summary.rows else Text("No person was evaluated.")]
@@ -53,12 +53,12 @@ def summary_renderable(summary: Summary, findings: Findings | None = None, *, mo
 
 
 def warnings_renderable(summary: Summary) -> RenderableType:
-    """Return the warnings of a summary for a rich console, one paragraph each; nothing where there are none."""
+    """Return the warnings of a summary for a rich console, one paragraph each."""
     return Group(*(Text(f"Warning: {sentence}\n", style="bold red") for sentence in summary.warnings))
 
 
 def summary_text(summary: Summary, findings: Findings | None = None, *, width: int = 140) -> str:
-    """Return the same as plain text without colours, ``width`` characters wide."""
+    """Return summary and findings as plain text without colours, ``width`` characters wide."""
     sink = StringIO()
     Console(file=sink, width=width, color_system=None, force_terminal=False, highlight=False).print(
         summary_renderable(summary, findings)
@@ -77,7 +77,7 @@ def _findings(findings: Findings, most: int | None) -> list[RenderableType]:
 
 
 class _Rows:
-    """The rows in one table; on a narrow screen in two tables, so that no number is cut."""
+    """The rows in one table, or in two on a narrow screen, so that no number is cut off."""
 
     def __init__(self, summary: Summary) -> None:
         self._summary = summary
@@ -90,7 +90,7 @@ class _Rows:
             yield from (self._table(_SCORES), "", self._table(_BESIDE))
 
     def _table(self, columns: Mapping[str, str]) -> Table:
-        """Return a table with ``columns`` of all rows, functions one below the other."""
+        """Return a table with ``columns`` of all rows, grouped by function."""
         summary = self._summary
         labels = setting_labels((row.function, row.sensor) for row in summary.rows)
         table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)

@@ -1,4 +1,4 @@
-"""The words of a summary: what its brackets mean, and what it does not say."""
+"""Sentences about a summary: the meaning of its brackets, and its limits."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from valerie.statistics.units import Estimand
 _ESTIMANDS: Final[Mapping[Estimand, str]] = {
     Estimand.LISTED_GRID: "the listed variants",
     Estimand.DESIGN_BOX: "the space that the design draws from",
-    Estimand.STREETS: "all streets, at the listed variants",
+    Estimand.SITES: "all sites that the asset generates, at the listed variants",
 }
 
 
 def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
-    """Return which share of each pedestrian's views is occluded; empty without views."""
+    """Return the occluded share of each pedestrian's views; empty without views."""
     texts = [
         f"{'all' if share.character == ALL else share.character} {percent(share.share)} % of {share.persons:,}"
         for share in shares
@@ -30,7 +30,7 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
 
 
 def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
-    """Return what the brackets of a summary mean, and why intervals are missing."""
+    """Return the meaning of the brackets in a summary, and the reasons for missing intervals."""
     sentences = []
     units = {(one.estimand, one.units) for row in rows if isinstance(one := row.pacc_mean_interval, Interval)}
     if units:
@@ -44,20 +44,18 @@ def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
 
 
 def limits(summary: Summary, findings: Findings) -> list[str]:
-    """Return what the results do not say."""
+    """Return the limits of the results."""
     first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)
     sentences = []
     if first is not None:
         sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
-        sentences.append(
-            "All variants were listed, so nothing is known of what lies between them, or of other streets."
-        )
+        sentences.append("All variants were listed, so nothing is known of what lies between them, or of other sites.")
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
         sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
-    # Visibility alone decides, so functions share their gaps.
+    # Gaps depend only on visibility, so all functions have the same.
     gaps = dict.fromkeys((row.persons, reasons_text(row.undefined)) for row in together if row.undefined)
     sentences += [f"Of {persons:,} views of a person, some have no pACC: {reasons}." for persons, reasons in gaps]
     return sentences

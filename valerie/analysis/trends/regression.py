@@ -1,8 +1,8 @@
-"""The paper's regression of pACC: a polynomial "of a higher order", whose degree whole places choose.
+"""The paper's regression of pACC: a polynomial "of a higher order" whose degree is chosen by cross-validation over places.
 
-The degree is the smallest that predicts places left out as well as the best degree does. Everything is computed from
-sums by place (Σ φφᵀ, Σ φy of Chebyshev polynomials φ), so that a million rows are read once. A polynomial has no band: those of
-resampled places hold too seldom (docs/statistics-findings.md); `valerie.statistics.curves` has one that does.
+The degree is the smallest that predicts held-out places as well as the best one. Everything is computed from sums by place
+(Σ φφᵀ, Σ φy of Chebyshev polynomials φ), so that a million rows are read once. A polynomial has no band, because bands from
+resampled places fall short of their coverage (docs/statistics-findings.md); those of `valerie.statistics.curves` do not.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_DEGREE: Final = 5
 FOLDS: Final = 10
 #: With fewer places than this there is no polynomial.
 MIN_PLACES: Final = 6
-#: More places than this are put into groups at random, which bounds the memory.
+#: More places than this are put into random groups, which bounds memory.
 _MOST_GROUPS: Final = 500
 
 
@@ -29,13 +29,14 @@ class Polynomial:
     """A fitted polynomial over its domain.
 
     Attributes:
-        n: number of fitted rows; ``places`` is the number of places that they come from.
+        n: number of fitted rows.
+        places: number of their places.
         degree: chosen by cross-validation.
         domain: smallest and largest x; the polynomial is not defined beyond.
         coefficients: of Chebyshev polynomials on ``domain`` (as `numpy.polynomial.Chebyshev`).
         rmse: root mean square residual of the fit.
         x, y: the polynomial at `GRID` points. Not clipped to 0…1.
-        contradicted: whether a bin of the data contradicts it, so that it is not to be drawn.
+        contradicted: whether a bin of the data contradicts it, so that it must not be drawn.
     """
 
     n: int
@@ -70,14 +71,14 @@ def fit_polynomial(
     """Fit a polynomial of y over x.
 
     Args:
-        x: (N,); rows with a gap are left out.
-        y: (N,) scores in 0…1; the same.
+        x: (N,); rows without a finite number are left out.
+        y: (N,) scores in 0…1; likewise.
         places: (N,) whole numbers, the place of each row.
         seed: of the folds.
         max_degree: highest degree to try.
 
     Returns:
-        None with fewer than `MIN_PLACES` places or fewer than two distinct x.
+        The polynomial; None with fewer than `MIN_PLACES` places or fewer than two distinct x.
     """
     usable = np.isfinite(x) & np.isfinite(y)
     along, values = x[usable], y[usable]
@@ -138,7 +139,7 @@ def _sums(
 def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
     """Return the smallest degree whose held-out error is at most one standard error above the best one's.
 
-    Folds hold whole places; the rule is that of Breiman et al. 1984 (*Classification and Regression Trees*, section
+    Folds consist of whole places; the rule is that of Breiman et al. 1984 (*Classification and Regression Trees*, section
     3.4.3), with the standard error of the *difference*.
     """
     occupied = np.flatnonzero(sums.n)
@@ -161,7 +162,7 @@ def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
 
 
 def _solve(gram: NDArray[np.float64], moment: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve normal equations, (…, P, P) and (…, P), by least squares; of singular ones, return the shortest solution."""
+    """Solve normal equations, (…, P, P) and (…, P), by least squares; singular ones get the shortest solution."""
     solved: NDArray[np.float64] = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment[..., None]
     return solved[..., 0]
 

@@ -27,9 +27,9 @@ class Trend:
     """pACC over one column, for one group.
 
     Attributes:
-        column: of the x values, which are in the column's unit.
+        column: column of the x values, in its unit.
         function, sensor, character: the group; the character `ALL` stands for all together.
-        curve: between 0 and 1, monotone where the data are, with its band; None where places are too few for two bins.
+        curve: fitted curve with its band; None with too few places for two bins.
         polynomial: the paper's regression; None with too few places or a single x.
         bins: binned means without empty bins; every group has the same edges.
     """

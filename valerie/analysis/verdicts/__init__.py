@@ -1,1 +1,1 @@
-"""Requirements judged, and the gate of a CI pipeline."""
+"""Verdicts on requirements, and the gate of a CI pipeline."""

@@ -1,4 +1,4 @@
-"""A run as the gate of a change: its verdicts, and its functions against a baseline on identical frames."""
+"""Gate of a change: verdicts on a run, and its functions against a baseline on identical frames."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valerie.analysis.rows.pairing import frames_of_any_run, levels_of, paired_rows, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
@@ -15,7 +16,7 @@ from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import RunSpec
-from valerie.statistics.gates import Gate, SliceComparison, compare_versions
+from valerie.statistics.gates import Gate, SliceComparison, compare_versions, places_for_gate
 from valerie.statistics.verdicts import Outcome
 
 #: Fields of a spec in which two runs on the same frames may differ.
@@ -29,12 +30,12 @@ class GateRun:
     """The data of a run that the gate reads.
 
     Attributes:
-        id: of the run.
+        id: id of the run.
         spec: its spec.
-        asset_digest: of its asset.
+        asset_digest: digest of its asset.
         pins: numeric classes of its engines and functions.
         table: its evaluations.
-        verdicts: on its requirements.
+        verdicts: verdicts on its requirements.
     """
 
     id: str
@@ -50,8 +51,8 @@ class VersionGate:
     """One function against its baseline.
 
     Attributes:
-        version, baseline: the functions; the baseline with its run where that is another.
-        gate: the comparison of their pACC.
+        version, baseline: the functions; the baseline with its run where it has a different one.
+        gate: comparison of their pACC.
         unmatched: rows that only one of the two has.
     """
 
@@ -63,11 +64,11 @@ class VersionGate:
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
-    """Everything that a change has to pass.
+    """Result of a gate.
 
     Attributes:
-        run_id: of the run.
-        verdicts: on its requirements.
+        run_id: id of the run.
+        verdicts: verdicts on its requirements.
         versions: its functions against the baseline; empty without one.
         allow_undecided: whether undecided requirements pass.
     """
@@ -78,7 +79,7 @@ class GateResult:
     allow_undecided: bool = False
 
     def passes(self, verdict: RequirementVerdict) -> bool:
-        """Return whether a verdict lets the change through."""
+        """Return True if a verdict lets the change pass."""
         return verdict.outcome is Outcome.MET or (self.allow_undecided and verdict.outcome is Outcome.UNDECIDED)
 
     @property
@@ -97,6 +98,80 @@ class GateResult:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class PlacesNeeded:
+    """Number of places that a gate will need, said before a version is run.
+
+    Attributes:
+        function: the baseline to be.
+        effect: smallest drop of pACC to detect.
+        deviation: standard deviation of a place's change that is assumed.
+        slices: name to number of places with a score.
+        needed: places that each slice needs; None: no affordable number suffices.
+    """
+
+    function: str
+    effect: float
+    deviation: float
+    slices: Mapping[str, int]
+    needed: int | None
+
+    @property
+    def too_few(self) -> dict[str, int]:
+        """Slices with fewer places than it takes."""
+        return {name: places for name, places in self.slices.items() if self.needed is None or places < self.needed}
+
+
+def places_before(
+    run: GateRun,
+    *,
+    function: str | None = None,
+    effect: float = 0.05,
+    deviation: float | None = None,
+    false_discoveries: float = 0.05,
+) -> tuple[PlacesNeeded, ...]:
+    """Return how many places a gate will need with this run as its baseline.
+
+    Args:
+        run: that has ended.
+        function: the only one to speak of; None: every one.
+        effect: smallest drop of pACC to detect.
+        deviation: standard deviation of a place's change; None: as between the function and another one of the run.
+        false_discoveries: of the gate.
+
+    Raises:
+        InvalidInput: no deviation is given, and the run has no other function to take it from.
+        UnknownName: no such function.
+    """
+    needs = []
+    for name in run.spec.functions if function is None else (_function(function, run, "--function"),):
+        table = run.table.select(run.table.codes("function").where(name))
+        scored = np.isfinite(table.numbers("pacc"))
+        masks = {"all": np.ones(len(table), np.bool_), **levels_of(table)}
+        slices = {part: len(np.unique(table.places[mask & scored])) for part, mask in masks.items()}
+        spread = _deviation(run, name) if deviation is None else deviation
+        needed = places_for_gate(effect, spread, len(slices), false_discoveries=false_discoveries)
+        needs.append(PlacesNeeded(name, effect, spread, slices, needed))
+    return tuple(needs)
+
+
+def _deviation(run: GateRun, function: str) -> float:
+    """Return the standard deviation of places' mean differences between a function and the first other one of its run."""
+    others = [name for name in run.spec.functions if name != function]
+    for other in others[:1]:
+        before, matched, _ = _matched(run, function, run, other)
+        change = matched.numbers("pacc") - before
+        known = np.isfinite(change)
+        place = np.unique(matched.places[known], return_inverse=True)[1]
+        means = np.bincount(place, change[known]) / np.bincount(place)
+        if len(means) > 1:
+            return float(means.std(ddof=1))
+    raise InvalidInput(
+        "the run does not show how much the changes of places deviate", field="--deviation",
+        limit="a number between 0 and 1, or a run of two functions at two places or more",
+    )  # fmt: skip
+
+
 def gate(
     run: GateRun,
     baseline: GateRun | str | None = None,
@@ -107,21 +182,21 @@ def gate(
     mixed: bool = False,
     allow_undecided: bool = False,
 ) -> GateResult:
-    """Hold a run against its requirements, and its functions against a baseline.
+    """Judge a run by its requirements, and its functions against a baseline.
 
     Args:
-        run: that has ended.
-        baseline: another run on the same frames, or the name of a function of this run; None: requirements alone.
+        run: run that has ended.
+        baseline: another run on the same frames, or the name of a function of this run; None: only requirements.
         function: the only function to compare; None: every one that has a baseline.
         effect: smallest drop of pACC to detect; it decides how many places are needed.
         false_discoveries: largest expected share of false ones among the slices named worse.
-        mixed: also compare functions that ran in unequal numeric classes.
+        mixed: also compare functions that ran in different numeric classes.
         allow_undecided: let undecided requirements pass.
 
     Raises:
-        InvalidInput: there is nothing to judge, or the baseline looked at other frames.
+        InvalidInput: there is nothing to judge, or the baseline has other frames.
         UnknownName: no such function.
-        Conflict: numeric classes differ, and ``mixed`` is not given.
+        Conflict: numeric classes differ and ``mixed`` is False.
     """
     if baseline is None:
         if not run.verdicts:
@@ -142,7 +217,7 @@ def gate(
 
 
 def called(reference: str, run: GateRun) -> str | None:
-    """Return what a run's spec calls a function: by its whole name, or by its name without the version; else None."""
+    """Return the spec's name of a function that is referenced by it, or without its version if unique; otherwise None."""
     functions = run.spec.functions
     if reference in functions:
         return reference
@@ -200,8 +275,8 @@ def _require_one_class(run: GateRun, version: str, other: GateRun, reference: st
         if own != classes[1][stage]:
             raise Conflict(
                 f"{version} and its baseline {reference} differ in the numeric class of their {stage}: {own} and "
-                f"{classes[1][stage]}. Run both in the same one, or use --mixed to compare what precision or engine "
-                "change too"
+                f"{classes[1][stage]}. Run both in the same one, or use --mixed to include differences of precision "
+                "or engine"
             )
     return True
 
@@ -209,16 +284,9 @@ def _require_one_class(run: GateRun, version: str, other: GateRun, reference: st
 def _compare(
     run: GateRun, version: str, other: GateRun, reference: str, effect: float, false_discoveries: float
 ) -> VersionGate:
-    before, after = (
-        one.table.select(one.table.codes("function").where(name)) for one, name in ((other, reference), (run, version))
-    )
-    keys = [
-        row_keys(table, table.arrow["sensor"].to_pylist(), frames=frames_of_any_run(table)) for table in (after, before)
-    ]
-    new, old = paired_rows(*keys)
-    matched = rows_taken(after, new)
+    before, matched, unmatched = _matched(run, version, other, reference)
     compared = compare_versions(
-        before.numbers("pacc")[old],
+        before,
         matched.numbers("pacc"),
         matched.places,
         {"all": np.ones(len(matched), np.bool_), **levels_of(matched)},
@@ -227,7 +295,21 @@ def _compare(
         false_discoveries=false_discoveries,
     )
     named = reference if other is run else f"{reference} of run {other.id}"
-    return VersionGate(version, named, compared, len(before) + len(after) - 2 * len(new))
+    return VersionGate(version, named, compared, unmatched)
+
+
+def _matched(
+    run: GateRun, version: str, other: GateRun, reference: str
+) -> tuple[NDArray[np.float64], EvaluationTable, int]:
+    """Return the baseline's pACC and the version's rows where both have one, and the number of rows that one alone has."""
+    before, after = (
+        one.table.select(one.table.codes("function").where(name)) for one, name in ((other, reference), (run, version))
+    )
+    keys = [
+        row_keys(table, table.arrow["sensor"].to_pylist(), frames=frames_of_any_run(table)) for table in (after, before)
+    ]
+    new, old = paired_rows(*keys)
+    return before.numbers("pacc")[old], rows_taken(after, new), len(before) + len(after) - 2 * len(new)
 
 
 def slice_text(item: SliceComparison, effect: float) -> str:
@@ -242,7 +324,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     if item.worse:
         return text
     if needed is None:
-        return f"{text}; how many places show a drop of {100 * effect:g} points is not known"
+        return f"{text}; it is unknown how many places would show a drop of {100 * effect:g} points"
     enough = "" if needed <= item.places else " and these are too few"
     return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
 

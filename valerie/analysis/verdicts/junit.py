@@ -1,7 +1,7 @@
-"""The result of a gate as JUnit XML, which CI systems show as tests.
+"""Result of a gate as JUnit XML, which CI systems show as tests.
 
 Each requirement is a test case of the suite ``requirements``; each compared slice is one of the suite of its function.
-The form is that of the Ant task *junit*, as GitLab, Jenkins and GitHub actions read it.
+The format is that of the Ant task *junit*, which GitLab, Jenkins and GitHub Actions read.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from valerie.analysis.verdicts.gate import GateResult, VersionGate, slice_text
 from valerie.analysis.verdicts.text import notes, sentence, title
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 
-#: Characters that XML 1.0 cannot hold.
+#: Characters that XML 1.0 does not allow.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 

@@ -32,7 +32,7 @@ def title(verdict: RequirementVerdict) -> str:
 
 
 def sentence(verdict: RequirementVerdict) -> str:
-    """Return what was measured, what is required, and what else it takes to decide."""
+    """Return the measured value, the requirement, and what is missing for a decision."""
     where = f" where {verdict.where}" if verdict.where else ""
     measured = f"{verdict.quantity}{where} is {percent(verdict.estimate)} %"
     if verdict.worst is not None and verdict.best is not None:
@@ -53,7 +53,7 @@ def _further(verdict: RequirementVerdict) -> str:
 
 
 def notes(verdict: RequirementVerdict) -> list[str]:
-    """Return how it was judged, what was left out, and who was missed."""
+    """Return notes on the method, the rows left out, and the missed persons."""
     counted = f"{verdict.rows:,} {verdict.of} in {verdict.units:,} variants"
     if verdict.basis is None:
         lines = [f"Not judged: {counted}."]

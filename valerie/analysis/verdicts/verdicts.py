@@ -1,9 +1,8 @@
 """Verdicts on the requirements of a run, from its long table.
 
-How a requirement is judged follows from the design that drew the variants of its region (`valerie.statistics.verdicts`):
-listed variants are counted, random ones tested unit by unit, and evenly spread ones judged by their replicates. A unit is
-a variant with all its rows. What failed for good is taken at its worst: all of it counts against *met*, and all of it
-counts against *not met*.
+The method follows from the design that drew the variants of the region (`valerie.statistics.verdicts`): listed variants are
+counted, random ones tested unit by unit, and evenly spread ones judged by their replicates. A unit is a variant with all its
+rows. Rows that failed for good count at their worst: against *met* and against *not met*.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _DISTANCE: Final = measure_of("distance_m")
 
 @dataclass(frozen=True, slots=True)
 class DistanceBand:
-    """Judged persons at distances of ``low`` to ``high`` metres, and how many of them were missed."""
+    """Numbers of judged and of missed persons at distances of ``low`` to ``high`` metres."""
 
     low: float
     high: float
@@ -50,20 +49,20 @@ class RequirementVerdict:
         function: name of the function.
         outcome: met, not met or undecided.
         reason: why it is undecided; empty otherwise.
-        further: further variants in the region that would decide it if the estimate is right; None where it is decided, or
-            where no affordable number decides. Of a listed grid, the rows that are missing.
-        quantity, sign, bound: what is bounded, and how: ``share(pacc >= 0.5)``, ``>=``, 0.95.
-        estimate: of the quantity.
-        worst, best: of the quantity, if all that failed for good falls short, and if all of it does not.
-        basis: what the verdict speaks of; None where it was not judged.
-        method: how it was judged, in words.
+        further: further variants in the region that would decide if the estimate is right; None where it is decided or no
+            affordable number suffices. For a listed grid, the rows that are missing.
+        quantity, sign, bound: the bounded quantity and its bound: ``share(pacc >= 0.5)``, ``>=``, 0.95.
+        estimate: estimate of the quantity.
+        worst, best: the quantity if all rows that failed for good fall short, and if none does.
+        basis: population of the verdict; None where it was not judged.
+        method: method of judgement in words.
         units: variants that were judged.
-        decided_after: variants after which the sequential test ended; None where it did not, and where none was made.
-        of: ``persons`` or ``frames``: what a row is.
+        decided_after: variants after which the sequential test ended; None where it did not or there was none.
+        of: kind of a row, ``persons`` or ``frames``.
         rows: number of judged rows.
         undefined: reason to number of the rows in the region that have no value.
         too_small: persons in the region with fewer visible pixels than the requirement asks for.
-        lost: rows that may lie in the region and whose evaluation failed for good.
+        lost: rows that may be in the region and whose evaluation failed for good.
         threshold: pACC below which a person counts as missed; None for scores of frames.
         missed: missed persons by distance; empty for scores of frames.
     """
@@ -108,11 +107,11 @@ def judge_requirements(
     """Judge the requirements of a run, each for each of its functions.
 
     Args:
-        requirements: of the run.
+        requirements: requirements of the run.
         table: its evaluations.
-        design: the choice of its variants.
-        regions: id of a requirement to (N,) bool, the rows of the table in its region; all where it is missing.
-        lost: the rows whose evaluation failed for good: column or parameter path to value, None for what is not known.
+        design: design of its variants.
+        regions: id of a requirement to (N,) bool, the rows of the table in its region; default: all rows.
+        lost: rows whose evaluation failed for good: column or parameter path to value, None where unknown.
         threshold: detection threshold t, 0 < t ≤ 1.
     """
     everything = np.ones(len(table), np.bool_)
@@ -131,7 +130,7 @@ def judge_requirements(
 
 
 def verdict_table(verdicts: Sequence[RequirementVerdict]) -> pa.Table:
-    """Return verdicts as a table, one row each; persons without a value and missed ones as their numbers."""
+    """Return verdicts as a table, one row each, with the numbers of undefined and of missed persons."""
     rows = [
         {
             **{field.name: getattr(verdict, field.name) for field in fields(verdict)},
@@ -157,13 +156,13 @@ _SCHEMA: Final = pa.schema(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """Rows of one function in a region; all arrays (N,), of the rows with a value.
+    """Rows of one function in a region; all arrays (N,), only rows with a value.
 
     Attributes:
-        values: of the measure.
+        values: values of the measure.
         variants: index of each row's variant.
         pacc, distance: of persons; empty for frames.
-        undefined, too_small: as of `RequirementVerdict`.
+        undefined, too_small: as in `RequirementVerdict`.
     """
 
     values: NDArray[np.float64]
@@ -204,7 +203,7 @@ def _judged_rows(requirement: Requirement, function: str, table: EvaluationTable
 
 
 def _lost_variants(requirement: Requirement, function: str, lost: Sequence[Row]) -> NDArray[np.int64]:
-    """Return the variant of each row that was lost and may lie in the region."""
+    """Return the variant of each lost row that may be in the region."""
     rows = [row for row in lost if row["function"] == function and not requirement.excludes(row)]
     if not requirement.statistic.of_persons:
         frames = {(row["frame_id"], row["sensor"]): row["variant_index"] for row in rows}
@@ -265,7 +264,7 @@ def _judge(
         missed=() if missed_below is None else _missed(rows, missed_below),
     )
     if not units:
-        return replace(unjudged, reason=f"no {unjudged.of} with a value lie in the region")
+        return replace(unjudged, reason=f"the region has no {unjudged.of} with a value")
     method = _method(requirement, design, variants)
     if method.judge is None:
         return replace(unjudged, reason=method.text)
@@ -300,7 +299,7 @@ def _judge(
 
 def _open(worst: Verdict, best: Verdict, at_least: float, lost: int) -> tuple[str, int | None]:
     """Return why a requirement is undecided, and how many further variants would decide it."""
-    failed = "what failed would decide it", lost if worst.basis is Basis.GRID else None
+    failed = "the failed rows would decide it", lost if worst.basis is Basis.GRID else None
     leading = worst if worst.estimate >= at_least else best
     if worst.estimate < at_least <= best.estimate or leading.outcome is not Outcome.UNDECIDED:
         return failed
@@ -315,22 +314,22 @@ def _shown(requirement: Requirement, mean: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class _Method:
-    """The method of judging scores, in words and as a function; without a function, the reason why there is no verdict."""
+    """A method of judging scores in words and as a function; without a function, the reason why there is no verdict."""
 
     text: str
     judge: Callable[[NDArray[np.float64]], Verdict] | None = None
 
 
 def _method(requirement: Requirement, design: Design, variants: NDArray[np.int64]) -> _Method:
-    """Choose by the blocks that the variants in the region come from."""
+    """Choose the method by the blocks of the variants in the region."""
     at_least, confidence = requirement.statistic.at_least, requirement.document.confidence
     blocks = [design.block(number) for number in np.unique(design.blocks_of(variants)).tolist()]
     if all(name in LISTED for name, _, _ in blocks):
         return _Method("counted", partial(_count, at_least=at_least))
     if len(blocks) > 1:
         return _Method(
-            "the region spans several blocks, of which not all list their variants; they are no sample of one space: "
-            "choose the rows of one block by the region, or give each its own run"
+            "the region spans several blocks, and not all of them list their variants, so they are no sample of one "
+            "space: restrict the region to one block, or give each block its own run"
         )
     ((name, first, size),) = blocks
     if name in INDEPENDENT or (name in EVEN and size < MIN_POINTS):
@@ -350,7 +349,7 @@ def _method(requirement: Requirement, design: Design, variants: NDArray[np.int64
                 confidence=confidence,
             ),
         )
-    return _Method(f"it is not known how the design {name} draws its variants")
+    return _Method(f"the way in which the design {name} draws its variants is unknown")
 
 
 def _count(scores: NDArray[np.float64], *, at_least: float) -> Verdict:

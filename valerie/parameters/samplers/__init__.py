@@ -1,4 +1,4 @@
-"""Samplers: the designs that draw a stated number of variants."""
+"""Samplers: the designs that draw a specified number of variants."""
 
 from __future__ import annotations
 

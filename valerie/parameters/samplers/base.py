@@ -1,4 +1,4 @@
-"""The interface of a sampler: a sequence of points in the unit cube, each determined by (seed, index) alone."""
+"""The interface of a sampler: a sequence of points in the unit cube, each determined by (seed, index)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Sampler(Protocol):
     """A sequence of ``count`` points. It is built wherever it is needed, so it must be cheap and stateless."""
 
     def points(self, start: int, stop: int) -> UnitPoints:
-        """Return rows start … stop − 1, (stop − start, dimensions) float64 in [0, 1), whatever was read before."""
+        """Return rows start … stop − 1, (stop − start, dimensions) float64 in [0, 1), regardless of earlier calls."""
         ...
 
 
 class SamplerFactory(Protocol):
-    """The constructor of a sampler class, or a function like it."""
+    """The constructor of a sampler class, or an equivalent function."""
 
     def __call__(self, *, dimensions: int, count: int, seed: int) -> Sampler:
         """Build a sampler of ``count`` points; ``seed`` is a 128-bit number that belongs to one block of one spec."""
@@ -32,10 +32,10 @@ class SamplerFactory(Protocol):
 
 
 def random_words(seed: int, start: int, stop: int, width: int) -> NDArray[np.uint64]:
-    """Return (stop − start, width) uint64 random words; row i depends on (seed, i) alone.
+    """Return (stop − start, width) uint64 random words. Row i depends only on (seed, i).
 
     Philox4x64-10 (Salmon et al. 2011, DOI 10.1145/2063384.2063405) maps a key and a counter value to four words: row i
-    uses ⌈width/4⌉ counter values from i·⌈width/4⌉ on. The words are raw, since numpy keeps their stream the same across
+    uses ⌈width/4⌉ counter values from i·⌈width/4⌉ on. The words are raw, since numpy guarantees their stream across
     versions.
     """
     per_row = -(-width // 4)

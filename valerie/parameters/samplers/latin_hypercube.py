@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from valerie.parameters.samplers.base import UnitPoints, random_words
 
 _ROUNDS: Final = 10
-#: Bits of the place within a stratum: few enough that stratum + place is exact and never rounds into the next stratum.
+#: Bits of the position within a stratum: few enough that stratum + position is exact and never rounds into the next stratum.
 _PLACE_BITS: Final = 31
 
 
 class LatinHypercubeSampler:
-    """``count`` points, one per stratum and dimension, at random places within the strata."""
+    """``count`` points, one per stratum and dimension, at random positions within the strata."""
 
     def __init__(self, *, dimensions: int, count: int, seed: int) -> None:
         self.dimensions, self.count, self.seed = dimensions, count, seed
-        # The keys of the permutations come from rows that the places (rows 0 … count − 1) never reach.
+        # The keys of the permutations come from rows that the positions (rows 0 … count − 1) never reach.
         first = 1 << 64
         self._keys = random_words(seed, first, first + dimensions, _ROUNDS)
 

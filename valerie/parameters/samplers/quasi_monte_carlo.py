@@ -1,8 +1,8 @@
 """Low-discrepancy designs of ``scipy.stats.qmc``, read at any index.
 
 The points of a smaller design are the first points of a larger one with the same seed.
-scipy is imported where points are drawn, since importing ``scipy.stats`` takes most of a second and the API only
-describes designs.
+scipy is imported when points are drawn, since importing ``scipy.stats`` takes most of a second and the API only describes
+designs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Designs in randomised replicates, so that the error of a mean over them is known (`valerie.statistics.replicates`)."""
+"""Designs in randomised replicates, which give the error of a mean over them (`valerie.statistics.replicates`)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from valerie.statistics.replicates import replicate_number, replicate_seeds
 class Replicated:
     """A factory of designs that consist of independent replicates of the design of another factory.
 
-    Point i is point i // R of replicate i modulo R. From 40 points on there are always eight replicates, so where the
-    points of a smaller replicate are the first ones of a larger one, this holds for the whole design too.
+    Point i is point i // R of replicate i modulo R. Designs of 40 points or more always have eight replicates. If the points of
+    a smaller replicate are the first points of a larger one, this therefore holds for the whole design too.
 
     Attributes:
-        factory: of one replicate.
+        factory: factory of one replicate.
     """
 
     factory: SamplerFactory

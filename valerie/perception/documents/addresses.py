@@ -1,7 +1,7 @@
 """The operator's list of addresses that workers may connect to. Every connection is checked against it.
 
-Whoever registers a function behind HTTP names its address, but the worker that calls it stands inside the operator's network.
-So the operator lists the addresses that may be called; the list is empty by default. An entry is one of
+A user who registers a function behind HTTP chooses its address, but the worker that calls it is inside the operator's
+network. So the operator lists the addresses that may be called; the list is empty by default. An entry is one of
 
 - ``models.example:8000``: this host at this port, at any IP address;
 - ``10.1.0.0/16`` or ``10.1.0.0/16:8000``, ``[fd00::/8]:8000``: every host with an IP address in this
@@ -22,14 +22,14 @@ from valerie.errors import InferenceError, InvalidInput
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
-class Target(NamedTuple):
-    """A place to connect to.
+class Endpoint(NamedTuple):
+    """A checked address to connect to.
 
     Attributes:
-        host, port, path: of the URL; ``path`` with its query.
-        address: the IP address that was allowed. The connection uses it instead of the name, so that a changed DNS entry
-            cannot redirect it.
-        secure: True for TLS, with a check of the host's certificate.
+        host, port, path: parts of the URL; ``path`` includes the query.
+        address: the allowed IP address. The connection uses it instead of the name, so that a changed DNS entry cannot
+            redirect it.
+        secure: True for TLS with a check of the host's certificate.
     """
 
     host: str
@@ -57,7 +57,7 @@ def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[
     return tuple(_allowed(entry.strip(), f"{field}.{number}") for number, entry in enumerate(entries) if entry.strip())
 
 
-def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Target:
+def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Endpoint:
     """Return the target of a URL if the operator allows it.
 
     Raises:
@@ -76,7 +76,7 @@ def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "option
     for *_, place in addresses:
         address = ipaddress.ip_address(str(place[0]).partition("%")[0])
         if by_name or any(address in network for network in networks):
-            return Target(host, port, path, str(place[0]), secure)
+            return Endpoint(host, port, path, str(place[0]), secure)
     raise _not_allowed(host, port, field)
 
 
@@ -95,7 +95,7 @@ def parse_url(url: str, *, field: str = "options.url") -> tuple[str, int, str, b
     if parts.scheme not in ("http", "https") or not host or parts.username is not None or parts.fragment:
         raise InvalidInput("not a usable URL", field=field, value=url, limit="http://host:port/path")
     if any(ord(letter) <= 32 or ord(letter) == 127 for letter in url):
-        raise InvalidInput("a URL holds no blanks or control characters", field=field, value=url)
+        raise InvalidInput("a URL has no blanks or control characters", field=field, value=url)
     secure = parts.scheme == "https"
     path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
     return host.lower(), port or (443 if secure else 80), path, secure

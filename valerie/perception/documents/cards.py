@@ -1,4 +1,4 @@
-"""The rows of a function's card, which are the same in the terminal, over REST and on the dashboard."""
+"""Rows of a function's card, the same in the terminal, over REST and on the dashboard."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> l
     Empty facts have no row. The function's machine and registered version are not listed.
 
     Args:
-        card: of the function.
-        document: of the function; None for a class of an installed package, which has only a card.
+        card: card of the function.
+        document: its document; None for a class of an installed package, which has only a card.
     """
     rows = [
         ("digest", card.digest),
@@ -49,7 +49,7 @@ def _answers(part: OutputDocument) -> list[Row]:
 
 
 def _class_texts(part: OutputDocument) -> list[str]:
-    """Return the names of the function's own classes, each with an arrow to the evaluated class where their names differ."""
+    """Return the names of the function's own classes, with an arrow to the evaluated class if their names differ."""
     names = {label.train_id: label.name for label in TRAIN_LABELS} | {VOID: VOID_NAME}
     counted = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
     return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, counted, strict=True)]

@@ -1,8 +1,8 @@
 """Lookup tables from a function's own classes to Cityscapes train ids, checked before anything runs.
 
-A class of the function takes its target from the class map (by name or by id), else it is the Cityscapes class of the same
-name. A class without either is *predicted void*: on a labelled pixel it counts as missed, and it is never a person by chance.
-So a function that distinguishes only "person or not" maps one class and leaves out the other.
+A class of the function takes its target from the class map (by name or by id); otherwise it is the Cityscapes class of the
+same name. A class without either is *predicted void*: on a labelled pixel it counts as missed, and it is never a person by
+chance. So a function that distinguishes only "person or not" maps one class and leaves out the other.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_CLASSES: Final = 255
 _PERSON_WORDS: Final = ("person", "pedestrian", "people", "human", "walker")
 _RIDER_WORDS: Final = ("rider", "cyclist")
 
-#: Lists of classes by name, which documents need not write out.
+#: Named lists of classes, which documents can refer to.
 CLASS_LISTS: Final[Mapping[str, tuple[str, ...]]] = {
     "cityscapes": tuple(label.name for label in TRAIN_LABELS),
     "cityscapes-label-ids": tuple(label.name for label in CITYSCAPES),
@@ -38,7 +38,7 @@ def class_lookup(classes: Sequence[str], class_map: Mapping[str, str], *, field:
     Args:
         classes: the function's classes, in the order of its channels or ids.
         class_map: name or id of a class to a Cityscapes class or ``void``.
-        field: part of the document that holds both, for errors.
+        field: part of the document that contains both, for errors.
 
     Returns:
         (256,) uint8: train ids 0…18, or 255 (void); also for ids that no class has.
@@ -87,7 +87,7 @@ def require_person(classes: Sequence[str], class_map: Mapping[str, str], *, fiel
         classes, class_map, field: see `class_lookup`.
 
     Raises:
-        InvalidInput: no class leads to ``person``; the limit shows the class map that would be right.
+        InvalidInput: no class maps to ``person``; the limit proposes a class map.
     """
     if PERSON.train_id in class_lookup(classes, class_map, field=field)[: len(classes)]:
         return

@@ -1,7 +1,7 @@
 """The document of a function under test: kind, payload, input, and the meaning of its classes.
 
-The same document is the sidecar that a user writes, the body of a registration, a database column and a card. A function is
-this document and at most one payload file; both are addressed by content and never change. Nothing here imports torch.
+The document is the sidecar that a user writes, the body of a registration, a database column and a card. A function is this
+document and at most one payload file; both are addressed by content and never change. Nothing here imports torch.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
 PAYLOADS: Final[Mapping[str, str]] = MappingProxyType(
     {"network": "safetensors", "onnx": "onnx", "huggingface": "safetensors"}
 )
-#: Engine to the precisions that can be requested of it.
+#: Engine to the precisions that it offers.
 PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
     {
         "torch": ("fp32", "bf16", "fp16"),
@@ -91,9 +91,9 @@ class Payload(_Part):
     """The one file of a function.
 
     Attributes:
-        sha256: of the file, hex.
+        sha256: digest of the file, hex.
         bytes: length of the file.
-        format: of the file.
+        format: format of the file.
     """
 
     sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -111,9 +111,9 @@ class InputDocument(_Part):
         multiple_of: sides are padded to a multiple of this (``pad`` without ``size``).
         longest_side: frames with a longer side are first resampled to about this (``pad`` without ``size``), to sides that are
             multiples already, so that nothing is padded. For networks that were trained on small pictures.
-        overlap: least number of pixels that neighbouring tiles share; a pixel takes its label from the tile in which it lies
-            farthest from an edge.
-        mean, std: per channel, in the order of ``channel_order``, in the unit that ``scale`` gives: the network sees
+        overlap: smallest number of pixels that neighbouring tiles share; a pixel takes its label from the tile in which it
+            is farthest from an edge.
+        mean, std: per channel, in the order of ``channel_order`` and the unit of ``scale``: the network sees
             ``(x · scale − mean) / std`` of 8-bit sRGB values x.
         scale: ``1/255`` or ``1``.
         channel_order: of the network's input; frames are RGB.
@@ -149,7 +149,7 @@ class InputDocument(_Part):
 
     @property
     def value_range(self) -> float:
-        """Factor from the unit of mean and std to 8-bit values: 255 if that unit is [0, 1], else 1."""
+        """Factor from the unit of mean and std to 8-bit values: 255 if that unit is [0, 1], otherwise 1."""
         return 255.0 if self.scale == "1/255" else 1.0
 
 
@@ -158,13 +158,13 @@ class OutputDocument(_Part):
 
     Attributes:
         kind: ``logits`` or ``probabilities`` (the largest channel wins, of equal ones the first), or ``labels`` (ids).
-        classes: in the order of channels or ids; or the name of a list in `CLASS_LISTS`.
+        classes: names in the order of channels or ids; or the name of a list in `CLASS_LISTS`.
         class_map: name or id of a class to a Cityscapes class or ``void``; see `valerie.perception.documents.class_maps`.
         threshold: for a single class: pixels with a larger value belong to it; None: 0 for logits, 0.5 for probabilities.
         align_corners: logits are upsampled so that the outermost pixel centres coincide; if False, pixel centres lie at
             halves, as in the training of most networks. A ``network`` knows its own.
         target_classes: the Cityscapes classes that the function is judged by; empty: all that the map reaches. All-class
-            figures cover these alone: see `valerie.perception.base.FunctionCard`.
+            scores cover only these: see `valerie.perception.base.FunctionCard`.
     """
 
     kind: Literal["logits", "probabilities", "labels"] = "logits"
@@ -212,14 +212,14 @@ class FunctionDocument(_Part):
     """A function under test.
 
     Attributes:
-        name: in specs.
-        kind: of the payload, or of the other source of predictions.
+        name: name in specs.
+        kind: kind of the payload, or other source of predictions.
         payload: the one file; None for ``http`` and ``predictions``, which have none.
-        architecture: of a ``network``: see `valerie.perception.networks.architectures`; of ``huggingface``: the model type.
-        options: of its kind; see `valerie.perception.documents.options`.
+        architecture: for a ``network``, see `valerie.perception.networks.architectures`; for ``huggingface``, the model type.
+        options: options of its kind; see `valerie.perception.documents.options`.
         input, output: conversion of frames to the network's input, and of its output to labels.
-        engine: runs it; by default the first that fits the kind.
-        precision: requested; the real one is read back from the engine and is part of the numeric class.
+        engine: engine that runs it; by default the first that fits the kind.
+        precision: requested precision; the actual one is read back from the engine and is part of the numeric class.
         provenance: free entries: source, licence, training data, figures, checks.
     """
 
@@ -267,12 +267,12 @@ class FunctionDocument(_Part):
 
     @property
     def digest(self) -> str:
-        """32 hexadecimal characters that stand for everything but the name; two names of one function share it.
+        """Digest of everything but the name, 32 hexadecimal characters; two names of one function share it.
 
         Entries with their default value are left out, so that an entry added by a later version changes no digest.
         """
         entries = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
-        # Options that all have their defaults are an empty mapping here.
+        # If all options have their defaults, their entry is an empty mapping.
         return digest("function", _SCHEME, {name: entry for name, entry in entries.items() if entry != {}})
 
     def card(self, *, digest: str | None = None, precision: str | None = None) -> FunctionCard:
@@ -298,11 +298,11 @@ def parse_function(source: str | bytes | Written, **known: object) -> FunctionDo
     """Read a document that a user wrote.
 
     Args:
-        source: YAML or JSON text, or a mapping that was read already.
+        source: YAML or JSON text, or a loaded mapping.
         known: entries that override the text, e.g. ``payload``.
 
     Raises:
-        InvalidInputs: holds every problem with its dotted field.
+        InvalidInputs: every problem, each with its dotted field.
         InvalidInput, UnknownName: the text is not a document, or a class name is unknown; near matches are named.
     """
     values = {**load_document(source), **known}

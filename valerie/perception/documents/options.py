@@ -21,7 +21,7 @@ class OnnxOptions(Options):
     """Options of kind ``onnx``.
 
     Attributes:
-        output: name of the network's output that holds the result; empty: the first.
+        output: name of the network's output with the result; empty: the first.
     """
 
     output: Annotated[str, Field(max_length=200)] = ""
@@ -43,8 +43,8 @@ class HttpOptions(Options):
     Attributes:
         url: address to POST pictures to.
         timeout_s: seconds for the whole exchange, from the connection to the last byte.
-        version: required value of the endpoint's header ``Function-Version``; empty: any. It is part of the digest: a new
-            network behind the same address counts as a new function only if this value changes.
+        version: required value of the endpoint's header ``Function-Version``; empty: any. As part of the digest, it must
+            change for a new network behind the same address to count as a new function.
     """
 
     url: Annotated[str, Field(min_length=1, max_length=2000)]

@@ -1,7 +1,7 @@
 """The file of a trained function: fp16 safetensors with its provenance in the header.
 
-The format is data only (a JSON header and raw tensors), so reading a file never runs code. Nothing here imports torch, so
-every process can read names, cards and shapes.
+The format contains only data (a JSON header and raw tensors), so reading a file never runs code. Nothing here imports torch,
+so every process can read names, cards and shapes.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from valerie.errors import InvalidInput, NotFound
 from valerie.labels import TRAIN_LABELS
 from valerie.perception.base import FunctionCard
 
-#: Value of the header's ``format`` entry; the number grows when a reader must change.
+#: Value of the header's ``format`` entry; raise the number when readers must change.
 FORMAT: Final = "valerie-function/1"
-#: Class names in train-id order, as the header spells them.
+#: Class names in the header, in train-id order.
 CLASS_NAMES: Final = tuple(label.name for label in TRAIN_LABELS)
 
 _REQUIRED: Final = ("format", "architecture", "classes", "mean", "std")
@@ -104,7 +104,7 @@ def read_tensors(path: Path) -> dict[str, NDArray[np.floating]]:
     """Return all tensors of a file that `read_header` accepted, as stored.
 
     Raises:
-        InvalidInput: a tensor is not of floating point or holds values that are not finite.
+        InvalidInput: a tensor is not floating point or contains values that are not finite.
     """
     tensors: dict[str, NDArray[np.floating]] = {}
     try:
@@ -133,7 +133,7 @@ def function_file_bytes(
     """Return the bytes of a function file; equal inputs give equal bytes.
 
     Args:
-        tensors: parameters and buffers by name; stored as `compact` returns them.
+        tensors: parameters and buffers by name; stored by `compact`.
         architecture: name of their architecture.
         mean: per channel, of sRGB values in [0, 1].
         std: per channel, likewise.
@@ -162,7 +162,7 @@ def function_file_bytes(
 
 
 def compact(tensor: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return a tensor as function files hold it: float16, or float32 if values exceed ±65504, as running variances may."""
+    """Return a tensor as stored in function files: float16, or float32 if values exceed ±65504, as running variances may."""
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(tensor, np.float16)
     return half if np.isfinite(half).all() else np.ascontiguousarray(tensor, np.float32)

@@ -27,13 +27,13 @@ _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[FunctionDocument, Path]:
-    """Return document and payload of a folder that `save_pretrained` wrote; neither torch nor transformers is loaded.
+    """Return document and payload of a folder that `save_pretrained` wrote, without loading torch or transformers.
 
     The classes come from the configuration, size and normalisation from the image processor's file.
 
     Args:
-        folder: with config.json, model.safetensors and usually preprocessor_config.json.
-        name: of the function.
+        folder: folder with config.json, model.safetensors and usually preprocessor_config.json.
+        name: name of the function.
         changes: entries that override the folder's, e.g. ``input`` or ``output``; mappings are merged.
 
     Raises:
@@ -78,7 +78,7 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
 
     Raises:
         InvalidInput: transformers does not know the model type as semantic segmentation, or the weights differ from those of
-            the configuration (the first that differ are named).
+            the configuration; names the first differences.
         ModuleNotFoundError: transformers is not installed.
     """
     import torch

@@ -14,12 +14,12 @@ from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.importing.function_file import FunctionHeader, read_header, read_tensors
 from valerie.perception.networks.architectures import Network, NetworkSettings, build_network
 
-#: Counter of batches, which batch normalisation needs for training only; files need not hold it.
+#: Counter of batches, which batch normalisation needs only for training; files may lack it.
 _TRAINING_ONLY = ".num_batches_tracked"
 
 
 def load_network(path: Path) -> tuple[Network, FunctionHeader]:
-    """Build the architecture that a function file names and fill it; fp16 on disk runs as fp32.
+    """Build the architecture that a function file names, with its weights; fp16 on disk becomes fp32.
 
     Returns:
         The network in evaluation mode, without gradients; and the file's header.
@@ -27,24 +27,13 @@ def load_network(path: Path) -> tuple[Network, FunctionHeader]:
     Raises:
         NotFound: no such file.
         UnknownName: the architecture.
-        InvalidInput: the file is damaged, or its tensors are not those of the architecture (the first that differ are
-            named).
+        InvalidInput: the file is damaged, or its tensors are not those of the architecture; names the first differences.
     """
     header = read_header(path)
     # Shapes are checked first, so that a wrong file is refused before its data are read.
     expected = tensor_shapes(header.architecture)
     require_same_shapes(expected, header.shapes, field=path.name)
     return filled_network(header.architecture, read_tensors(path), field=path.name), header
-
-
-def load_payload(path: Path, architecture: str, num_classes: int) -> Network:
-    """Return the network of any safetensors file with the tensors of an architecture; its header is not read.
-
-    Raises:
-        UnknownName: the architecture.
-        InvalidInput: the file is damaged, or its tensors are not those of the architecture.
-    """
-    return filled_network(architecture, read_tensors(path), num_classes, field=path.name)
 
 
 def tensor_shapes(
@@ -71,17 +60,17 @@ def filled_network(
 
     Args:
         architecture: a name in `valerie.perception.networks.architectures.ARCHITECTURES`, or other settings.
-        tensors: by the network's own names; batch counters are ignored.
+        tensors: tensors by the network's own names; batch counters are ignored.
         num_classes: channels of the logits.
         field: source of the tensors, for messages.
 
     Raises:
         UnknownName: the architecture.
-        InvalidInput: the tensors are not those of the architecture (the first that differ are named).
+        InvalidInput: the tensors are not those of the architecture; names the first differences.
     """
     shapes = {name: tuple(array.shape) for name, array in tensors.items()}
     require_same_shapes(tensor_shapes(architecture, num_classes), shapes, field=field)
-    # On the meta device, fresh weights cost neither time nor memory, and the caller's random generator stays as it is.
+    # On the meta device, fresh weights cost neither time nor memory and do not advance the caller's random generator.
     with torch.device("meta"):
         network = build_network(architecture, num_classes)
     state = {}

@@ -1,8 +1,8 @@
-"""Checks of ONNX files from outside: one file, standard operators, no loops, no tensor larger than its data.
+"""Checks of untrusted ONNX files: one file, standard operators, no loops, no tensor larger than its data.
 
 An ONNX file is data, but it can name other files, operators of other libraries and endless loops. An inference engine would
-follow all of these. `valerie.pipeline.functions.import_child` bounds memory and time while a file is parsed; the bounds of
-`valerie.pipeline.functions.bounded` hold while the network runs.
+follow all of these. `valerie.pipeline.functions.import_child` bounds memory and time while a file is parsed,
+`valerie.pipeline.functions.bounded` while the network runs.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ def read_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> onnx.ModelProto:
 
     Raises:
         NotFound: there is no such file.
-        InvalidInput: the file is too large or not ONNX, or it holds external data, local functions, a graph for training,
-            operators that are not standard, not reproducible or may never end, too many operators, or a tensor whose
-            stated size exceeds its data.
+        InvalidInput: the file is too large or not ONNX, or it contains external data, local functions, a graph for
+            training, operators that are not standard, not reproducible or may never end, too many operators, or a tensor
+            whose stated size exceeds its data.
     """
     field = path.name
     try:
@@ -58,7 +58,7 @@ def read_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> onnx.ModelProto:
     except DecodeError as error:
         raise InvalidInput(f"not an ONNX file ({error})", field=field) from None
     if not model.HasField("graph") or operator_set(model) == 0:
-        raise InvalidInput("not an ONNX file (it holds no graph, or no version of operators)", field=field)
+        raise InvalidInput("not an ONNX file (it has no graph, or no version of operators)", field=field)
     if model.training_info:
         raise InvalidInput("the file holds a graph for training", field=field)
     if model.functions:
@@ -82,7 +82,7 @@ def operator_set(model: onnx.ModelProto) -> int:
 
 
 def _messages(message: Message, field: str, depth: int = 1) -> Iterator[Message]:
-    """Yield every message inside a graph, also those of inner graphs; tensors are not entered."""
+    """Yield every message inside a graph, including those of inner graphs; tensors are not entered."""
     if depth > MAX_DEPTH:
         raise InvalidInput("graphs within graphs", field=field, value=depth, limit=MAX_DEPTH)
     for descriptor, value in message.ListFields():
@@ -111,5 +111,5 @@ def _require_own_data(tensor: onnx.TensorProto, field: str) -> None:
     size = tensor.ByteSize()
     if min(tensor.dims, default=0) < 0 or math.prod(tensor.dims) > _ELEMENTS_PER_BYTE * size:
         shape = " × ".join(map(str, tensor.dims))
-        message = "a tensor that states more than it holds"
+        message = "a tensor whose stated size exceeds its data"
         raise InvalidInput(message, field=field, value=f"{tensor.name}: {shape}", limit=f"{size} bytes")

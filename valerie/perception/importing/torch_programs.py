@@ -1,7 +1,7 @@
 """Conversion of torch programs to ONNX. A program is loaded once, and only where the operator allows it.
 
-Loading either format may run its author's code, and there is no other way to read it. The exported graph, which is kept, is
-data.
+Loading either format may run its author's code, and there is no other way to read it. Only the exported graph is kept,
+which is data.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
         size: width and height of the network's input; None: any.
 
     Raises:
-        InvalidInput: it cannot be loaded or exported; holds the reason.
+        InvalidInput: it cannot be loaded or exported; states the reason.
     """
     width, height = size or _ANY_SIDES
     free = {2: "height", 3: "width"}
@@ -54,7 +54,7 @@ def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
 
 
 class _Exported(torch.nn.Module):
-    """A wrapper that hides a program's submodules: the exporter asks every submodule for its mode, and these have none."""
+    """Wrapper that hides a program's submodules: the exporter asks every submodule for its mode, and these have none."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

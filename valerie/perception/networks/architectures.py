@@ -4,7 +4,7 @@ A name consists of the network, its ResNet, and departures from the plain form:
 
 - ``r18c``, ``r50c``, ``r101c``: the ResNet has a deep stem; DeepLabV3+ is then mmsegmentation's, with separable convolutions.
 - ``r103``: Detectron2's deep stem of twice the width.
-- ``os8``, ``os16``: output stride of the ResNet under DeepLabV3+; 16 if not named.
+- ``os8``, ``os16``: output stride of the ResNet in DeepLabV3+; 16 if not named.
 - ``aligned``: bilinear resampling with aligned corners.
 - ``gn``: group normalisation in the heads, and strides in the 1×1 convolutions, both as in Detectron2.
 """

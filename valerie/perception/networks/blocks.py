@@ -7,21 +7,21 @@ from typing import Final, Literal
 from torch import Tensor, nn
 from torch.nn import functional
 
-#: Batch normalisation, or group normalisation in groups of one thirty-second of the channels.
+#: Batch normalisation, or group normalisation with 32 groups.
 Norm = Literal["batch", "group"]
 
 _GROUPS: Final = 32
 
 
 def norm_layer(kind: Norm, channels: int) -> nn.Module:
-    """Build the normalisation of a map of ``channels`` channels."""
+    """Build the normalisation of a map with ``channels`` channels."""
     return nn.BatchNorm2d(channels) if kind == "batch" else nn.GroupNorm(_GROUPS, channels)
 
 
 def conv_norm_relu(
     channels_in: int, channels: int, kernel: int, *, stride: int = 1, dilation: int = 1, norm: Norm = "batch"
 ) -> nn.Sequential:
-    """Build a convolution that changes the resolution only by its stride, normalisation and ReLU."""
+    """Build a convolution, padded so that only its stride changes the resolution, then normalisation and ReLU."""
     padding = dilation * (kernel // 2)
     return nn.Sequential(
         nn.Conv2d(channels_in, channels, kernel, stride=stride, padding=padding, dilation=dilation, bias=False),
@@ -31,7 +31,7 @@ def conv_norm_relu(
 
 
 def separable_conv_relu(channels_in: int, channels: int, *, dilation: int = 1) -> nn.Sequential:
-    """Build a 3×3 convolution of each single channel, then a 1×1 convolution, each with batch normalisation and ReLU."""
+    """Build a depthwise 3×3 convolution, then a 1×1 convolution, each with batch normalisation and ReLU."""
     depthwise = nn.Conv2d(
         channels_in, channels_in, 3, padding=dilation, dilation=dilation, groups=channels_in, bias=False
     )
@@ -43,6 +43,6 @@ def separable_conv_relu(channels_in: int, channels: int, *, dilation: int = 1) -
 def resize_like(x: Tensor, like: Tensor, *, align_corners: bool = False) -> Tensor:
     """Resample (N, C, h, w) bilinearly to the height and width of ``like``.
 
-    Pixel centres lie at halves; with ``align_corners`` the outermost pixel centres coincide instead.
+    Pixel centres are at halves; with ``align_corners`` the outermost pixel centres coincide instead.
     """
     return functional.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=align_corners)

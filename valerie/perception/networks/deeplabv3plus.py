@@ -1,6 +1,6 @@
 """DeepLabV3+ on a dilated ResNet (Chen et al. 2018, doi:10.1007/978-3-030-01234-2_49).
 
-Public implementations differ in details on which their weights depend. `DeepLabSettings` holds these details.
+Public implementations differ in details on which their weights depend; `DeepLabSettings` contains these details.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class DeepLabSettings:
         low_level_channels: channels to which the stride-4 features are reduced.
         decoder_channels: channels of the decoder's convolutions.
         decoder_convs: 3×3 convolutions before the classifier, 1 or 2.
-        separable: dilated convolutions and those of the decoder are separable.
+        separable: True if dilated convolutions and those of the decoder are separable.
         project_kernel: kernel size of the convolution that joins the pyramid's branches, 1 or 3.
         pool_window: height and width of the window that the pyramid's last branch averages over, in cells of the map; None:
-            the whole image, without a window and with batch normalisation. A window larger than the map is cut to it.
-        align_corners: in bilinear resampling the outermost pixel centres coincide.
+            the whole image, with batch normalisation. A window larger than the map is cut to it.
+        align_corners: True if the outermost pixel centres coincide in bilinear resampling.
     """
 
     backbone: ResNetSettings
@@ -80,7 +80,7 @@ class AtrousPyramid(nn.Module):
 
 
 class WindowMean(nn.Module):
-    """Means over a window that moves cell by cell within the map."""
+    """Means over a window that slides within the map by one cell."""
 
     def __init__(self, window: tuple[int, int]) -> None:
         super().__init__()
@@ -89,7 +89,7 @@ class WindowMean(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, C, h, w) to (N, C, h − window height + 1, w − window width + 1)."""
         height, width = min(self.window[0], x.shape[-2]), min(self.window[1], x.shape[-1])
-        # Columns first, then rows: the same means for a sixteenth of the additions of one two-dimensional window.
+        # Columns first, then rows: the same means with a sixteenth of the additions of one two-dimensional window.
         columns = functional.avg_pool2d(x, (height, 1), stride=1)
         return functional.avg_pool2d(columns, (1, width), stride=1)
 

@@ -131,7 +131,7 @@ class ResNet(nn.Module):
     """A ResNet without its classifier.
 
     Raises:
-        InvalidInput: depth or output stride do not exist, or the number of dilations is not that of the blocks.
+        InvalidInput: an unknown depth or output stride, or not one dilation per block.
     """
 
     def __init__(self, settings: ResNetSettings) -> None:
@@ -182,7 +182,7 @@ class ResNet(nn.Module):
         #: Channels of the four feature maps.
         self.channels = tuple(settings.width * factor * self._expansion for factor in (1, 2, 4, 8))
         for module in self.modules():
-            # On the meta device there are no weights to draw, and the attempt would make torch load its compiler.
+            # The meta device has no weights to draw, and trying would make torch load its compiler.
             if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 

@@ -1,7 +1,7 @@
 """Conversion of frames of any size to the input of a network, and of its labels to the frame's pixels.
 
-A frame becomes one or more *pieces* of one size. The engine answers each piece with a label map. The maps are joined so that
-every pixel of the frame has exactly one label and no padding is left.
+A frame becomes one or more *pieces* of one size. The engine returns a label map for each piece. The maps are joined so that
+every pixel of the frame has exactly one label and no padding remains.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ class Span(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Adaptation:
     """The adaptation of frames of one size.
 
     Attributes:
         frame: size of the frames.
         piece: size of the network's input.
-        labels: size of the engine's answer to a piece: the piece's, or the frame's if the frame was resized.
-        rows, columns: the tiles; one of each unless the frame is tiled.
+        labels: size of the engine's label map of a piece: the piece's, or the frame's if the frame was resized.
+        rows, columns: tiles along each axis; one of each unless the frame is tiled.
     """
 
     frame: Size
@@ -79,7 +79,7 @@ class Plan:
         return whole
 
 
-def plan(document: InputDocument, height: int, width: int) -> Plan:
+def plan(document: InputDocument, height: int, width: int) -> Adaptation:
     """Return the plan for frames of a size.
 
     Raises:
@@ -88,7 +88,7 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
     frame = Size(height, width)
     whole = (Span(0, 0, height),), (Span(0, 0, width),)
     if document.longest_side is not None and max(frame) > document.longest_side:
-        return Plan(frame, _reduced(frame, document.longest_side, document.multiple_of), frame, *whole)
+        return Adaptation(frame, _reduced(frame, document.longest_side, document.multiple_of), frame, *whole)
     if document.size is None:
         step = document.multiple_of
         piece = Size(height + -height % step, width + -width % step)
@@ -96,9 +96,9 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
         piece = Size(document.size[1], document.size[0])
     if document.mode == "tile":
         rows = _spans(height, piece.height, document.overlap)
-        return Plan(frame, piece, piece, rows, _spans(width, piece.width, document.overlap))
+        return Adaptation(frame, piece, piece, rows, _spans(width, piece.width, document.overlap))
     if document.mode == "resize":
-        return Plan(frame, piece, frame, *whole)
+        return Adaptation(frame, piece, frame, *whole)
     if height > piece.height or width > piece.width:
         raise InvalidInput(
             "the frame is larger than the function's input; use mode resize or tile",
@@ -106,7 +106,7 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
             value=f"{width} × {height}",
             limit=f"{piece.width} × {piece.height}",
         )
-    return Plan(frame, piece, piece, *whole)
+    return Adaptation(frame, piece, piece, *whole)
 
 
 def _reduced(frame: Size, longest: int, step: int) -> Size:
@@ -117,7 +117,7 @@ def _reduced(frame: Size, longest: int, step: int) -> Size:
 
 
 def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:
-    """Return the fewest tiles that keep the overlap, spread evenly; seams lie in the middle of each overlap."""
+    """Return the fewest tiles that keep the overlap, evenly spaced, with a seam in the middle of each overlap."""
     if length <= tile:
         return (Span(0, 0, length),)
     count = math.ceil((length - overlap) / (tile - overlap))

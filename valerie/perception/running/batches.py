@@ -1,4 +1,4 @@
-"""Prediction of many pictures with one function, in batches where that is cheaper, with a check of every answer's size."""
+"""Prediction of many pictures with one function, in batches where that is cheaper, with a check of each label map's size."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def predicted(
     """Yield the labels of every picture, in order. One batch of pictures is read ahead.
 
     Args:
-        function: under test.
+        function: the function under test.
         pictures: the owner of each picture, and the (H, W, 3) uint8 picture.
 
     Yields:
         The owner, and (H, W) uint8 train ids.
 
     Raises:
-        InferenceError: the answer has another size than the picture.
+        InferenceError: the label map has another size than the picture.
     """
     most = function.batch_size if isinstance(function, BatchFunction) else 1
     waiting: list[tuple[Owner, NDArray[np.uint8]]] = []
@@ -43,7 +43,7 @@ def predicted(
 
 
 def require_size(name: str, labels: NDArray[np.uint8], picture: NDArray[np.uint8]) -> None:
-    """Refuse an answer that does not fit the picture.
+    """Refuse a label map that does not fit the picture.
 
     Raises:
         InferenceError: names the function and both sizes.

@@ -1,4 +1,4 @@
-"""Choice of the fastest engine: by the machine for shipped functions, by a comparison for registered ones."""
+"""Choice of the fastest engine: by the machine for shipped functions, by comparison for registered ones."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ AUTO: Final = "auto"
 REASON: Final = "engine chosen"
 #: Largest difference of logits between an engine and the reference.
 TOLERANCE: Final = 1e-3
-#: The engines in fp32 on processors, by docs/benchmarks.md.
+#: The engines in fp32 on processors (docs/benchmarks.md).
 _FASTEST_FIRST: Final[tuple[Engine, ...]] = ("openvino", "onnxruntime", "torch")
 #: Height and width of the picture that engines are compared on.
 _SIZE: Final = (128, 256)
 
 
-class Choice(NamedTuple):
+class EngineChoice(NamedTuple):
     """An engine and the reason for it."""
 
     engine: Engine
@@ -34,32 +34,32 @@ class Choice(NamedTuple):
     reason: str
 
     def applied(self, document: FunctionDocument) -> FunctionDocument:
-        """Return the document with this engine; its provenance holds the reason."""
+        """Return the document with this engine, and with the reason in its provenance."""
         provenance = {**document.provenance, REASON: self.reason}
         return document.model_copy(
             update={"engine": self.engine, "precision": self.precision, "provenance": provenance}
         )
 
 
-def local_choice(device: str, precision: str) -> Choice:
+def local_choice(device: str, precision: str) -> EngineChoice:
     """Choose the engine of a shipped function by the hardware and packages of this machine, without loading an engine.
 
     Args:
         device: see `valerie.perception.running.opening.open_function`.
-        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 where the processor multiplies it, else fp32.
+        precision: ``fp32``, ``bf16``, or `AUTO`: bf16 if the processor has instructions for it, otherwise fp32.
     """
     in_torch: Precision = "bf16" if precision == "bf16" else "fp32"
     if uses_gpu(device):
-        return Choice("torch", in_torch, "torch uses the graphics card")
+        return EngineChoice("torch", in_torch, "torch uses the graphics card")
     if find_spec("openvino") is None:
-        return Choice("torch", in_torch, "torch, since openvino is not installed")
+        return EngineChoice("torch", in_torch, "torch, since openvino is not installed")
     if precision == "bf16" or (precision == AUTO and multiplies_bf16()):
-        return Choice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
-    return Choice("openvino", "fp32", "openvino, the fastest in fp32")
+        return EngineChoice("openvino", "bf16", "openvino in bf16, which this processor multiplies")
+    return EngineChoice("openvino", "fp32", "openvino, the fastest in fp32")
 
 
 def uses_gpu(device: str) -> bool:
-    """Return whether torch would use a graphics card; torch is not loaded."""
+    """Return True if torch would use a graphics card; torch is not loaded."""
     if device == "auto":
         try:
             return Path("/dev/nvidiactl").exists() and not version("torch").endswith("+cpu")
@@ -68,14 +68,14 @@ def uses_gpu(device: str) -> bool:
     return device.startswith("cuda")
 
 
-def agreeing_choice(document: FunctionDocument, payload: Path) -> Choice:
-    """Choose the fastest engine whose answer to a picture differs from the reference's by at most `TOLERANCE`, in fp32.
+def agreeing_choice(document: FunctionDocument, payload: Path) -> EngineChoice:
+    """Choose the fastest engine whose logits of a picture differ from the reference's by at most `TOLERANCE`, in fp32.
 
     The reference is torch, and onnxruntime for ONNX files, which torch does not read. An engine that is not installed or cannot
     run the network is left out, with its reason.
 
     Args:
-        document: of a kind with a payload.
+        document: document of a kind with a payload.
         payload: its file.
 
     Raises:
@@ -93,9 +93,11 @@ def agreeing_choice(document: FunctionDocument, payload: Path) -> Choice:
             complaints.append(f"{engine} does not run it here ({error})")
             continue
         if answer.shape == expected.shape and np.abs(answer - expected).max() <= TOLERANCE:
-            return Choice(engine, "fp32", f"{engine}, the fastest whose logits agree with {reference} to {TOLERANCE:g}")
+            return EngineChoice(
+                engine, "fp32", f"{engine}, the fastest whose logits agree with {reference} to {TOLERANCE:g}"
+            )
         complaints.append(f"{engine} differs from it by more than {TOLERANCE:g}")
-    return Choice(reference, "fp32", f"{reference}, the reference: {'; '.join(complaints)}")
+    return EngineChoice(reference, "fp32", f"{reference}, the reference: {'; '.join(complaints)}")
 
 
 def _answer(document: FunctionDocument, payload: Path, engine: str) -> NDArray[Any]:

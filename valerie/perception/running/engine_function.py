@@ -12,22 +12,22 @@ from valerie.errors import InferenceError, InvalidInput
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import Size, plan
-from valerie.perception.running.engines.base import Engine
+from valerie.perception.running.engines.base import InferenceEngine
 
 
 class EngineFunction:
     """A network under test; see `valerie.perception.base.PerceptionFunction`.
 
     Args:
-        document: of the function.
-        engine: with the loaded network.
-        digest: of the function on its card.
+        document: document of the function.
+        engine: engine with the loaded network.
+        digest: digest of the function on its card.
     """
 
-    #: Raised by hand whenever adaptation, normalisation or labelling gives other pixels; part of every prediction's digest.
+    #: Raise it whenever adaptation, normalisation or labelling gives other pixels; part of every prediction's digest.
     revision: ClassVar[int] = 1
 
-    def __init__(self, document: FunctionDocument, engine: Engine, *, digest: str) -> None:
+    def __init__(self, document: FunctionDocument, engine: InferenceEngine, *, digest: str) -> None:
         self._input = document.input
         self._train_ids = document.output.lookup
         self._engine = engine
@@ -39,7 +39,7 @@ class EngineFunction:
 
     @property
     def numeric_class(self) -> str:
-        """See `valerie.perception.running.engines.base.Engine`."""
+        """See `valerie.perception.running.engines.base.InferenceEngine`."""
         return self._engine.numeric_class
 
     @property

@@ -1,7 +1,7 @@
 """A function behind an HTTP address that the operator allows. Each picture is one POST, and the answer is its label map.
 
-The contract is in docs/functions.md. An answer that is late, too large or malformed is a failure of that picture, recorded with
-its reason. The picture is not sent again, since a second answer would hide that the first one failed.
+The contract is in docs/functions.md. An answer that is late, too large or malformed is a failure of that picture, which is
+recorded with its reason. The picture is not sent again, since a second answer would hide that the first one failed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InferenceError, InvalidInput
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents.addresses import Target, allowed_target, parse_allowed
+from valerie.perception.documents.addresses import Endpoint, allowed_target, parse_allowed
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import HttpOptions
 from valerie.perception.running.label_png import decode_labels, encode_png, max_label_bytes
@@ -34,15 +34,15 @@ class HttpFunction:
     """See `valerie.perception.base.PerceptionFunction`.
 
     Args:
-        document: kind ``http``.
+        document: document of kind ``http``.
         allowed: the operator's list; see `valerie.perception.documents.addresses`.
-        digest: of the function on its card.
+        digest: digest of the function on its card.
 
     Raises:
         InvalidInput: the address is not on the list.
     """
 
-    #: Raised by hand whenever equal answers give other labels.
+    #: Raise it whenever equal answers give other labels.
     revision: ClassVar[int] = 1
     #: The endpoint's hardware and libraries are unknown here.
     numeric_class: Final = "http"
@@ -65,7 +65,7 @@ class HttpFunction:
 
         Raises:
             InvalidInput: the picture is not (H, W, 3) uint8, or the address is no longer allowed.
-            InferenceError: the answer is late, its status is not 200, its version is another, or it is no label map of the frame.
+            InferenceError: the answer is late, has a status other than 200 or another version, or is no label map of the frame.
         """
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
             layout = f"{picture.dtype} {picture.shape}"
@@ -83,7 +83,7 @@ class HttpFunction:
     def close(self) -> None:
         """Do nothing: no connection is kept between pictures."""
 
-    def _ask(self, target: Target, body: bytes, limit: int) -> bytes:
+    def _ask(self, target: Endpoint, body: bytes, limit: int) -> bytes:
         connection = _Connection(target, self._options.timeout_s)
         late = threading.Event()
 
@@ -91,7 +91,7 @@ class HttpFunction:
             late.set()
             connection.cut()
 
-        # The socket's time-out begins anew with every byte; this one does not.
+        # The socket's time-out restarts with every byte; this one does not.
         timer = threading.Timer(self._options.timeout_s, end)
         timer.daemon = True
         timer.start()
@@ -107,7 +107,7 @@ class HttpFunction:
             timer.cancel()
             connection.close()
 
-    def _exchange(self, connection: http.client.HTTPConnection, target: Target, body: bytes, limit: int) -> bytes:
+    def _exchange(self, connection: http.client.HTTPConnection, target: Endpoint, body: bytes, limit: int) -> bytes:
         headers = {
             "Content-Type": "image/png",
             "Accept": "image/png",
@@ -137,7 +137,7 @@ class HttpFunction:
 class _Connection(http.client.HTTPConnection):
     """A connection to the allowed address, with a check of the named host's certificate."""
 
-    def __init__(self, target: Target, timeout_s: float) -> None:
+    def __init__(self, target: Endpoint, timeout_s: float) -> None:
         super().__init__(target.host, target.port, timeout=timeout_s)
         self._target = target
 

@@ -1,7 +1,7 @@
-"""Label maps from outside as PNG, which are checked before memory is allocated for them.
+"""Untrusted label maps as PNG, checked before memory is allocated for them.
 
-A PNG of a few kilobytes can state a size of gigapixels, or hold text and profiles that unpack to gigabytes. So the header is
-compared with the frame first, and the decoder sees only the chunks that make pixels.
+A PNG of a few kilobytes can state a size of gigapixels, or contain text and profiles that unpack to gigabytes. So the header
+is compared with the frame first, and the decoder sees only the chunks with pixels.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PIXEL_CHUNKS: Final = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
 
 
 def max_label_bytes(height: int, width: int) -> int:
-    """Return the largest file that a label map of this size can need: uncompressed, with room for chunks around it."""
+    """Return the largest file size of a label map: uncompressed, with room for other chunks."""
     return height * (width + 1) + height * width // 100 + 65_536
 
 
@@ -33,9 +33,8 @@ def decode_labels(data: bytes, height: int, width: int, *, field: str = "labels"
     """Read the label map of a frame.
 
     Args:
-        data: a PNG of 8 bits per pixel, grey or with a palette; a pixel's value (index into the palette) is its id.
-        height: of the frame.
-        width: of the frame.
+        data: PNG with 8 bits per pixel, grey or with a palette; a pixel's value (index into the palette) is its id.
+        height, width: size of the frame.
         field: source of the data, for errors.
 
     Returns:
@@ -79,7 +78,7 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _require_rows(png: bytes, height: int, width: int, field: str) -> None:
-    """Refuse missing rows: decoders fill them with zeros, which are ids like others."""
+    """Refuse missing rows: decoders fill them with zeros, which are valid ids."""
     expected = height * (width + 1)  # each row begins with a byte that names its filter
     compressed = b"".join(data for kind, data in _chunks(png, field) if kind == b"IDAT")
     try:
@@ -94,7 +93,7 @@ def _require_rows(png: bytes, height: int, width: int, field: str) -> None:
 
 
 def _pixel_chunks(data: bytes, field: str) -> bytes:
-    """Return the file without chunks that make no pixels; it begins with signature and IHDR."""
+    """Return the file with only the chunks that define pixels; it begins with signature and IHDR."""
     kept = [_SIGNATURE]
     for kind, content in _chunks(data, field):
         if (len(kept) == 1) != (kind == b"IHDR") or (kind == b"IHDR" and len(content) != 13):

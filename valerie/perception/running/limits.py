@@ -1,8 +1,8 @@
-"""Bounds for a process that runs a network from outside: memory, and time per picture.
+"""Bounds for a process that runs an untrusted network: memory, and time per picture.
 
-A network is data, but it can request a terabyte of memory or a year of computing. The operating system enforces the bound of
-memory: an allocation beyond it fails, which is an error of that picture. Compiled code cannot be stopped from within, so the
-bound of time ends the process after recording the reason. `valerie.pipeline.functions.bounded` puts both around every function.
+A network is data, but it can request a terabyte of memory or a year of computing. The operating system enforces the memory
+limit: an allocation beyond it fails, which is an error of that picture. Compiled code cannot be stopped from within, so the
+time limit ends the process after recording the reason. `valerie.pipeline.functions.bounded` applies both to every function.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
-#: Exit status of a process that took too long, as in `timeout` of coreutils.
+#: Exit status of a process that took too long, as of `timeout` in coreutils.
 TIMED_OUT: Final = 124
-#: The descriptor itself: `sys.stderr` of a worker's process is Celery's and has none.
+#: The descriptor itself, since `sys.stderr` of a worker's process is Celery's and has none.
 _STANDARD_ERROR: Final = 2
-#: Time to record the reason: a database that does not answer must not keep the process alive.
+#: Time for recording the reason: a database that does not answer must not keep the process alive.
 _LAST_WORDS_SECONDS: Final = 30.0
 
 
 def limit_memory(megabytes: int) -> Callable[[], None]:
-    """Let allocations of this process fail when its private memory passes a size.
+    """Let allocations of this process fail when its private memory exceeds a size.
 
     Args:
-        megabytes: of all private memory of the process (RLIMIT_DATA; mapped files do not count); 0 sets no limit. A stricter
-            limit of the process stays.
+        megabytes: limit of the private memory of the process (RLIMIT_DATA; mapped files do not count); 0 sets no limit. A
+            stricter limit of the process stays.
 
     Returns:
         A function that restores the previous limit.
@@ -46,7 +46,7 @@ def time_limit(seconds: float, *, what: str, before_end: Callable[[str], None] |
 
     Args:
         seconds: wall time; 0 sets no limit.
-        what: names the work in the reason, which goes to standard error.
+        what: name of the work in the reason, which is written to standard error.
         before_end: called with the reason, in another thread, before the process ends with `TIMED_OUT`.
     """
     if seconds == 0:

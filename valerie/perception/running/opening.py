@@ -13,7 +13,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.quiet import silence_libraries
 
 if TYPE_CHECKING:
-    from valerie.perception.running.engines.base import Engine
+    from valerie.perception.running.engines.base import InferenceEngine
 
 
 def open_function(
@@ -28,19 +28,19 @@ def open_function(
     """Load a function to predict with.
 
     Args:
-        document: of the function.
+        document: document of the function.
         payload: its file; None for kinds without one.
         threads: CPU threads of this process for the inference engine.
-        device: of the engine torch: ``auto`` takes a GPU if there is one; ``cpu``, ``cuda``, ``cuda:1``.
-        addresses: allowed for functions behind HTTP; see `valerie.perception.documents.addresses`.
-        digest: of the function on its card; None: the document's. Functions that ship with VALERIE have the SHA-256 of
-            their file.
+        device: device of the engine torch: ``auto`` uses a GPU if there is one; ``cpu``, ``cuda``, ``cuda:1``.
+        addresses: allowed addresses of functions behind HTTP; see `valerie.perception.documents.addresses`.
+        digest: digest of the function on its card; None: the document's. Functions that ship with VALERIE have the SHA-256
+            of their file.
 
     Raises:
         NotFound: there is no file ``payload``.
         CorruptArtifact: the file is not the one that the document names.
         InvalidInput, UnknownName: the document and the file do not fit each other.
-        MissingDependency: the engine is not installed; says how to install it.
+        MissingDependency: the engine is not installed; states how to install it.
     """
     if threads < 1:
         raise InvalidInput("at least one thread", field="threads", value=threads, limit="≥ 1")
@@ -67,7 +67,9 @@ def open_function(
         raise _missing(error) from error
 
 
-def open_engine(document: FunctionDocument, payload: Path, *, threads: int = 1, device: str = "auto") -> Engine:
+def open_engine(
+    document: FunctionDocument, payload: Path, *, threads: int = 1, device: str = "auto"
+) -> InferenceEngine:
     """Load a network into its document's engine.
 
     Raises:
@@ -85,7 +87,7 @@ def _missing(error: ModuleNotFoundError) -> MissingDependency:
     return MissingDependency(f"{error.name} is not installed; install it with: pip install 'valerie[{extra}]'")
 
 
-def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> Engine:
+def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> InferenceEngine:
     if document.engine == "torch":
         from valerie.perception.running.engines.modules import open_module
         from valerie.perception.running.engines.torch_engine import TorchEngine
@@ -101,7 +103,7 @@ def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: 
 
 
 def require_payload(document: FunctionDocument, path: Path | None) -> None:
-    """Refuse a file that is not the one that the document names.
+    """Refuse a file other than the one that the document names.
 
     Raises:
         NotFound: there is no file ``path``.

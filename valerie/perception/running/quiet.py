@@ -1,4 +1,4 @@
-"""Keep libraries from reporting their use and from fetching files, by settings that they read when they load."""
+"""Settings that keep libraries from reporting their use and from fetching files."""
 
 from __future__ import annotations
 
@@ -20,5 +20,5 @@ _VARIABLES: Final = {
 def silence_libraries() -> None:
     """Set the variables that onnxruntime, openvino and transformers read. Call this before importing them."""
     os.environ.update(_VARIABLES)
-    # OpenVINO imports this package if it is installed, and has a stand-in if it is not.
+    # OpenVINO imports this package if it is installed, and uses a stand-in otherwise.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]  # None: importing it fails

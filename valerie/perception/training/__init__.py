@@ -1,1 +1,1 @@
-"""Training of the built-in networks on rendered frames. Running a trained network needs nothing from here."""
+"""Training of the built-in networks on rendered frames. Running a trained network does not need this package."""

@@ -1,4 +1,4 @@
-"""Checkpoints of a training run, as safetensors: resuming from a file never runs code in it."""
+"""Checkpoints of a training run as safetensors, so that resuming never runs code in a file."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class CheckpointFile:
     """The checkpoint file of one run.
 
     Attributes:
-        path: of the file.
-        settings: of the run.
-        mean, std: normalisation of the pictures, by which a checkpoint of other frames is recognised.
+        path: path of the file.
+        settings: settings of the run.
+        mean, std: normalisation of the pictures, which identifies a checkpoint of other frames.
     """
 
     path: Path
@@ -88,7 +88,7 @@ class CheckpointFile:
         return Position.model_validate_json(entries["position"])
 
     def _identity(self) -> str:
-        """Return a text that must be equal to resume; device and number of threads may differ."""
+        """Return a text that must be equal for resuming; device and number of threads may differ."""
         return f"{self.settings.model_dump_json(exclude={'loader_threads', 'device'})} {self.mean} {self.std}"
 
 

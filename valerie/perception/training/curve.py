@@ -11,9 +11,9 @@ from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.training.fit import TrainingProgress
 from valerie.perception.training.validation import ValidationFigures
 
-#: Points of the loss over a whole training: each is the mean of the steps since the one before.
+#: Points of the loss over a whole training: each is the mean of the steps since the previous one.
 _POINTS: Final = 200
-#: Colours of Okabe and Ito, which colour-blind readers can tell apart.
+#: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 _FIGURES: Final = {
     "person_pacc": ("person pACC", "#0072B2", "o"),
     "person_precision": ("person precision", "#E69F00", "D"),
@@ -31,17 +31,17 @@ class Validated:
 
 
 class TrainingCurve:
-    """The progress of a training. It continues the curve of an interrupted training.
+    """The progress of a training, which may continue an interrupted one.
 
     Args:
-        file: ``….json``, written during the training. The picture lies beside it.
+        file: ``….json``, written during the training; the picture is written beside it.
 
     Attributes:
         loss: step and mean loss of each point.
         validations: in the order of their steps.
 
     Raises:
-        InvalidInput: the file holds something else.
+        InvalidInput: the file is not such a curve.
     """
 
     def __init__(self, file: Path) -> None:

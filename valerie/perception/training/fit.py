@@ -26,7 +26,7 @@ from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import channel_statistics, class_weights, spread
 from valerie.perception.training.validation import ValidationFigures, validate
 
-#: Held-out frames that are looked at during training; all of them at the end.
+#: Held-out frames for validation during training; at the end all are used.
 _QUICK_FRAMES: Final = 64
 _POLY_POWER: Final = 0.9
 
@@ -36,11 +36,11 @@ class TrainingProgress:
     """The progress of a run.
 
     Attributes:
-        step, steps: done and planned.
-        fraction: of the schedule, 0…1; ahead of step / steps if the time budget is the tighter bound.
-        loss: of the last step.
+        step, steps: completed and planned steps.
+        fraction: fraction of the schedule, 0…1; above step / steps if the time budget is the tighter bound.
+        loss: loss of the last step.
         elapsed_s: training time, over all resumptions.
-        figures: of a validation after this step; None if there was none.
+        figures: figures of a validation after this step; None if there was none.
     """
 
     step: int
@@ -53,15 +53,15 @@ class TrainingProgress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainedModel:
-    """The result of a run; its weights are rounded to half precision, as function files hold them.
+    """The result of a run; its weights are rounded to half precision, as in function files.
 
     Attributes:
-        network: in evaluation mode, fp32, on the CPU.
-        settings: of its training.
+        network: the network in evaluation mode, fp32, on the CPU.
+        settings: settings of its training.
         mean, std: its normalisation.
         steps: optimiser steps taken.
         final_loss: mean loss over the last steps (at most 50).
-        figures: on all held-out frames, of the rounded weights; None without held-out frames.
+        figures: figures of the rounded weights on all held-out frames; None without held-out frames.
     """
 
     network: Network
@@ -112,19 +112,19 @@ def train(
     """Train one network from scratch, from the weights of a function file, or from a checkpoint.
 
     Args:
-        settings: of the training.
-        frames: to train on.
-        held_out: to validate on; from streets that ``frames`` does not show.
+        settings: settings of the training.
+        frames: frames to train on.
+        held_out: frames to validate on, from sites that ``frames`` does not show.
         progress: called after every step.
         checkpoint: file that is written every ``checkpoint_every`` steps and at the end. If it exists, training resumes
             from it and ends with the same weights as without the interruption.
         start_from: function file of the same architecture with the first weights and the normalisation; the schedule is
             new.
-        threads: torch's CPU threads in this process from now on; None leaves them. A run is repeatable with equal threads
-            only.
+        threads: torch's CPU threads in this process from now on; None leaves them unchanged. A run is repeatable only with
+            equal threads.
 
     Raises:
-        InvalidInput: no frames, a street in both sets, a checkpoint of another run, a file of another architecture.
+        InvalidInput: no frames, a site in both sets, a checkpoint of another run, a file of another architecture.
         UnknownName: the architecture.
     """
     _require_apart(frames, held_out)
@@ -199,7 +199,7 @@ def train(
 def _start_from(
     path: Path, settings: TrainingSettings, network: Network
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Put a function file's weights into ``network`` and return its normalisation, which belongs to the weights."""
+    """Load a function file's weights into ``network`` and return its normalisation."""
     started, header = load_network(path)
     if header.architecture != settings.architecture:
         raise InvalidInput(
@@ -269,12 +269,12 @@ def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingF
         raise InvalidInput("no frames to train on", field="frames", limit="at least one")
     both = _seeds(frames) & _seeds(held_out)
     if both:
-        raise InvalidInput("streets in training and held-out frames", field="held_out", value=sorted(both)[:5])
+        raise InvalidInput("sites in training and held-out frames", field="held_out", value=sorted(both)[:5])
 
 
 def _seeds(frames: Sequence[TrainingFrame]) -> frozenset[int]:
-    known: frozenset[int] | None = getattr(frames, "street_seeds", None)  # a folder knows without reading frames
-    return known if known is not None else frozenset(frame.street_seed for frame in frames)
+    known: frozenset[int] | None = getattr(frames, "site_seeds", None)  # a folder knows without reading frames
+    return known if known is not None else frozenset(frame.site_seed for frame in frames)
 
 
 def _round_as_stored(network: nn.Module) -> None:

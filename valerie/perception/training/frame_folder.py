@@ -1,7 +1,7 @@
 """A folder of training frames: pictures with their label maps, compressed, with random access.
 
-A *shard* is one safetensors file with the frames of one street; each map in it is one zstd frame, so one training
-frame can be read without the rest. ``frames.json`` lists the shards with their digests; its own digest stands for the data set.
+A *shard* is one safetensors file with the frames of one site; each map in it is one zstd frame, so one training frame can be
+read without the rest. ``frames.json`` lists the shards with their digests; its own digest identifies the data set.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 
 Split = Literal["train", "held-out"]
 
-#: Street seeds of each split; seed 0, the default of runs, is in neither.
+#: Site seeds of each split; seed 0, the default of runs, is in neither.
 SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 INDEX_NAME: Final = "frames.json"
+#: Entry of the provenance with the site seeds. The files of the shipped networks have it under this name.
+SITE_SEEDS: Final = "street-seeds"
 FORMAT: Final = "valerie-training-frames/1"
 _LEVEL: Final = 3
 
@@ -40,12 +42,12 @@ class TrainingFrame:
     Attributes:
         picture: (H, W, 3) uint8 sRGB.
         train_ids: (H, W) uint8, 0…18 or 255 (void).
-        street_seed: of its street; training and held-out frames share no street.
+        site_seed: seed of its site; training and held-out frames share no site.
     """
 
     picture: NDArray[np.uint8]
     train_ids: NDArray[np.uint8]
-    street_seed: int
+    site_seed: int
 
     def __post_init__(self) -> None:
         height_width = self.train_ids.shape
@@ -60,16 +62,16 @@ class Shard(BaseModel):
 
     Attributes:
         file: name of the file.
-        street_seed: of all its frames.
+        site_seed: street seed of all its frames.
         sizes: (height, width) of each frame.
-        sha256: of the file.
-        drawn: scenes that were drawn to get these frames; None if every draw was taken.
+        sha256: digest of the file.
+        drawn: number of scenes that were drawn to get these frames; None if every draw was used.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\.safetensors$")
-    street_seed: int
+    site_seed: int
     sizes: tuple[tuple[int, int], ...]
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     drawn: int | None = None
@@ -79,7 +81,7 @@ class FrameIndex(BaseModel):
     """The contents of ``frames.json``.
 
     Attributes:
-        shards: by ascending street seed.
+        shards: shards by ascending site seed.
         provenance: origin of the frames: asset, seeds, revisions.
     """
 
@@ -90,32 +92,32 @@ class FrameIndex(BaseModel):
     provenance: dict[str, str] = {}
 
 
-def write_shard(folder: Path, street_seed: int, frames: Iterable[TrainingFrame]) -> Shard:
-    """Write the frames of one street as one file; equal frames give equal bytes.
+def write_shard(folder: Path, site_seed: int, frames: Iterable[TrainingFrame]) -> Shard:
+    """Write the frames of one site as one file; equal frames give equal bytes.
 
     Raises:
-        InvalidInput: a frame belongs to another street.
+        InvalidInput: a frame belongs to another site.
     """
     compressor = zstandard.ZstdCompressor(level=_LEVEL)
     tensors: dict[str, NDArray[np.uint8]] = {}
     sizes: list[tuple[int, int]] = []
     for number, frame in enumerate(frames):
-        if frame.street_seed != street_seed:
-            raise InvalidInput("a frame of another street", field="street_seed", value=frame.street_seed)
+        if frame.site_seed != site_seed:
+            raise InvalidInput("a frame of another site", field="site_seed", value=frame.site_seed)
         for kind, array in (("picture", frame.picture), ("labels", frame.train_ids)):
             packed = compressor.compress(np.ascontiguousarray(array).tobytes())
             tensors[f"{number:05}.{kind}"] = np.frombuffer(packed, np.uint8)
         height, width = frame.train_ids.shape
         sizes.append((height, width))
-    path = folder / f"street-{street_seed:06}.safetensors"
+    path = folder / f"site-{site_seed:06}.safetensors"
     save_file(tensors, path)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return Shard(file=path.name, street_seed=street_seed, sizes=tuple(sizes), sha256=sha256)
+    return Shard(file=path.name, site_seed=site_seed, sizes=tuple(sizes), sha256=sha256)
 
 
 def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, str]) -> None:
-    """List the shards; from then on the folder is complete and can be read."""
-    ordered = tuple(sorted(shards, key=lambda shard: shard.street_seed))
+    """Write the index of the shards, which makes the folder complete and readable."""
+    ordered = tuple(sorted(shards, key=lambda shard: shard.site_seed))
     index = FrameIndex(format=FORMAT, shards=ordered, provenance=dict(sorted(provenance.items())))
     (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(exclude_none=True), indent=1) + "\n")
 
@@ -125,7 +127,7 @@ class Frames(Sequence[TrainingFrame]):
 
     @abstractmethod
     def _frame(self, number: int) -> TrainingFrame:
-        """Return a frame by its number, −`len` to `len` − 1; raise IndexError beyond."""
+        """Return a frame by its number, −`len` to `len` − 1; raise IndexError outside."""
 
     @overload
     def __getitem__(self, index: int) -> TrainingFrame: ...
@@ -144,7 +146,7 @@ class FrameFolder(Frames):
 
     Raises:
         NotFound: there is no ``frames.json``: not a folder of frames, or rendering was interrupted.
-        InvalidInput: ``frames.json`` is not what `write_index` writes.
+        InvalidInput: ``frames.json`` was not written by `write_index`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -157,15 +159,15 @@ class FrameFolder(Frames):
             self.listing = FrameIndex.model_validate_json(text)
         except ValidationError as error:
             raise InvalidInput(f"not an index of training frames ({error})", field=INDEX_NAME) from error
-        #: SHA-256 of the index, which holds the digests of the shards: it stands for every pixel.
+        #: SHA-256 of the index, which contains the digests of the shards, so it covers every pixel.
         self.digest = hashlib.sha256(text).hexdigest()
         self._places = [(shard, number) for shard in self.listing.shards for number in range(len(shard.sizes))]
         self._open = threading.local()  # threads must not share a file handle
 
     @property
-    def street_seeds(self) -> frozenset[int]:
-        """Seeds of all streets in the folder."""
-        return frozenset(shard.street_seed for shard in self.listing.shards)
+    def site_seeds(self) -> frozenset[int]:
+        """Seeds of all sites in the folder."""
+        return frozenset(shard.site_seed for shard in self.listing.shards)
 
     def verify(self) -> None:
         """Compare every shard with its digest.
@@ -187,7 +189,7 @@ class FrameFolder(Frames):
         return TrainingFrame(
             picture=self._array(shard, f"{number:05}.picture", (height, width, 3)),
             train_ids=self._array(shard, f"{number:05}.labels", (height, width)),
-            street_seed=shard.street_seed,
+            site_seed=shard.site_seed,
         )
 
     def _array(self, shard: Shard, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
     Args:
         logits: (B, 19, H, W) fp32.
         labels: (B, H, W) int64 train ids, 0…18 or 255.
-        class_weights: (19,) weight of a pixel by its class.
+        class_weights: (19,) weights of a pixel by class.
         void_weight: weight of a void pixel; 0 leaves them out.
 
     Returns:
@@ -30,7 +30,7 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
     if void_weight > 0.0:
         void = logits.permute(0, 2, 3, 1)[labels == VOID]
         others = torch.cat((void[:, : PERSON.train_id], void[:, PERSON.train_id + 1 :]), dim=1)
-        # −log(1 − p) from the margin of the person's logit: 1 − p itself becomes 0 in fp32 for a confident network.
+        # −log(1 − p) from the margin of the person's logit, since 1 − p becomes 0 in fp32 for a confident network.
         margin = void[:, PERSON.train_id] - others.logsumexp(dim=1)
         sums = sums + void_weight * functional.softplus(margin).sum()
         weight = weight + void_weight * counts[VOID]

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from valerie.perception.importing.function_file import read_header
-from valerie.perception.training.frame_folder import FrameFolder
+from valerie.perception.training.frame_folder import SITE_SEEDS, FrameFolder
 from valerie.perception.training.training_set import SEPARATOR, TrainingSet
 
-_SEEDS: Final = "frames-street-seeds"
-_SEEDS_BEFORE: Final = "street-seeds-before"
+#: Header entries with the site seeds of training, and of the networks that it began with.
+SEEDS: Final = f"frames-{SITE_SEEDS}"
+SEEDS_BEFORE: Final = f"{SITE_SEEDS}-before"
 
 
 def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start_from: Path | None) -> dict[str, str]:
@@ -25,7 +26,7 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
     provenance |= {"frames": str(len(frames)), "frames-digest": frames.digest, "licence": "Apache-2.0"}
     if held_out is not None:
         provenance["held-out-digest"] = held_out.digest
-        provenance["held-out-street-seeds"] = held_out.listing.provenance.get("street-seeds", "unknown")
+        provenance[f"held-out-{SITE_SEEDS}"] = held_out.listing.provenance.get(SITE_SEEDS, "unknown")
     if start_from is not None:
         before = read_header(start_from)
         provenance["started-from"] = before.digest
@@ -33,13 +34,13 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
         provenance["steps-before"] = str(
             int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
         )
-        if seen := streets_seen(before.provenance):
-            provenance[_SEEDS_BEFORE] = SEPARATOR.join(f"{seeds[0]}-{seeds[-1]}" for seeds in seen)
+        if seen := sites_seen(before.provenance):
+            provenance[SEEDS_BEFORE] = SEPARATOR.join(f"{seeds[0]}-{seeds[-1]}" for seeds in seen)
     return provenance
 
 
-def streets_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
-    """Return the street seeds that a network and its predecessors learned from; none if the provenance states none."""
-    ranges = SEPARATOR.join(provenance.get(name, "") for name in (_SEEDS, _SEEDS_BEFORE))
+def sites_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
+    """Return the site seeds that a network and its predecessors were trained on; empty if the provenance states none."""
+    ranges = SEPARATOR.join(provenance.get(name, "") for name in (SEEDS, SEEDS_BEFORE))
     pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", ranges)})
     return tuple(range(first, last + 1) for first, last in pairs)

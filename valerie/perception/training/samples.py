@@ -24,7 +24,7 @@ Batch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 def cut(
     frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator, *, longest_side: int | None = None
 ) -> tuple[Picture, Labels]:
-    """Cut one sample of a frame, at scales of the picture that the function sees: reduced to ``longest_side`` if it is longer.
+    """Cut one sample from a frame; scales refer to the picture that the function sees, reduced to ``longest_side`` if longer.
 
     A window of the sample's size divided by the scale is cut and resampled (pictures by area or linearly, labels by the nearest
     pixel centre). If the frame is smaller than the window, black void pixels fill the rest.
@@ -55,7 +55,7 @@ def cut(
 
 
 def recolour(picture: Picture, settings: CropSettings, rng: np.random.Generator) -> Picture:
-    """Change exposure, white balance, contrast and saturation, blur and add noise; labels stay right."""
+    """Change exposure, white balance, contrast and saturation, blur and add noise; labels stay valid."""
     stops = rng.uniform(-1.0, 1.0) * settings.exposure_stops
     balance = 1.0 + rng.uniform(-1.0, 1.0, 3) * settings.white_balance
     contrast = 1.0 + rng.uniform(-1.0, 1.0) * settings.contrast
@@ -78,8 +78,8 @@ def batches(
 ) -> Generator[Batch, None, None]:
     """Yield batches from ``first_step`` to the last step, prepared ahead in threads.
 
-    Every pass over the data takes each frame once, in an order of its own. A sample depends only on the seed, its step and its
-    place in the batch, not on threads or interruptions.
+    Every pass over the data uses each frame once, in its own order. A sample depends only on the seed, its step and its place
+    in the batch, not on threads or interruptions.
     """
 
     def sample(step: int, slot: int) -> tuple[Picture, Labels]:
@@ -123,5 +123,5 @@ def _place(labels: Labels, rows: int, columns: int, person_share: float, rng: np
 
 @lru_cache(maxsize=4)
 def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
-    """Draw the order of the frames in one pass, from another random stream than those of the samples."""
+    """Draw the order of the frames in one pass, from a random stream separate from those of the samples."""
     return np.random.default_rng([seed, turn, count, 0x0DE5]).permutation(count)

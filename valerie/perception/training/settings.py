@@ -14,10 +14,10 @@ _Side = Annotated[int, Field(ge=ALIGNMENT, multiple_of=ALIGNMENT)]
 
 
 class CropSettings(BaseModel):
-    """Crops and disturbances that turn frames into samples.
+    """Crops and augmentations that turn frames into samples.
 
     Attributes:
-        height, width: of the samples, pixels; multiples of 32.
+        height, width: size of the samples in pixels; multiples of 32.
         scales: each sample draws one: 1 cuts at the resolution at which the function sees the frame, 0.5 at half of it. Both
             together double the range of sizes of people.
         scale_jitter: the scale is also multiplied by a random factor between 1 / this and this.
@@ -50,28 +50,28 @@ class TrainingSettings(BaseModel):
 
     Attributes:
         architecture: a name in `valerie.perception.networks.architectures`.
-        seed: of the first weights, the order of frames and every crop.
+        seed: seed of the first weights, the order of frames and every crop.
         steps: optimiser steps of the whole schedule.
-        time_budget_s: None, or seconds after which the schedule ends even if steps are left. The learning rate then follows
-            the clock where it is ahead of the steps, and the result is not reproducible.
+        time_budget_s: None, or seconds after which the schedule ends even if steps remain. The learning rate then follows the
+            clock if it is ahead of the steps, and the result is not reproducible.
         batch: samples per step.
         longest_side: None, or pixels to which the function reduces longer frames, in validation as in use; samples are cut
             accordingly.
-        class_balance: exponent b: a class weighs its share of all pixels to the power of −b in the cross-entropy. 0 weighs all
-            pixels alike, 1 gives every class the same total weight.
+        class_balance: exponent b: the weight of a class in the cross-entropy is its share of all pixels to the power of −b. 0
+            weighs all pixels equally, 1 gives every class the same total weight.
         person_weight: factor on the weight of person pixels.
-        void_weight: of void pixels, whose class is unknown but which are no persons: each costs −log(1 − p(person)) times this. 0
-            leaves them out, as the metrics do; the network can then label waste bins as persons at no cost.
-        learning_rate: highest of the schedule; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
-        weight_decay: AdamW's, decoupled.
-        keep_norm_statistics: batch normalisation keeps its means and variances, in training as in use. For training that starts
-            from a trained network: statistics of a few small batches would be worse.
-        precision: of the forward and backward pass: ``bf16`` autocast or ``fp32``. Weights are always fp32.
+        void_weight: weight of void pixels, whose class is unknown but which are no persons: each costs −log(1 − p(person)) times
+            this. 0 leaves them out, as the metrics do; the network can then label waste bins as persons at no cost.
+        learning_rate: highest rate of the schedule; it rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
+        weight_decay: AdamW's decoupled weight decay.
+        keep_norm_statistics: batch normalisation keeps its means and variances in training. For training that starts from a
+            trained network: statistics of a few small batches would be worse.
+        precision: precision of the forward and backward pass: ``bf16`` autocast or ``fp32``. Weights are always fp32.
         device: ``cpu``, ``cuda``, or ``auto``: cuda if there is one.
         loader_threads: threads that cut samples; no effect on the result.
         checkpoint_every: steps between checkpoints.
         validate_every: steps between validations on (at most 64) held-out frames.
-        crops: of the samples.
+        crops: crops of the samples.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""First weights of a training: those of any network of ours, as a file that training can start from."""
+"""First weights of a training: those of any network of ours, as a function file."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.importing.function_file import CLASS_NAMES, function_file_bytes, read_tensors
+from valerie.perception.training.provenance import SEEDS, SEEDS_BEFORE
 
 #: Entries that a new version takes from its predecessor.
-_CARRIED: Final = ("steps", "steps-before", "frames-street-seeds", "street-seeds-before", "licence")
+_CARRIED: Final = ("steps", "steps-before", SEEDS, SEEDS_BEFORE, "licence")
 
 
 def start_file(document: FunctionDocument, payload: Path) -> bytes:
     """Return a function file with the weights of a network, adapted to the frames of training: RGB, values in [0, 1].
 
-    If the network takes blue first, the channels of its first convolution are reversed, which changes no logit.
+    If the network expects BGR, the channels of its first convolution are reversed, which changes no logit.
 
     Args:
-        document: of a function of kind ``network``.
+        document: document of a function of kind ``network``.
         payload: its file.
 
     Raises:
-        InvalidInput: it is not a network of ours, its classes are not the 19 of Cityscapes in their order, or a function file
-            cannot hold its values.
+        InvalidInput: it is not a network of ours, its classes are not the 19 of Cityscapes in their order, or its values do
+            not fit into a function file.
     """
     require_trainable(document)
     tensors = dict(read_tensors(payload))

@@ -21,9 +21,9 @@ Triple = tuple[float, float, float]
 
 
 def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]:
-    """Return mean and standard deviation of sRGB values in [0, 1] per channel, over at most 64 frames spread over all.
+    """Return mean and standard deviation of sRGB values in [0, 1] per channel, over at most 64 evenly spread frames.
 
-    They are rounded to four decimals, so that the header of the function file holds them exactly.
+    They are rounded to four decimals, so that the header of the function file states them exactly.
     """
     chosen = spread(frames, _FRAMES)
     pixels = np.concatenate([frame.picture[::4, ::4].reshape(-1, 3) for frame in chosen]).astype(np.float64) / 255.0
@@ -34,7 +34,7 @@ def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]
 
 def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np.float32]:
     """Return the (19,) weights of the classes: their share of the labelled pixels to the power of ``−balance``, scaled so that
-    the average pixel weighs 1. At most 64 frames, spread over all, are counted; classes missing in them weigh as the rarest.
+    the average pixel weighs 1. At most 64 evenly spread frames are counted; classes missing in them weigh as the rarest.
     """
     counts = np.zeros(NUM_TRAIN_CLASSES, np.int64)
     for frame in spread(frames, _FRAMES):

@@ -11,24 +11,24 @@ from typing import Final
 from valerie.errors import InvalidInput
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Frames, TrainingFrame
 
-#: Separates the entries of one folder from those of the next.
+#: Separator between the entries of two folders.
 SEPARATOR: Final = "; "
 _UNSTATED: Final = "unstated"
 
 
 class TrainingSet(Frames):
-    """The frames of several folders in a row. A folder that counts n times is repeated n times.
+    """The concatenated frames of several folders. A folder that counts n times is repeated n times.
 
     Args:
-        folders: to learn from, each listed as often as it counts. Folders with the same frames are one. They keep the order of
-            their first appearance.
+        folders: folders to learn from, each listed as often as it counts. Folders with equal frames are the same folder. They
+            keep the order of their first appearance.
 
     Attributes:
-        digest: stands for every pixel and its count; a single folder that counts once has its own digest.
-        street_seeds: of all streets.
+        digest: digest of every pixel and its count; that of the folder if a single one counts once.
+        site_seeds: seeds of all sites.
 
     Raises:
-        InvalidInput: there is no folder, a street is kept apart from training, or streets belong to different assets, whose
+        InvalidInput: there is no folder, a site is kept apart from training, or sites belong to different assets, whose
             seeds cannot be compared.
     """
 
@@ -42,12 +42,12 @@ class TrainingSet(Frames):
             (folder, number) for folder, count in self._counted for _ in range(count) for number in range(len(folder))
         ]
         self.digest = _digest(self._counted)
-        self.street_seeds = frozenset[int]().union(*(folder.street_seeds for folder, _ in self._counted))
-        _require_streets_to_train_on(self.street_seeds)
+        self.site_seeds = frozenset[int]().union(*(folder.site_seeds for folder, _ in self._counted))
+        _require_sites_to_train_on(self.site_seeds)
         _require_one_asset(folder for folder, _ in self._counted)
 
     def provenance(self) -> dict[str, str]:
-        """Return the provenance of the folders: one value where they agree, else one part per folder, in their order.
+        """Return the provenance of the folders: one value where they agree, otherwise one part per folder, in their order.
 
         Several folders, or one that counts more than once, add frames, count and digest of each.
         """
@@ -92,14 +92,14 @@ def _joined(provenances: Sequence[Mapping[str, str]], name: str) -> str:
     return values[0] if len(set(values)) == 1 else SEPARATOR.join(values)
 
 
-def _require_streets_to_train_on(seeds: Iterable[int]) -> None:
+def _require_sites_to_train_on(seeds: Iterable[int]) -> None:
     allowed = SEEDS["train"]
     if kept_apart := sorted(seed for seed in seeds if seed not in allowed):
         raise InvalidInput(
-            "streets that are kept apart from training, for runs and for held-out frames",
+            "sites that are kept apart from training, for runs and for held-out frames",
             field="frames",
             value=kept_apart[:5],
-            limit=f"street seeds {allowed[0]}…{allowed[-1]}",
+            limit=f"site seeds {allowed[0]}…{allowed[-1]}",
         )
 
 
@@ -107,4 +107,4 @@ def _require_one_asset(folders: Iterable[FrameFolder]) -> None:
     assets = {folder.listing.provenance.get("asset", _UNSTATED): folder.folder for folder in folders}
     if len(assets) > 1:
         shown = ", ".join(f"{asset} in {folder}" for asset, folder in assets.items())
-        raise InvalidInput("streets of different assets", field="frames", value=shown, limit="one asset")
+        raise InvalidInput("sites of different assets", field="frames", value=shown, limit="one asset")

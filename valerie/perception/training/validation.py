@@ -55,12 +55,12 @@ def validate(
 ) -> ValidationFigures:
     """Return the figures of a network on whole frames.
 
-    It predicts exactly as `valerie.perception.running.engines.torch_engine` does, on its device in fp32. Its mode (training or
-    evaluation) is restored.
+    The network predicts exactly as in `valerie.perception.running.engines.torch_engine`, on its device in fp32. Its mode
+    (training or evaluation) is restored.
 
     Args:
-        network: to validate.
-        frames: with their labels.
+        network: network to validate.
+        frames: frames with their labels.
         mean, std: (3,) float32 on the network's device.
         longest_side: pixels; longer frames are reduced to it, as the function will do (`InputDocument`).
     """

@@ -20,14 +20,14 @@ TRUTH: Final = "truth"
 _UPLOADED: Final = Offer(stage=Stage.INFER, name="uploaded", numeric_class="uploaded", revision=1, route=UPLOADED_ROUTE)
 
 
-class Choice(NamedTuple):
+class PinChoice(NamedTuple):
     """Pins for a run, or in words why there are none yet."""
 
     pins: Pins | None
     reason: str | None
 
 
-def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str, FunctionDocument]) -> Choice:
+def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str, FunctionDocument]) -> PinChoice:
     """Choose the pins for a run.
 
     Args:
@@ -55,8 +55,8 @@ def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str,
         else:
             missing.append(f"an inference worker with {inference_name(document)} (for the function {name!r})")
     if engine is None or truth is None or missing:
-        return Choice(None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)")
-    return Choice(Pins(engine=engine, truth=truth, functions=functions), None)
+        return PinChoice(None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)")
+    return PinChoice(Pins(engine=engine, truth=truth, functions=functions), None)
 
 
 def pinned_card(pins: Pins, name: str) -> FunctionCard:

@@ -12,7 +12,7 @@ from valerie.db import blocks, products, runs
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.db.products import Wanted
-from valerie.db.runs import RunRow
+from valerie.db.runs import RunRow, RunValues
 from valerie.db.statements import insert_rows
 from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
@@ -20,6 +20,7 @@ from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import FunctionPin
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
+from valerie.runs.products.turns import Turns
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to
@@ -29,7 +30,7 @@ BLOCK_PRODUCTS: Final = 4_000
 BLOCK_VARIANTS: Final = 1_000
 
 
-class Fed(NamedTuple):
+class WrittenBlock(NamedTuple):
     """A written block.
 
     Attributes:
@@ -63,11 +64,12 @@ class Feeder:
     def __init__(self, run: RunRow, settings: Settings) -> None:
         self._run_id = run.id
         self._count = run.variant_count
+        self._weight = run.priority.weight
         stored = resolve_stored(run, settings)
         self._resolved, self._pins = stored.resolved, stored.pins
         self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
-    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> Fed:
+    def feed(self, engine: Engine, first: int, now: float, *, part: float = 1.0) -> WrittenBlock:
         """Write the block that begins at variant ``first``, unless another process did or the run was stopped.
 
         Args:
@@ -81,16 +83,19 @@ class Feeder:
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
             if run.next_index != first or run.state is not RunState.RUNNING:
-                return Fed(0, [])
+                return WrittenBlock(0, [])
             insert_rows(connection, Variant, _VARIANT, rows.variants)
-            ready = products.want(connection, rows.wanted.values(), now)
+            present = products.present_turn(connection)
+            turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
+            ready = products.want(connection, rows.wanted.values(), now, turns)
             insert_rows(connection, Frame, _FRAME, rows.frames)
             insert_rows(connection, FrameAnnotation, _ANNOTATION, rows.annotations)
             insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
             blocks.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
-            runs.set_values(connection, self._run_id, next_index=following, rejected_count=rejected)
-        return Fed(len(rows.wanted), ready)
+            changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
+            runs.set_values(connection, self._run_id, **changes)
+        return WrittenBlock(len(rows.wanted), ready)
 
     def _rows(self, first: int, limit: float) -> _Rows:
         run_id, resolved = self._run_id, self._resolved

@@ -23,7 +23,7 @@ from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, 
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pins import Choice, choose_pins
+from valerie.pipeline.base.pins import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding
 from valerie.pipeline.control.lifecycle import resume
@@ -142,7 +142,7 @@ class ControlLoop:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
             offers = processes.offers(connection, now=now) if waiting else []
         for run in waiting:
-            pins, reason = self._pins(run, offers) if run.pins is None else Choice(run.pins, None)
+            pins, reason = self._pins(run, offers) if run.pins is None else PinChoice(run.pins, None)
             with writing(self._context.engine) as connection:
                 if pins is None:
                     if reason != run.reason:
@@ -157,7 +157,7 @@ class ControlLoop:
                         started_at=run.started_at or runs.now_utc(),
                     )
 
-    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> Choice:
+    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
         """Choose pins; a run whose function was removed before it could start fails, since it would wait for ever."""
         names = run.spec.functions
         try:
@@ -168,25 +168,25 @@ class ControlLoop:
             raise
         except ValerieError as error:
             self._fail(run.id, str(error), expected=RunState.SUBMITTED)
-            return Choice(None, str(error))
+            return PinChoice(None, str(error))
         return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
         """Write the next block of each run that has one and room in the window; return whether there may be more.
 
-        Runs with variants left share the window equally, whatever the others have filled: a small run does not wait for a
-        large one. A run alone has the whole window, and the first block even where other runs fill it.
+        Runs with variants left share the window by their priorities, whatever the others have filled: a small run does not
+        wait for a large one. A run alone has the whole window, and the first block even where other runs fill it.
         """
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
             return False
         with reading(self._context.engine) as connection:
             room = self._settings.feed_window - totals.unfinished_count(connection)
-        share = self._settings.feed_window / len(hungry)
+        weights = sum(run.priority.weight for run in hungry)
         more = False
         for run in sorted(hungry, key=lambda run: self._book.unfinished(run.id)):
-            own = self._book.unfinished(run.id)
-            if own >= share if len(hungry) > 1 else room <= 0 < own:
+            own, part = self._book.unfinished(run.id), run.priority.weight / weights
+            if own >= part * self._settings.feed_window if len(hungry) > 1 else room <= 0 < own:
                 continue
             feeder = self._feeders.get(run.id)
             if feeder is None:
@@ -197,7 +197,7 @@ class ControlLoop:
                 except ValerieError as error:
                     self._fail(run.id, str(error))
                     continue
-            fed = feeder.feed(self._context.engine, run.next_index, now, part=1 / len(hungry))
+            fed = feeder.feed(self._context.engine, run.next_index, now, part=part)
             self._book.note_fed(run.id, fed.products)
             more = more or fed.products > 0
             send_ready(self._context, fed.ready)
@@ -250,7 +250,7 @@ class ControlLoop:
             sweeping.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
-            stale = sweeping.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
+            stale = sweeping.stale_ready(connection, now=now, resend_seconds=self._settings.resend_seconds, limit=5_000)
         # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
         waiting = self._waiting({ready.route for ready in stale}) if stale else {}
         lost = [ready for ready in stale if waiting.get(ready.route) == 0]

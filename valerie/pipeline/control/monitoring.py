@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
 from threading import Thread
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -14,12 +15,17 @@ from sqlalchemy import text
 
 from valerie.db import processes, runs, totals
 from valerie.db.engine import database_time, reading
+from valerie.db.processes import WorkerRow
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.runs.products.states import EVAL_QUEUE, ProductState, Stage
+from valerie.runs.products.states import EVAL_QUEUE, ProductKind, ProductState, Stage
 
 #: Whatever does not answer a check in this time is reported as unknown.
 CHECK_SECONDS = 5.0
+#: Time over which the rate of a queue is counted.
+_RATE_SECONDS: Final = 120.0
+#: Spans of time in which costs are shown.
+_SPANS: Final = 60
 #: Checks that still wait for an answer, by deployment and name.
 _waiting: dict[tuple[int, str], Thread] = {}
 
@@ -74,6 +80,7 @@ class Queue(NamedTuple):
         waiting, ready, running: unfinished products.
         messages: in the broker; None where it does not answer.
         workers: living workers that serve it.
+        per_minute: products done in the last minutes, per minute.
     """
 
     route: str
@@ -82,6 +89,7 @@ class Queue(NamedTuple):
     running: int
     messages: int | None
     workers: int
+    per_minute: float
 
 
 def queues(context: Context) -> list[Queue]:
@@ -92,7 +100,9 @@ def queues(context: Context) -> list[Queue]:
     """
     with reading(context.engine) as connection:
         backlog = totals.backlog(connection)
-        alive = processes.workers(connection, now=database_time(connection))
+        now = database_time(connection)
+        alive = processes.workers(connection, now=now)
+        done = totals.done_since(connection, now - _RATE_SECONDS)
     serving: Counter[str] = Counter()
     for worker in alive:
         serving.update(
@@ -109,9 +119,90 @@ def queues(context: Context) -> list[Queue]:
             running=counts.get((route, ProductState.RUNNING), 0),
             messages=messages.get(route),
             workers=serving[route],
+            per_minute=done.get(route, 0) * 60 / _RATE_SECONDS,
         )
         for route in routes
     ]
+
+
+@dataclass(frozen=True)
+class BusyWorker(WorkerRow):
+    """A living worker, and how many products of each kind it makes now."""
+
+    makes: dict[ProductKind, int]
+
+
+def workers(context: Context) -> list[BusyWorker]:
+    """Return the living workers with what they do, longest-serving first."""
+    with reading(context.engine) as connection:
+        alive = processes.workers(connection, now=database_time(connection))
+        held = totals.held(connection)
+    makes: defaultdict[str, Counter[ProductKind]] = defaultdict(Counter)
+    for one in held:
+        makes[one.owner.rpartition(".")[0]][one.kind] += one.products
+    return [BusyWorker(**vars(worker), makes=dict(makes[worker.id])) for worker in alive]
+
+
+@dataclass(frozen=True, slots=True)
+class CostSeries:
+    """The cost of one kind of product over time.
+
+    Attributes:
+        kind: of the product.
+        products: done in each span of time.
+        cpu_seconds: mean of these; None for a span without any.
+    """
+
+    kind: ProductKind
+    products: list[int]
+    cpu_seconds: list[float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What a deployment made lately.
+
+    Attributes:
+        since: beginning of the first span of time, Unix seconds.
+        span_s: length of a span.
+        costs: of the kinds that were made.
+        failures: reasons of products that failed for good.
+        free_bytes: of the artifact folder; None for a bucket.
+        min_free_bytes: free space below which runs pause.
+    """
+
+    since: float
+    span_s: float
+    costs: list[CostSeries]
+    failures: list[totals.FailureReason]
+    free_bytes: int | None
+    min_free_bytes: int
+
+
+def work(context: Context, hours: int) -> Work:
+    """Return what was made in the last hours, and the space left.
+
+    Raises:
+        StorageUnavailable: the artifact folder cannot be read.
+    """
+    width = hours * 3600 // _SPANS
+    with reading(context.engine) as connection:
+        since = int(database_time(connection)) - width * _SPANS
+        bins = totals.costs_since(connection, since, width)
+        failures = totals.failure_reasons(connection)
+    costs = {one.kind: CostSeries(one.kind, [0] * _SPANS, [None] * _SPANS) for one in bins}
+    for one in bins:
+        number = min(one.number, _SPANS - 1)
+        costs[one.kind].products[number] = one.products
+        costs[one.kind].cpu_seconds[number] = one.cpu_seconds / one.products
+    return Work(
+        since=float(since),
+        span_s=float(width),
+        costs=list(costs.values()),
+        failures=failures,
+        free_bytes=context.store.free_bytes(),
+        min_free_bytes=context.settings.min_free_mb * 2**20,
+    )
 
 
 def _messages(context: Context, routes: Collection[str]) -> dict[str, int]:

@@ -11,7 +11,7 @@ import orjson
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.findings import Findings
-from valerie.analysis.findings.refining import refined_spec
+from valerie.analysis.findings.refining import halved_spec
 from valerie.analysis.findings.region import Region, region_of
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
@@ -25,7 +25,7 @@ from valerie.plain import typed
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class RefinedPart:
     """The part of a run to refine; at most one field is set, none means everything."""
 
     where: str | None = None
@@ -34,7 +34,7 @@ class Selection:
 
 
 def refine_run(
-    context: Context, run_id: str, selection: Selection, *, add: Sequence[str] = (), drop: Sequence[str] = ()
+    context: Context, run_id: str, selection: RefinedPart, *, add: Sequence[str] = (), drop: Sequence[str] = ()
 ) -> tuple[str, str]:
     """Return the next spec as YAML, and the region that it covers in words.
 
@@ -66,7 +66,7 @@ def refine_run(
     kinds: dict[str, ParameterType] = {path: run.resolved.space.definitions[path].type for path in varied}
     some = Region() if selected is rows else region_of(selected, rows, kinds)
     middle = {path: _middle([row[path] for row in selected], kinds[path]) for path in varied if selected}  # type: ignore[misc]
-    spec = refined_spec(
+    spec = halved_spec(
         run.resolved.spec,
         run.resolved.space.blocks,
         run.resolved.space.definitions,
@@ -87,7 +87,7 @@ def _of_finding(context: Context, run_id: str, number: int) -> tuple[str, str]:
     return findings[number - 1].spec, findings[number - 1].sentence
 
 
-def _selected(run: StoredRun, selection: Selection, rows: Sequence[TableRow]) -> Sequence[TableRow]:
+def _selected(run: StoredRun, selection: RefinedPart, rows: Sequence[TableRow]) -> Sequence[TableRow]:
     if selection.where is not None:
         condition = run_where(selection.where, run.resolved, field="--where")
         return [row for row in rows if condition.holds(row)]

@@ -12,13 +12,15 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.products.states import RunState
+from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
 
 _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter is taken for a digit
 
 
-def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = None) -> str:
+def submit(
+    context: Context, spec: RunSpec, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL
+) -> str:
     """Store a run and return its id; the control loop does the rest.
 
     Raises:
@@ -45,6 +47,7 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         parent_run=spec.parent_run,
         iteration=spec.iteration,
         variant_count=resolved.space.size,
+        priority=priority,
         created_at=runs.now_utc(),
     )
     with writing(context.engine) as connection:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Final
+from typing import Final, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -64,6 +64,22 @@ class RunFacts(_Document):
     results: ResultDigests
 
 
+class FramePicture(NamedTuple):
+    """A picture of a frame.
+
+    Attributes:
+        kind: ``picture``, ``truth``, ``prediction`` or ``close-up``.
+        function: index in the functions of the spec, of a prediction and a close-up.
+        person: instance id, of a close-up.
+        file: its path in the folder.
+    """
+
+    kind: str
+    function: int | None
+    person: int | None
+    file: str
+
+
 class FrameEntry(_Document):
     """A frame through one sensor setting, with its pictures.
 
@@ -71,6 +87,7 @@ class FrameEntry(_Document):
         variant, camera, time: indices in the run.
         sensor: index in the sensors of the spec.
         functions: indices in its functions, of those whose predictions are shown.
+        persons: instance ids of those who are shown from near.
         assignment: path to value of the variant.
     """
 
@@ -79,14 +96,19 @@ class FrameEntry(_Document):
     time: int = Field(ge=0)
     sensor: int = Field(ge=0)
     functions: tuple[int, ...]
+    persons: tuple[int, ...] = ()
     assignment: dict[str, Value]
 
     @property
-    def files(self) -> dict[str, str]:
-        """Kind of picture to path: ``picture``, ``truth``, and ``prediction-0`` … by function."""
-        kinds = ["picture", "truth", *(f"prediction-{function}" for function in self.functions)]
+    def pictures(self) -> tuple[FramePicture, ...]:
+        """The pictures: the plain one, the truth, each function's prediction, and each person as each function sees them."""
+        shown: list[tuple[str, int | None, int | None]] = [("picture", None, None), ("truth", None, None)]
+        shown += [("prediction", function, None) for function in self.functions]
+        shown += [("close-up", function, person) for function in self.functions for person in self.persons]
         stem = f"{PICTURES}/{self.variant}.{self.camera}.{self.time}/sensor-{self.sensor}"
-        return {kind: f"{stem}-{kind}.png" for kind in kinds}
+        return tuple(
+            FramePicture(*one, f"{stem}-{'-'.join(str(part) for part in one if part is not None)}.png") for one in shown
+        )
 
 
 class FrameList(_Document):
@@ -97,17 +119,18 @@ class FrameList(_Document):
 
 @dataclass(slots=True)
 class NamedFrame:
-    """A frame through one sensor setting that findings or verdicts name, with the functions that looked."""
+    """A frame through one sensor setting that findings or verdicts name, with the functions that looked and the persons."""
 
     key: FrameKey
     sensor: str | None
     functions: set[str] = field(default_factory=set)
+    persons: set[int] = field(default_factory=set)
 
 
 def named_frames(document: object) -> list[NamedFrame]:
     """Return the frames that a document of results names, sorted.
 
-    An object names a frame by ``frame_id``; its ``sensor`` and ``function`` say what is shown of it.
+    An object names a frame by ``frame_id``; its ``sensor``, ``function`` and ``instance_id`` say what is shown of it.
     """
     named: dict[tuple[FrameKey, str], NamedFrame] = {}
     for view in _views(document):
@@ -115,6 +138,8 @@ def named_frames(document: object) -> list[NamedFrame]:
         frame = named.setdefault((key, sensor or ""), NamedFrame(key, sensor))
         if function:
             frame.functions.add(function)
+        if isinstance(person := view.get("instance_id"), int):
+            frame.persons.add(person)
     return [frame for _, frame in sorted(named.items(), key=lambda item: item[0])]
 
 

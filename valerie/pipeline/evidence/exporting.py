@@ -14,6 +14,7 @@ import orjson
 import pyarrow as pa
 
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.report.odd import odd_json, odd_table
 from valerie.analysis.report.register import register, register_json, register_table
 from valerie.analysis.rows.table import EvaluationTable, encoded
 from valerie.db import frames, runs
@@ -49,8 +50,9 @@ from valerie.pipeline.evidence.manifest import (
 )
 from valerie.pipeline.evidence.signing import read_private_key, sign
 from valerie.pipeline.export.folder import require_free_name, require_room
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import png
+from valerie.pipeline.reading.reports import read_odd
 from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.plain import typed
 from valerie.runs.moments import in_utc
@@ -67,6 +69,8 @@ _RESULTS: Final = {
 }
 REGISTER_JSON: Final = "register.json"
 REGISTER_CSV: Final = "register.csv"
+ODD_JSON: Final = "odd.json"
+ODD_CSV: Final = "odd.csv"
 #: Descriptions of the files of error models, by the end of the name.
 _ERROR_MODEL_FILES: Final = {
     ".json": "Card of the perception-error models: columns, calibration on held-out places, limits",
@@ -82,6 +86,8 @@ _DOCUMENTS: Final = {
     **_RESULTS,
     REGISTER_JSON: "Register of triggering conditions that the findings show, with evidence and re-tests",
     REGISTER_CSV: "The same as CSV",
+    ODD_JSON: "Coverage of the operational design domain: levels and pairs of levels of its parameters, and the holes",
+    ODD_CSV: "The same as CSV",
     FRAMES: "The frames that findings and verdicts name: variant, camera, time, sensor, functions",
     MANIFEST: "SHA-256 of each file and the root over them",
 }
@@ -127,7 +133,8 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
     results = {name: context.store.get(artifact_key(context, run_id, name)) for name in _RESULTS}
-    digest = table_digest(EvaluationTable.from_parquet(pa.BufferReader(results[TABLE_PARQUET])))
+    table = EvaluationTable.from_parquet(pa.BufferReader(results[TABLE_PARQUET]))
+    digest = table_digest(table)
     models = stored_error_models(context, run_id, digest)
     stored = resolve_stored(run, context.settings)
     summary = orjson.loads(results[SUMMARY])
@@ -144,12 +151,15 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         conditions = register(typed(Findings, summary["findings"]))
         (partial / REGISTER_JSON).write_bytes(document_bytes(register_json(conditions)))
         (partial / REGISTER_CSV).write_bytes(encoded(register_table(conditions), "csv"))
+        coverage = read_odd(stored.resolved, table)
+        (partial / ODD_JSON).write_bytes(document_bytes(odd_json(coverage)))
+        (partial / ODD_CSV).write_bytes(encoded(odd_table(coverage), "csv"))
         descriptions = _DOCUMENTS | {name: _ERROR_MODEL_FILES[Path(name).suffix] for name in models}
         entries = []
         for frame in named:
             entry = _write_frame(context, stored, frame, partial)
             entries.append(entry)
-            descriptions |= {path: f"{kind} of frame {frame.key}" for kind, path in entry.files.items()}
+            descriptions |= {picture.file: f"{picture.kind} of frame {frame.key}" for picture in entry.pictures}
         listed = FrameList(frames=tuple(entries))
         facts = _facts(run, partial, table=digest, verdicts=summary["verdicts"])
         for name, document in (
@@ -181,7 +191,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
 
 def _require_room(context: Context, stored: StoredRun, out: Path, named: list[NamedFrame], results: int) -> None:
     size = stored.resolved.spec.resolution
-    maps = sum(1 + len(frame.functions) for frame in named)
+    maps = sum(1 + len(frame.functions) * (1 + 2 * len(frame.persons)) for frame in named)
     pictures = size.width * size.height * (len(named) * _PICTURE_BYTES + maps * _MAP_BYTES)
     require_room(out, results + pictures, f"the evidence with {len(named):,} frames", context.settings.min_free_mb)
 
@@ -198,15 +208,17 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
         time=frame.key.time,
         sensor=sensor_index(frame.sensor, resolved),
         functions=tuple(sorted(functions)),
+        persons=tuple(sorted(frame.persons)),
         assignment=dict(assignment),
     )
-    for shown, path in entry.files.items():
-        kind, _, function = shown.partition("-")
-        source = find_picture(
-            context, frame.key, kind=kind, sensor=frame.sensor, function=functions[int(function)] if function else None
-        )
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(png(paint_picture(context, source)))
+    for picture in entry.pictures:
+        kind = picture.kind if picture.person is None else "errors"
+        function = None if picture.function is None else functions[picture.function]
+        source = find_picture(context, frame.key, kind=kind, sensor=frame.sensor, function=function)
+        person = picture.person
+        painted = paint_picture(context, source) if person is None else paint_close_up(context, source, person)
+        (folder / picture.file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / picture.file).write_bytes(png(painted))
     return entry
 
 

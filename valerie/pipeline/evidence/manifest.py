@@ -69,7 +69,7 @@ class _Root(_Document):
     root: Annotated[str, Field(pattern=_SHA256)]
 
 
-class Manifest(_Document):
+class EvidenceManifest(_Document):
     """An in-toto Statement v1 about the files of a folder.
 
     Attributes:
@@ -85,7 +85,7 @@ class Manifest(_Document):
     predicate: _Root
 
     @model_validator(mode="after")
-    def _holds(self) -> Manifest:
+    def _holds(self) -> EvidenceManifest:
         names = [subject.name for subject in self.subject]
         for name in names:
             if not re.fullmatch(_PATH, name) or name in (MANIFEST, SIGNED):
@@ -106,7 +106,7 @@ class Manifest(_Document):
         return document_bytes(self.model_dump(mode="json", by_alias=True))
 
 
-def manifest_of(folder: Path) -> Manifest:
+def manifest_of(folder: Path) -> EvidenceManifest:
     """Build the manifest of a folder.
 
     Raises:
@@ -125,7 +125,7 @@ def manifest_of(folder: Path) -> Manifest:
     )
 
 
-def read_manifest(data: bytes) -> Manifest:
+def read_manifest(data: bytes) -> EvidenceManifest:
     """Read the bytes of a manifest.
 
     Raises:
@@ -140,9 +140,9 @@ def read_manifest(data: bytes) -> Manifest:
     return manifest
 
 
-def _validated(document: Any) -> Manifest:
+def _validated(document: Any) -> EvidenceManifest:
     try:
-        return Manifest.model_validate(document)
+        return EvidenceManifest.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"]))

@@ -34,8 +34,9 @@ from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.pins import Pins
-from valerie.runs.products.states import ProductKind, RunState
+from valerie.runs.products.states import Priority, ProductKind, RunState
 from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings
 
@@ -116,6 +117,7 @@ def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, Sto
                 parent_run=None,
                 iteration=facts.iteration,
                 variant_count=resolved.space.size,
+                priority=Priority.NORMAL,
                 created_at=facts.created_at,
             )
             with writing(context.engine) as connection:
@@ -144,19 +146,22 @@ class _Frames:
         try:
             self._make_frame(frame, digests)
         except ValerieError as error:
-            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for file in entry.files.values())
+            yield from (ReplayedPicture(file, f"cannot be made here: {error}") for _, _, _, file in entry.pictures)
             return
         capture = capture_of(self._run.resolved, frame, entry.sensor)
         painter = FramePainter(self._reader)
-        for shown, file in entry.files.items():
-            kind, _, function = shown.partition("-")
+        for kind, function, person, file in entry.pictures:
             try:
                 prediction = None
-                if function:
-                    look = looks[int(function)]
+                if function is not None:
+                    look = looks[function]
                     self._infer.make(Job(look.prediction, ProductKind.PREDICTION, 1, frame, look))
                     prediction = look.prediction
-                pixels = painter.paint(kind, capture=capture, prediction=prediction)
+                pixels = (
+                    painter.paint(PictureKind(kind), capture=capture, prediction=prediction)
+                    if person is None or prediction is None
+                    else painter.close_up(capture=capture, prediction=prediction, person=person)
+                )
             except ValerieError as error:
                 yield ReplayedPicture(file, f"cannot be made here: {error}")
                 continue

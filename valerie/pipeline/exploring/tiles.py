@@ -19,9 +19,9 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.painting import FRAME_KINDS, FUNCTION_KINDS
 from valerie.pipeline.reading.products import ProductReader
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS
 
 #: Kinds of picture that a thumbnail can show.
 TILE_KINDS: Final = FRAME_KINDS + FUNCTION_KINDS

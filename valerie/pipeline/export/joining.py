@@ -15,11 +15,13 @@ import pyarrow.compute
 from sqlalchemy import Engine
 
 from valerie.analysis.rows.table import PARAMETER_COLUMNS, without_codes
-from valerie.datasets import coco, openlabel
+from valerie.datasets import coco, croissant, openlabel
 from valerie.datasets.index import COLUMNS, write_index
+from valerie.db import runs
+from valerie.db.engine import reading
 from valerie.pipeline.export.folder import FRAGMENTS
 from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
-from valerie.pipeline.export.plan import ExportPlan
+from valerie.pipeline.export.plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.reading.tables import read_table
 from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS
@@ -74,6 +76,16 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
     (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    with reading(engine) as connection:
+        run = runs.get(connection, plan.run.id)
+    described = croissant.describe(
+        folder,
+        name=resolved.spec.name,
+        description=description,
+        published=run.finished_at or run.created_at,
+        version=f"{FORMAT_NAME.partition('/')[2]}.0.0",
+    )
+    (folder / croissant.FILE).write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n")
     return document
 
 

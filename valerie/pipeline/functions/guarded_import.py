@@ -8,9 +8,7 @@ file is not kept.
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,6 +17,7 @@ from pydantic import ValidationError
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.loading import load_document
+from valerie.parent import module_command, module_environment
 from valerie.perception.documents.function import PAYLOADS, FunctionDocument, parse_function
 from valerie.perception.running.choice import uses_gpu
 from valerie.pipeline.functions.import_job import (
@@ -51,8 +50,6 @@ _ONNX: Final = ".onnx"
 #: Suffixes of files that users bring as functions, refused ones included.
 SUFFIXES: Final = frozenset((_ONNX, *_CHECKPOINTS, *_RUNS_CODE))
 _ACCEPTED: Final = ", ".join((_ONNX, *_CHECKPOINTS))
-#: Variables that a converter needs; everything else in the environment is hidden from it.
-_ENVIRONMENT: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "PYTHONPATH")
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,22 +185,15 @@ def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
         MissingDependency: a library is not installed here.
     """
     answer_file = job.folder / "answer.json"
-    source = str(Path(__file__).parents[3])
-    environment = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
-    environment |= {
-        "PYTHONPATH": os.pathsep.join(filter(None, [source, environment.get("PYTHONPATH")])),
-        "HF_HUB_OFFLINE": "1",
-        "ORT_DISABLE_TELEMETRY": "1",
-    }
     try:
         process = subprocess.run(
-            [sys.executable, "-P", "-m", "valerie.pipeline.functions.import_child", str(answer_file)],
+            module_command("valerie.pipeline.functions.import_child", str(answer_file)),
             input=job.model_dump_json(),
             capture_output=True,
             text=True,
             errors="replace",
             timeout=settings.import_seconds + 30,
-            env=environment,
+            env={**module_environment(), "HF_HUB_OFFLINE": "1", "ORT_DISABLE_TELEMETRY": "1"},
             cwd=job.folder,
             check=False,
         )

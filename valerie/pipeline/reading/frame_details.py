@@ -16,9 +16,9 @@ from valerie.measures import Measures, Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
 from valerie.pipeline.reading.tables import character_of
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
 
@@ -236,7 +236,8 @@ def _evaluation(
         judged_by=pinned_card(run.pins, function).judged_by,
         persons=persons,
         images={
-            kind: address(key, kind=kind, function=function, sensor=sensor) for kind in ("picture", *FUNCTION_KINDS)
+            kind: address(key, kind=kind, function=function, sensor=sensor)
+            for kind in (PictureKind.PICTURE, *FUNCTION_KINDS)
         },
     )
 

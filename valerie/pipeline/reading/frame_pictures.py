@@ -16,36 +16,30 @@ from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.reading.capture import Capture, capture_of
-from valerie.pipeline.reading.painting import (
-    ANNOTATION_KINDS,
-    FRAME_KINDS,
-    FUNCTION_KINDS,
-    PAINTING_REVISION,
-    FramePainter,
-)
+from valerie.pipeline.reading.painting import PAINTING_REVISION, FramePainter
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import function_index, sensor_index
-from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 
 #: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
-_OF_TRUTH: Final = ("truth", "instances", "depth")
-_OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
+_OF_TRUTH: Final = (PictureKind.TRUTH, PictureKind.INSTANCES, PictureKind.DEPTH)
+_OF_IMAGE: Final = (PictureKind.PICTURE, PictureKind.OVERLAY, PictureKind.BOXES, PictureKind.JOINTS)
 
 
 @dataclass(frozen=True, slots=True)
-class PictureSource:
+class ShownProducts:
     """The stored products that one picture shows.
 
     Attributes:
-        kind: one of `valerie.pipeline.reading.painting.KINDS`.
+        kind: what it shows.
         capture: the frame and the sensor that sees it.
         prediction: digest; None where no function looked.
         annotation: digest, of a kind that shows one.
     """
 
-    kind: str
+    kind: PictureKind
     capture: Capture
     prediction: str | None
     annotation: str | None = None
@@ -59,20 +53,21 @@ class PictureSource:
 
 def find_picture(
     context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
-) -> PictureSource:
+) -> ShownProducts:
     """Find the products that a picture shows.
 
     Args:
         context: of this process.
         key: the frame.
-        kind: one of `valerie.pipeline.reading.painting.KINDS`.
+        kind: a `PictureKind`, or its name.
         function, sensor: as the spec calls them; None: the first.
 
     Raises:
         NotFound: no such run or frame.
-        UnknownName: no such function, sensor setting or annotation.
+        UnknownName: no such kind, function, sensor setting or annotation.
         Conflict: what the picture needs is not made yet.
     """
+    kind = PictureKind.parse(kind)
     resolved = started_run(context, key.run_id).resolved
     with reading(context.engine) as connection:
         frame = frames.get(connection, key)
@@ -96,10 +91,10 @@ def find_picture(
     missing = [state for state in needed if state != ProductState.DONE]
     if missing:
         raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
-    return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+    return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
 
 
-def paint_picture(context: Context, source: PictureSource, reader: ProductReader | None = None) -> NDArray[np.uint8]:
+def paint_picture(context: Context, source: ShownProducts, reader: ProductReader | None = None) -> NDArray[np.uint8]:
     """Paint a picture: (H, W, 3) uint8 sRGB.
 
     Args:
@@ -117,7 +112,7 @@ def paint_picture(context: Context, source: PictureSource, reader: ProductReader
     )
 
 
-def label_map(context: Context, source: PictureSource) -> NDArray[np.uint8]:
+def label_map(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     """Return the label ids that a picture of kind ``truth`` or ``prediction`` shows in colours: (H, W) uint8.
 
     Raises:
@@ -125,16 +120,34 @@ def label_map(context: Context, source: PictureSource) -> NDArray[np.uint8]:
         MissingInput: an object is gone.
     """
     reader = ProductReader(context.store)
-    if source.kind == "truth":
+    if source.kind is PictureKind.TRUTH:
         return source.capture.seen_truth(reader).class_map
     if source.prediction is None:
         raise UnknownName("kind of labels", source.kind, ("truth",), field="kind")
     return to_label_ids(reader.prediction(source.prediction))
 
 
-def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
+def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDArray[np.uint8]:
+    """Paint a person of a frame from near (`FramePainter.close_up`): (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of a kind that shows a prediction.
+        person: instance id.
+
+    Raises:
+        UnknownName: no function looked at the frame.
+        MissingInput: an object is gone.
+    """
+    if source.prediction is None:
+        raise UnknownName("kind of picture", source.kind, FRAME_KINDS, field="kind")
+    painter = FramePainter(ProductReader(context.store))
+    return painter.close_up(capture=source.capture, prediction=source.prediction, person=person)
+
+
+def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:
     """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
-    if kind in ("prediction", AnnotationKind.NORMALS):
+    if kind in (PictureKind.PREDICTION, PictureKind.NORMALS):
         return ()
     products = capture.products
     image, truth = (products.background, products.layer), (products.truth,)

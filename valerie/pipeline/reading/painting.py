@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import Final
 
 import numpy as np
@@ -14,17 +15,14 @@ from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
 from valerie.pipeline.reading.annotation_pictures import paint_boxes, paint_flow, paint_joints, paint_normals
 from valerie.pipeline.reading.capture import Capture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth
+from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
-#: Kinds of picture that every frame has, and those that show a prediction.
-FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
-FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-#: Kinds of picture that a frame has where its run asked for the annotation. A scan shows in the picture of its sensor.
-ANNOTATION_KINDS: Final = tuple(
-    kind.value for kind in AnnotationKind if kind.stored and kind is not AnnotationKind.SCAN
-)
-KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
+#: Pixels of a person's close-up from top to bottom, at least; smaller windows are enlarged by a whole number.
+_CLOSE_UP: Final = 360
+#: What a close-up shows around the person: this share of the longer side, and at least so many pixels.
+_MARGIN, _LEAST_MARGIN = 0.5, 12
+_GAP: Final = 6
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1
 
@@ -43,7 +41,7 @@ class FramePainter:
 
     def paint(
         self,
-        kind: str,
+        kind: PictureKind,
         *,
         capture: Capture,
         prediction: str | None,
@@ -52,7 +50,7 @@ class FramePainter:
         """Paint a picture: (H, W, 3) uint8 sRGB.
 
         Args:
-            kind: one of `KINDS`.
+            kind: what to show.
             capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
             prediction, annotation: digests of finished products.
 
@@ -63,36 +61,57 @@ class FramePainter:
         known = FRAME_KINDS + (FUNCTION_KINDS if prediction else ()) + (ANNOTATION_KINDS if annotation else ())
         if kind not in known:
             raise UnknownName("kind of picture", kind, known, field="kind")
-        if kind == "truth":
+        if kind is PictureKind.TRUTH:
             return colorize(capture.seen_truth(self._reader).class_map)
-        if kind == "instances":
+        if kind is PictureKind.INSTANCES:
             return _instances(capture.seen_truth(self._reader))
-        if kind == "depth":
+        if kind is PictureKind.DEPTH:
             return _depth(capture.seen_truth(self._reader).depth)
-        if kind == AnnotationKind.NORMALS and annotation is not None:
+        if kind is PictureKind.NORMALS and annotation is not None:
             return capture.seen_map(paint_normals(self._reader.normals(annotation)))
-        if kind == AnnotationKind.FLOW and annotation is not None:
+        if kind is PictureKind.FLOW and annotation is not None:
             return capture.seen_map(paint_flow(self._reader.flow(annotation)))
-        if kind == AnnotationKind.VELOCITY and annotation is not None:
+        if kind is PictureKind.VELOCITY and annotation is not None:
             return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
-        if kind == "prediction" and prediction is not None:
+        if kind is PictureKind.PREDICTION and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
-        if kind in (AnnotationKind.BOXES, AnnotationKind.JOINTS) and annotation is not None:
+        if kind in (PictureKind.BOXES, PictureKind.JOINTS) and annotation is not None:
             height, width = picture.shape[:2]
-            if kind == AnnotationKind.BOXES:
+            if kind is PictureKind.BOXES:
                 lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
             return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
-        if kind == "truth-overlay":
+        if kind is PictureKind.TRUTH_OVERLAY:
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
-        if kind == "picture" or prediction is None:
+        if kind is PictureKind.PICTURE or prediction is None:
             return picture
         predicted = self._reader.prediction(prediction)
-        if kind == "overlay":
+        if kind is PictureKind.OVERLAY:
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
         return _errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
+
+    def close_up(self, *, capture: Capture, prediction: str, person: int) -> NDArray[np.uint8]:
+        """Paint a person from near: the picture on the left; on the right hits green, misses orange, false alarms purple.
+
+        Args:
+            capture: the frame and the sensor that sees it.
+            prediction: digest of a finished product.
+            person: instance id; the whole frame is shown where no pixel of the person is visible.
+
+        Returns:
+            (H, W, 3) uint8 sRGB, in whole multiples of the picture's pixels.
+
+        Raises:
+            MissingInput: an object is gone.
+        """
+        truth, picture = capture.seen_truth(self._reader), capture.picture(self._reader)
+        outcome = _errors(picture, to_train_ids(truth.class_map), self._reader.prediction(prediction))
+        window = _window_around(truth.instance_map == person)
+        panes = [_enlarged(picture[window]), _enlarged(outcome[window])]
+        gap = np.full((panes[0].shape[0], _GAP, 3), 255, np.uint8)
+        return np.concatenate((panes[0], gap, panes[1]), axis=1)
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
@@ -116,6 +135,21 @@ def _errors(picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDA
     for mask, color in ((person & claimed, _HIT), (person & ~claimed, _MISS), (~person & claimed, _FALSE)):
         grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
     return grey
+
+
+def _window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns of a mask's pixels with a margin; of all pixels where it has none."""
+    if not mask.any():
+        return slice(None), slice(None)
+    spans = [np.flatnonzero(mask.any(axis=axis))[[0, -1]] for axis in (1, 0)]
+    margin = max(_LEAST_MARGIN, int(_MARGIN * max(last - first + 1 for first, last in spans)))
+    rows, columns = (slice(max(int(first) - margin, 0), int(last) + margin + 1) for first, last in spans)
+    return rows, columns
+
+
+def _enlarged(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    factor = math.ceil(_CLOSE_UP / pixels.shape[0])
+    return pixels.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def _blend(

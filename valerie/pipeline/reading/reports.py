@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import structlog
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.claims import Claims, LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
-from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.model import Failure, Provenance, ReportInput
+from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -29,12 +30,13 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import software
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -42,11 +44,6 @@ from valerie.scene.variation.variant import split
 
 log = structlog.get_logger()
 
-_KIND_OF_PICTURE = {
-    PictureKind.PICTURE: "picture",
-    PictureKind.TRUTH: "truth-overlay",
-    PictureKind.PREDICTION: "overlay",
-}
 #: Fields of a spec that change neither pictures nor scores.
 _WITHOUT_EFFECT = frozenset(
     {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
@@ -92,14 +89,25 @@ def read_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) 
     return RunResults(run, stored, cards, table, analysis, read_verdicts(context, stored, table), failures)
 
 
-def write_report(
-    context: Context, found: RunResults, *, claims: Claims | None = None, beside: Beside | None = None
-) -> str:
+@dataclass(frozen=True, slots=True)
+class ReportWith:
+    """The report of an ended run with something beside it.
+
+    Attributes:
+        html: the report.
+        ledger: the answers to the claims in it.
+    """
+
+    html: str
+    ledger: tuple[LedgerEntry, ...]
+
+
+def write_report(context: Context, found: RunResults) -> str:
     """Return the report of a run as HTML."""
-    return build_report(_report_input(context, found, claims, beside))
+    return build_report(_report_input(context, found))
 
 
-def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> str:
+def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> ReportWith:
     """Return the report of an ended run with a ledger of claims, another run beside it, or both.
 
     Raises:
@@ -109,7 +117,9 @@ def report_with(context: Context, run_id: str, *, claims: Claims | None = None, 
     """
     found = _ended(context, run_id)
     beside = None if other is None else _compared(context, found, other, claims)
-    return write_report(context, found, claims=claims, beside=beside)
+    ledger = () if claims is None else write_ledger(claims, found.table, seed=found.run.spec.seed)
+    source = replace(_report_input(context, found), claims=claims, ledger=ledger, beside=beside)
+    return ReportWith(build_report(source), ledger)
 
 
 def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
@@ -190,7 +200,7 @@ def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
     return np.array([scenes[name] for name in names], dtype=object)
 
 
-def _report_input(context: Context, found: RunResults, claims: Claims | None, beside: Beside | None) -> ReportInput:
+def _report_input(context: Context, found: RunResults) -> ReportInput:
     run, resolved, pins = found.run, found.stored.resolved, found.stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
@@ -225,9 +235,16 @@ def _report_input(context: Context, found: RunResults, claims: Claims | None, be
         rejections=rejected,
         failures=_grouped(found.failures),
         picture=_Pictures(context),
-        claims=claims,
-        beside=beside,
+        odd=read_odd(resolved, found.table),
     )
+
+
+def read_odd(resolved: ResolvedRun, table: EvaluationTable) -> OddCoverage:
+    """Return how much of an operational design domain a run shows; what follows a trajectory is left out."""
+    motion = resolved.times.motion
+    moved = () if motion is None else motion.moved
+    definitions = [definition for definition in resolved.definitions if definition.path not in moved]
+    return odd_coverage(definitions, table, resolved.space[0].values)
 
 
 class _Pictures:
@@ -236,13 +253,16 @@ class _Pictures:
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        kind_of_picture = _KIND_OF_PICTURE[kind]
+    def __call__(
+        self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
+    ) -> bytes | None:
         try:
-            source = find_picture(
-                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
+            source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
+            painted = (
+                paint_picture(self._context, source)
+                if person is None
+                else paint_close_up(self._context, source, person)
             )
-            painted = paint_picture(self._context, source)
         except TransientError:
             raise  # a report without this picture would stay so
         except ValerieError as error:

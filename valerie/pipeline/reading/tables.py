@@ -83,7 +83,7 @@ def _table_columns(
 
 
 def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
-    """Read the long table of several runs of the same functions, for example of one grid on several streets.
+    """Read the long table of several runs of the same functions, for example of one grid on several sites.
 
     Raises:
         NotFound: no such run.

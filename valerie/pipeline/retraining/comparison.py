@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.comparison.before_after import Comparison, compare
+from valerie.analysis.comparison.before_after import VersionComparison, compare
 from valerie.analysis.findings.region import Region
 from valerie.analysis.rows.pairing import RowKey, aligned, row_keys
 from valerie.analysis.rows.table import EvaluationTable
@@ -96,7 +96,7 @@ def compare_versions(
     grouping: Grouping = Grouping(),
     mixed: bool = False,
     progress: Callable[[EvaluationProgress], None] = lambda _: None,
-) -> Comparison:
+) -> VersionComparison:
     """Compare functions on a run's frames; the first is "before".
 
     Figures over all classes are over those that every version is judged by.

@@ -135,7 +135,7 @@ def recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_ma
 
 
 def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw linear RGB: half of all cloth is nearly grey, as in a street, the rest has any hue; dark is as likely as light."""
+    """Draw linear RGB: half of all cloth is nearly grey, as in real crowds, the rest has any hue; dark is as likely as light."""
     saturation = rng.uniform(0.0, 0.2) if rng.random() < 0.5 else rng.uniform(0.3, 1.0)
     red, green, blue = colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.08, 1.0))
     return red**2.2, green**2.2, blue**2.2

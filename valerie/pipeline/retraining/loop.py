@@ -1,6 +1,6 @@
 """The loop back to training: from the region where a function is weak (`weakness`) to a new version of it.
 
-Scenes are drawn on streets that neither the run nor the function has seen, until enough of them lie in the region; training
+Scenes are drawn on sites that neither the run nor the function has seen, until enough of them lie in the region; training
 goes on from the function's weights. The result is a function file; registered, it is the function's next version.
 `valerie.pipeline.retraining.comparison` compares the two.
 """
@@ -11,9 +11,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Final
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import JsonValue
 
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
@@ -29,6 +29,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
 from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
 from valerie.pipeline.retraining.weakness import Weakness
+from valerie.runs.study.retraining import RetrainSettings
 
 if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
@@ -38,52 +39,8 @@ if TYPE_CHECKING:
 _VALIDATIONS: Final = 3
 
 
-class RetrainSettings(BaseModel):
-    """Size of the training set and length of the training.
-
-    Attributes:
-        frames: to render, at least; rounded up to whole streets.
-        streets: to spread them over.
-        broad_share: share of the frames that are drawn anywhere, so that the function forgets nothing.
-        width, height: of the frames, pixels.
-        held_out_frames: for the figures on the function's card; 0 leaves them out.
-        steps, learning_rate, batch, seed: of the training; everything else stays as in the training before.
-        first_seed: first street seed; None: after those that the function has seen.
-        targeted: False draws all frames anywhere: the control that a targeted set is measured against.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    frames: Annotated[int, Field(ge=1, le=100_000)] = 120
-    streets: Annotated[int, Field(ge=1, le=1000)] = 8
-    broad_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
-    width: Annotated[int, Field(ge=32, le=8192)] = 960
-    height: Annotated[int, Field(ge=32, le=8192)] = 540
-    held_out_frames: Annotated[int, Field(ge=0, le=10_000)] = 20
-    steps: Annotated[int, Field(ge=1)] = 300
-    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
-    batch: Annotated[int, Field(ge=2)] = 8
-    seed: Annotated[int, Field(ge=0)] = 0
-    first_seed: int | None = None
-    targeted: bool = True
-
-    def frame_settings(self, weakness: Weakness) -> FrameSettings:
-        """Return the settings of `render_frames`."""
-        return FrameSettings(
-            streets=self.streets,
-            per_street=-(-self.frames // self.streets),
-            width=self.width,
-            height=self.height,
-            asset=weakness.asset,
-            arguments=weakness.arguments,
-            first_seed=weakness.first_seed() if self.first_seed is None else self.first_seed,
-            region=weakness.region if self.targeted else None,
-            broad_share=self.broad_share if self.targeted else 0.0,
-        )
-
-
 @dataclass(frozen=True, slots=True)
-class Resources:
+class TrainingResources:
     """The part of this machine that a training may use.
 
     Attributes:
@@ -100,11 +57,11 @@ class Watcher:
     """Functions that follow a training.
 
     Attributes:
-        on_street: called after every rendered street.
+        on_site: called after every rendered site.
         on_step: called after every training step.
     """
 
-    on_street: Callable[[Shard], None] = lambda _: None
+    on_site: Callable[[Shard], None] = lambda _: None
     on_step: Callable[[TrainingProgress], None] = lambda _: None
 
 
@@ -120,7 +77,7 @@ class Retrained:
         drawn: scenes that were drawn for them.
         steps: training steps.
         curve: picture of loss and held-out figures over the steps.
-        street_seeds: of the training frames, first and last.
+        site_seeds: of the training frames, first and last.
     """
 
     file: Path
@@ -130,7 +87,7 @@ class Retrained:
     drawn: int
     steps: int
     curve: Path
-    street_seeds: tuple[int, int]
+    site_seeds: tuple[int, int]
 
 
 def retrain(
@@ -139,7 +96,7 @@ def retrain(
     settings: RetrainSettings,
     *,
     folder: Path,
-    resources: Resources = Resources(),
+    resources: TrainingResources = TrainingResources(),
     watcher: Watcher = Watcher(),
 ) -> Retrained:
     """Render a training set for a weakness and train a new version of the function.
@@ -151,7 +108,7 @@ def retrain(
         folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
             is used.
         resources: of this machine.
-        watcher: is notified of streets and steps.
+        watcher: is notified of sites and steps.
 
     Raises:
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
@@ -160,11 +117,11 @@ def retrain(
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
 
-    frame_settings = settings.frame_settings(weakness)
+    frame_settings = _frame_settings(weakness, settings)
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
     start.write_bytes(start_file(weakness.document, weakness.file))
-    frames = _frames(folder / "frames", frame_settings, resources.processes, watcher.on_street)
+    frames = _frames(folder / "frames", frame_settings, resources.processes, watcher.on_site)
     held_out = _held_out(folder / "held-out", settings, frame_settings, resources.processes)
     curve = TrainingCurve(folder / "curve.json")
 
@@ -186,7 +143,7 @@ def retrain(
     provenance |= {
         "started-from": _digest(weakness.document),
         "retrained-from-function": weakness.function,
-        "retrained-from-run": weakness.run_id,
+        "retrained-from-run": ", ".join(weakness.runs),
         "retrained-where": weakness.where,
         "retrained-region": weakness.region.model_dump_json() if settings.targeted else "none: drawn anywhere",
         "trained-by": "valerie train --from",
@@ -202,7 +159,7 @@ def retrain(
         drawn=drawn,
         steps=model.steps,
         curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
-        street_seeds=(seeds[0], seeds[-1]),
+        site_seeds=(seeds[0], seeds[-1]),
     )
 
 
@@ -247,7 +204,7 @@ def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, JsonVal
     """Return the document that is equal for equal trainings."""
     return {
         "start": _digest(weakness.document),
-        "frames": settings.frame_settings(weakness).model_dump(mode="json"),
+        "frames": _frame_settings(weakness, settings).model_dump(mode="json"),
         "wanted": settings.model_dump(mode="json"),
         "training": _training_settings(weakness.document, settings).model_dump(
             mode="json", exclude={"loader_threads", "device"}
@@ -259,6 +216,20 @@ def _digest(document: FunctionDocument) -> str:
     """Return the SHA-256 of a network's weights."""
     assert document.payload is not None, "networks have a file"
     return document.payload.sha256
+
+
+def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
+    return FrameSettings(
+        sites=settings.sites,
+        per_site=-(-settings.frames // settings.sites),
+        width=settings.width,
+        height=settings.height,
+        asset=weakness.asset,
+        arguments=weakness.arguments,
+        first_seed=weakness.first_seed() if settings.first_seed is None else settings.first_seed,
+        region=weakness.region if settings.targeted else None,
+        broad_share=settings.broad_share if settings.targeted else 0.0,
+    )
 
 
 def _frames(
@@ -276,14 +247,14 @@ def _frames(
 def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, processes: int) -> FrameFolder | None:
     if not settings.held_out_frames:
         return None
-    streets = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
+    sites = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
     return _frames(
         folder,
         frames.model_copy(
             update={
                 "split": "held-out",
-                "streets": streets,
-                "per_street": -(-settings.held_out_frames // streets),
+                "sites": sites,
+                "per_site": -(-settings.held_out_frames // sites),
                 "first_seed": None,
                 "region": None,
                 "broad_share": 0.0,

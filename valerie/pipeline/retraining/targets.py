@@ -15,8 +15,7 @@ from valerie.pipeline.retraining.training_scenes import AS_MADE, TrainingScene
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.visibility import measure, person_roots
 from valerie.runs.resolving.spec import ResolvedRun
-from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, resolve
-from valerie.scene.assets.attributes import Target as Thing
+from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, Target, resolve
 
 #: Measured for each person once the truth is drawn; the distance is known before.
 MEASURED: Final = ("distance_m", "occlusion_rate", "truncation_rate", "pixel_area_percent")
@@ -29,7 +28,7 @@ _AS_MADE_CHARACTERS: Final = 0.5
 def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
     """Return the quantities that a run's region may bound: visibility, heading and character of the person, light, radiometry.
 
-    Places have a meaning in one street only; distance and visibility stand for them.
+    A position has a meaning on one site only; distance and visibility stand for them.
     """
     varied = [d for d in resolved.definitions if d.path in set(resolved.space.varied)]
     types = dict.fromkeys(MEASURED, ParameterType.FLOAT)
@@ -53,7 +52,7 @@ def run_values(instance_id: int, row: TableRow, resolved: ResolvedRun) -> TableR
     return values
 
 
-class Target:
+class TargetRegion:
     """A region that a drawn scene shows or does not show."""
 
     def __init__(self, region: Region) -> None:
@@ -90,7 +89,7 @@ class Target:
     def _persons(self, drawn: TrainingScene) -> Iterator[tuple[int, TableRow]]:
         camera = drawn.scene.cameras[drawn.camera]
         for number, root in person_roots(drawn.scene).items():
-            values = {name: ATTRIBUTES[Thing.NODE, name].read(drawn.scene, root.path) for name in OF_PERSON}
+            values = {name: ATTRIBUTES[Target.NODE, name].read(drawn.scene, root.path) for name in OF_PERSON}
             if not root.visible or values["character"] == ABSENT:
                 continue
             offset = drawn.scene.world_transform(root.path)[:3, 3] - camera.position

@@ -1,6 +1,6 @@
-"""Frames to train on: streets of seeds that no run uses by default, random scenes, exact labels.
+"""Frames to train on: sites whose seeds no run uses by default, random scenes, exact labels.
 
-Training streets have seeds from 1000 on, held-out ones 900 to 999. Seed 0, the default of every run, is in neither.
+Training sites have seeds from 1000 on, held-out ones 900 to 999. Seed 0, the default of every run, is in neither.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import ctypes
 import json
 import math
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,8 +22,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from valerie.analysis.findings.region import Region
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
+from valerie.parent import end_with_parent
 from valerie.perception.training.frame_folder import (
     SEEDS,
+    SITE_SEEDS,
     FrameFolder,
     Shard,
     Split,
@@ -33,14 +35,17 @@ from valerie.perception.training.frame_folder import (
 )
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import Target
+from valerie.pipeline.retraining.targets import TargetRegion
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
+from valerie.plugins import create_renderer, create_truth_pass
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, default_pack, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
 
-#: Frames of a street that share camera, light and weather, and so their background.
+#: Engine of the pictures.
+_ENGINE: Final = "raster"
+#: Frames of a site that share camera, light and weather, and so their background.
 _TAKES: Final = 2
 _TRIES: Final = 10
 
@@ -50,12 +55,12 @@ class FrameSettings(BaseModel):
 
     Attributes:
         split: ``train`` or ``held-out``; chooses the seeds.
-        streets: number of streets.
-        per_street: frames of each.
+        sites: number of sites.
+        per_site: frames of each.
         width, height: pixels.
         asset: a generated asset that takes a ``seed``.
         arguments: of the generator; others than these and the seed are drawn (`training_scenes.draw_arguments`).
-        first_seed: first street seed; None: that of the split.
+        first_seed: first site seed; None: that of the split.
         region: None, or the bounds that must hold for at least one person of a frame
             (`valerie.pipeline.retraining.targets`). Scenes are drawn until they do.
         broad_share: share of the frames that need not lie in the region.
@@ -64,8 +69,8 @@ class FrameSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     split: Split = "train"
-    streets: Annotated[int, Field(ge=1)] = 100
-    per_street: Annotated[int, Field(ge=1, le=10_000)] = 30
+    sites: Annotated[int, Field(ge=1)] = 100
+    per_site: Annotated[int, Field(ge=1, le=10_000)] = 30
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
     asset: str = Field(default_factory=default_pack)
@@ -75,17 +80,17 @@ class FrameSettings(BaseModel):
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
     def is_targeted(self, number: int) -> bool:
-        """Return whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
+        """Return whether frame ``number`` of a site must lie in the region; broad frames are spread evenly."""
         if self.region is None:
             return False
         return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
 
-    def street(self, seed: int) -> AssetArguments:
-        """Return the asset of one street, as `load_asset` takes it."""
+    def site(self, seed: int) -> AssetArguments:
+        """Return the asset of one site, as `load_asset` takes it."""
         return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
-        """Return the street seeds, ascending.
+        """Return the site seeds, ascending.
 
         Raises:
             InvalidInput: the split has fewer.
@@ -96,9 +101,9 @@ class FrameSettings(BaseModel):
                 limit = f"{seeds[0]}…{seeds[-1]}"
                 raise InvalidInput(f"no seed of {self.split}", field="first_seed", value=self.first_seed, limit=limit)
             seeds = seeds[seeds.index(self.first_seed) :]
-        if self.streets > len(seeds):
-            raise InvalidInput("more streets than seeds", field="streets", value=self.streets, limit=len(seeds))
-        return seeds[: self.streets]
+        if self.sites > len(seeds):
+            raise InvalidInput("more sites than seeds", field="sites", value=self.sites, limit=len(seeds))
+        return seeds[: self.sites]
 
 
 def render_frames(
@@ -108,13 +113,13 @@ def render_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """Render all streets into a folder; frames depend on settings, seed and number only, not on processes.
+    """Render all sites into a folder; frames depend on settings, seed and number only, not on processes.
 
     Args:
         folder: created if missing; must be empty.
         settings: of the frames.
         processes: number of processes; each has its own GL context.
-        progress: called after every street.
+        progress: called after every site.
 
     Raises:
         InvalidInput: the folder holds frames already, or the settings cannot be met.
@@ -127,8 +132,8 @@ def render_frames(
     shards: list[Shard] = []
     # Fresh processes: a GL context does not survive a fork.
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max(1, processes), mp_context=spawn) as pool:
-        waiting = [pool.submit(render_street, folder, seed, settings) for seed in seeds]
+    with ProcessPoolExecutor(max(1, processes), mp_context=spawn, initializer=end_with_parent) as pool:
+        waiting = [pool.submit(render_site, folder, seed, settings) for seed in seeds]
         try:
             for future in as_completed(waiting):
                 shards.append(future.result())
@@ -136,14 +141,14 @@ def render_frames(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        numeric_class = pool.submit(_numeric_class).result()
-    write_index(folder, shards, _provenance(settings, seeds, numeric_class, shards))
+        makers = pool.submit(_makers).result()
+    write_index(folder, shards, _provenance(settings, seeds, makers, shards))
     return FrameFolder(folder)
 
 
-def render_street(folder: Path, seed: int, settings: FrameSettings) -> Shard:
-    """Render the frames of one street in this process, and write its shard."""
-    asset = load_asset(settings.street(seed))
+def render_site(folder: Path, seed: int, settings: FrameSettings) -> Shard:
+    """Render the frames of one site in this process, and write its shard."""
+    asset = load_asset(settings.site(seed))
     draws = Draws()
     shard = write_shard(folder, seed, frames_of(asset, seed, settings, draws))
     _give_back()
@@ -153,7 +158,7 @@ def render_street(folder: Path, seed: int, settings: FrameSettings) -> Shard:
 def _give_back() -> None:
     """Return freed memory to the system.
 
-    Streets come and go in arrays of many sizes. glibc would keep what is free between them: 6 GB after seven streets in full HD.
+    Sites come and go in arrays of many sizes. glibc would keep what is free between them: 6 GB after seven sites in full HD.
     """
     with suppress(AttributeError, OSError):  # another C library
         ctypes.CDLL(None).malloc_trim(0)
@@ -174,11 +179,11 @@ def frames_of(
     *,
     most_draws: int = 5_000,
 ) -> Iterator[TrainingFrame]:
-    """Render the frames of one street, one after the other, in this process's GL context.
+    """Render the frames of one site, one after the other, in this process's GL context.
 
     Args:
-        asset: the street.
-        seed: of the street and of all draws.
+        asset: the site.
+        seed: of the site and of all draws.
         settings: number and size of frames.
         draws: counts the scenes.
         most_draws: number of scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
@@ -187,17 +192,15 @@ def frames_of(
         RenderingError: no usable image after several draws.
         InvalidInput: hardly any drawn scene lies in the region.
     """
-    from valerie.rendering.ground_truth import TruthPass
-    from valerie.rendering.raster.context import process_context
-    from valerie.rendering.raster.renderer import RasterRenderer
-
-    context = process_context()
-    renderer, truth_pass = RasterRenderer(context), TruthPass(context)
+    renderer = create_renderer(_ENGINE)
+    truth_pass = create_truth_pass(renderer.numeric_class)
     crowd = crowd_asset(asset)
     draws = draws if draws is not None else Draws()
     try:
-        for number in range(settings.per_street):
-            target = Target(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+        for number in range(settings.per_site):
+            target = (
+                TargetRegion(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+            )
             unusable = 0
             for attempt in range(_TRIES if target is None else most_draws):
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
@@ -221,7 +224,7 @@ def frames_of(
                         raise
             else:
                 raise InvalidInput(
-                    f"no drawn scene of street {seed} lies in the region", field="region",
+                    f"no drawn scene of site {seed} lies in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
             image = renderer.layer(drawn.scene, view).over(background)
@@ -232,17 +235,27 @@ def frames_of(
         renderer.close()
 
 
-def _numeric_class() -> str:
-    from valerie.rendering.raster.context import process_context
+def _makers() -> dict[str, str]:
+    """Return what the provenance says of engine and truth pass, which are opened in this process."""
+    renderer = create_renderer(_ENGINE)
+    truth_pass = create_truth_pass(renderer.numeric_class)
+    try:
+        return {
+            "frame-revisions": (
+                f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
+                f"{_ENGINE} {renderer.revision}, truth {truth_pass.revision}"
+            ),
+            "renderer": f"{_ENGINE}, {renderer.numeric_class}",
+        }
+    finally:
+        truth_pass.close()
+        renderer.close()
 
-    return process_context().numeric_class
 
-
-def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shards: list[Shard]) -> dict[str, str]:
-    from valerie.rendering import ground_truth
-    from valerie.rendering.raster.renderer import RasterRenderer
-
-    _, first_digest = asset_manifest(settings.street(seeds[0]))
+def _provenance(
+    settings: FrameSettings, seeds: range, makers: Mapping[str, str], shards: list[Shard]
+) -> dict[str, str]:
+    _, first_digest = asset_manifest(settings.site(seeds[0]))
     more: dict[str, str] = {}
     if settings.arguments:
         more["asset-arguments"] = json.dumps(settings.arguments, sort_keys=True)
@@ -252,15 +265,11 @@ def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shard
         more["scenes-drawn"] = str(sum(shard.drawn or 0 for shard in shards))
     return {
         **more,
+        **makers,
         "asset": settings.asset,
-        "asset-digest-of-first-street": first_digest,
-        "frame-revisions": (
-            f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
-            f"raster {RasterRenderer.revision}, truth {ground_truth.REVISION}"
-        ),
+        "asset-digest-of-first-site": first_digest,
         "frame-size": f"{settings.width}x{settings.height}",
-        "frames-per-street": str(settings.per_street),
-        "renderer": f"raster, {numeric_class}",
+        "frames-per-site": str(settings.per_site),
         "split": settings.split,
-        "street-seeds": f"{seeds[0]}-{seeds[-1]}",
+        SITE_SEEDS: f"{seeds[0]}-{seeds[-1]}",
     }

@@ -2,7 +2,7 @@
 
 Everything that a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and
 skin, traffic, day and night, light, weather, camera and its errors. Some frames show nobody. Half of the frames are *plain*:
-they look like those of a run that varies people and sun only. `draw_arguments` varies the street itself. The manifest says
+they look like those of a run that varies people and sun only. `draw_arguments` varies the site itself. The manifest says
 what an asset calls its poses, clothes and traffic (`valerie.scene.assets.manifest.TrainingRules`).
 """
 
@@ -74,7 +74,7 @@ def draw_arguments(asset: str, seed: int) -> AssetArguments:
 
     Args:
         asset: name of the pack.
-        seed: of the street.
+        seed: of the site.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: as `valerie.scene.assets.asset.load_pack`.
@@ -93,7 +93,7 @@ def draw_scene(
     """Draw one frame's scene from an asset that `crowd_asset` made.
 
     Args:
-        asset: the street with its crowd.
+        asset: the site with its crowd.
         rng: all choices come from it, but for those of ``setting``.
         setting: None, or where camera, light and weather come from: scenes of equal settings differ in what moves, and an engine
             that keeps backgrounds makes theirs once.
@@ -161,7 +161,7 @@ def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
 
 
 def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:
-    """Draw one of the asset's cameras: near its own place, or moved along the street and turned."""
+    """Draw one of the asset's cameras: near its own place, or moved along y and turned."""
     manifest = asset.manifest
     x0, y0, x1, y1 = manifest.extent
     for _ in range(_TRIES):

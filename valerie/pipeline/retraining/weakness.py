@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -9,11 +10,12 @@ from typing import Final
 from valerie.analysis.findings.region import Region, region_of
 from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.db.engine import reading
-from valerie.errors import InvalidInput
+from valerie.errors import Conflict, InvalidInput
+from valerie.measures import TableRow
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.shipped import FUNCTIONS
 from valerie.perception.training.frame_folder import SEEDS
-from valerie.perception.training.provenance import streets_seen
+from valerie.perception.training.provenance import sites_seen
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
@@ -23,7 +25,7 @@ from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import PACKS, AssetArguments, is_generated, pack_settings, parse_reference
 
-#: First street seed for functions whose training streets are unknown.
+#: First site seed for functions whose training sites are unknown.
 _UNSEEN_SEED: Final = 50_000
 
 
@@ -32,15 +34,15 @@ class Weakness:
     """A selection of rows in which one function of a run is weak.
 
     Attributes:
-        run_id, function, where: the request.
+        runs, function, where: the request.
         selected, evaluated: number of selected rows (persons in frames), and of all rows of the function with a person.
         region: read from the selected rows.
-        asset, arguments: of the run's generated asset, without its seed.
-        asset_seed: of the run; no training frame comes from it.
-        document, file: of the version that the run pinned, and its weights.
+        asset, arguments: of the runs' generated asset, without its seed.
+        asset_seed: of the runs; no training frame comes from it.
+        document, file: of the version that the runs pinned, and its weights.
     """
 
-    run_id: str
+    runs: tuple[str, ...]
     function: str
     where: str
     selected: int
@@ -53,8 +55,8 @@ class Weakness:
     file: Path
 
     def first_seed(self) -> int:
-        """Return the first street seed that neither the function's training nor the run used."""
-        first = max((seeds[-1] for seeds in streets_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
+        """Return the first site seed that neither the function's training nor the run used."""
+        first = max((seeds[-1] for seeds in sites_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
         return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
 
     @property
@@ -70,7 +72,9 @@ class Weakness:
         return f"{name}-retrained" if name in FUNCTIONS else name
 
 
-def find_weakness(context: Context, run_id: str, where: str, function: str | None = None) -> Weakness:
+def find_weakness(
+    context: Context, run_id: str, where: str, function: str | None = None, *, further: Sequence[str] = ()
+) -> Weakness:
     """Read the region of the selected rows of one function of a run, and everything that training against it needs.
 
     Args:
@@ -78,19 +82,27 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
         run_id: of a run on a generated asset that takes a seed.
         where: selects rows: ``pacc < 0.5 and distance_m > 25``.
         function: one of the run's; None where it has only one.
+        further: ids of runs of the same spec but for the variants; their rows count, too.
 
     Raises:
         NotFound: no such run, or the version that it pinned was removed.
         InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
-        Conflict: the installed weights of the function are not those that the run pinned.
+        Conflict: the installed weights of the function are not those that the run pinned, or a further run pinned others.
     """
-    run = read_run(context, run_id)
+    runs = [read_run(context, each) for each in (run_id, *further)]
+    run = runs[0]
     name = _function(run.resolved, function)
     asset, arguments, seed = _generated(run.resolved)
-    region, evaluated = _region(context, run, where, name)
+    for other in runs[1:]:
+        if (other.resolved.asset_digest, other.pins.functions.get(name)) != (
+            run.resolved.asset_digest,
+            run.pins.functions[name],
+        ):
+            raise Conflict(f"run {other.id} has another asset, or another version of {name}, than run {run_id}")
+    region, evaluated = _region(context, runs, where, name)
     document, file = pinned_network(name, run.pins.functions[name], context=context)
     return Weakness(
-        run_id=run_id,
+        runs=(run_id, *further),
         function=name,
         where=where,
         selected=region.rows,
@@ -112,7 +124,7 @@ def selected_region(context: Context, run_id: str, where: str, function: str) ->
         InvalidInput, UnknownName: the expression is wrong, or selects nothing.
     """
     run = read_run(context, run_id)
-    return _region(context, run, where, function)[0] if function in run.resolved.spec.functions else None
+    return _region(context, [run], where, function)[0] if function in run.resolved.spec.functions else None
 
 
 def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
@@ -124,21 +136,24 @@ def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
     return tuple(read_run(context, run_id).resolved.spec.functions)
 
 
-def _region(context: Context, run: StoredRun, where: str, function: str) -> tuple[Region, int]:
+def _region(context: Context, runs: Sequence[StoredRun], where: str, function: str) -> tuple[Region, int]:
     """Return the region of the selected rows, and how many persons the function was evaluated on."""
-    resolved = run.resolved
-    condition = run_where(where, resolved)
-    index = function_index(function, resolved)
-    with reading(context.engine) as connection:
-        evaluated = evaluated_persons(connection, run, function=index)
-        persons = [person for person in evaluated if person.row["undefined_reason"] != ABSENT]
-    selected = [person for person in persons if condition.holds(person.row)]
-    if not selected:
-        raise InvalidInput(f"selects none of {len(persons)} rows of {function}", field="where", value=where)
-    inside, everything = (
-        [run_values(person.instance_id, person.row, resolved) for person in some] for some in (selected, persons)
-    )
-    return region_of(inside, everything, quantities(resolved)), len(persons)
+    resolved = runs[0].resolved
+    inside: list[TableRow] = []
+    everything: list[TableRow] = []
+    for run in runs:
+        condition = run_where(where, run.resolved)
+        index = function_index(function, run.resolved)
+        with reading(context.engine) as connection:
+            for person in evaluated_persons(connection, run, function=index):
+                if person.row["undefined_reason"] == ABSENT:
+                    continue
+                everything.append(run_values(person.instance_id, person.row, run.resolved))
+                if condition.holds(person.row):
+                    inside.append(everything[-1])
+    if not inside:
+        raise InvalidInput(f"selects none of {len(everything)} rows of {function}", field="where", value=where)
+    return region_of(inside, everything, quantities(resolved)), len(everything)
 
 
 def _function(resolved: ResolvedRun, function: str | None) -> str:
@@ -155,13 +170,13 @@ def _generated(resolved: ResolvedRun) -> tuple[str, AssetArguments, int]:
     """Return name, other arguments and seed of the run's asset.
 
     Raises:
-        InvalidInput: it is not generated from a seed, so there are no fresh streets.
+        InvalidInput: it is not generated from a seed, so there are no fresh sites.
     """
     name, arguments = parse_reference(resolved.spec.asset)
     seed = getattr(pack_settings(name, arguments), "seed", None) if is_generated(name) else None
     if seed is None:
         raise InvalidInput(
-            "new frames need fresh streets: an asset that is generated from a seed",
+            "new frames need fresh sites: an asset that is generated from a seed",
             field="asset",
             value=name,
             limit=", ".join(PACKS.names()),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.work.stages import Maker, run_stage
+from valerie.pipeline.work.stages import Maker, serve_queue
 
 
 class Child:
@@ -27,9 +25,9 @@ class Child:
         """
         return self._both[0]
 
-    def run(self, digests: Sequence[str]) -> None:
-        """Make products; see `valerie.pipeline.work.stages.run_stage`."""
-        run_stage(*self._both, digests)
+    def serve(self, route: str) -> None:
+        """Make products; see `valerie.pipeline.work.stages.serve_queue`."""
+        serve_queue(*self._both, route)
 
     @property
     def _both(self) -> tuple[Context, Maker]:

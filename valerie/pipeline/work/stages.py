@@ -14,7 +14,7 @@ from typing import Final, Protocol, runtime_checkable
 import structlog
 
 from valerie.db import products
-from valerie.db.engine import database_time, reading, writing
+from valerie.db.engine import database_time, writing
 from valerie.db.products import Finished, Job
 from valerie.errors import (
     MissingInput,
@@ -69,24 +69,27 @@ class MayEnd(Protocol):
         ...
 
 
-def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
-    """Make those of ``digests`` that are still wanted; record what became of each.
+def serve_queue(context: Context, maker: Maker, route: str) -> None:
+    """Make the packet of a queue whose turn it is, and before it the products with earlier turns that were tried before."""
+    again = True
+    while again:
+        with writing(context.engine) as connection:
+            now, lease = database_time(connection), context.settings.lease_seconds
+            jobs = products.claim_next(connection, route, owner=context.owner, now=now, lease_seconds=lease)
+        # Messages are counted for the packets of products that were never tried.
+        again = any(job.attempts > 1 for job in jobs)
+        _make(context, maker, jobs)
 
-    Products that were tried before are made one by one, after the others: one that ends its process again and again must not
-    use up the attempts of its neighbours.
-    """
-    with reading(context.engine) as connection:
-        tried = products.tried(connection, digests)
-    for together in ([digest for digest in digests if digest not in tried], *([digest] for digest in tried)):
-        if together:
-            _make(context, maker, together)
 
-
-def _make(context: Context, maker: Maker, digests: Sequence[str]) -> None:
-    settings = context.settings
+def make_products(context: Context, maker: Maker, digests: Sequence[str]) -> None:
+    """Make those of ``digests`` that are ready and still wanted; record what became of each."""
     with writing(context.engine) as connection:
-        now = database_time(connection)
-        jobs = products.claim(connection, digests, owner=context.owner, now=now, lease_seconds=settings.lease_seconds)
+        now, lease = database_time(connection), context.settings.lease_seconds
+        jobs = products.claim(connection, digests, owner=context.owner, now=now, lease_seconds=lease)
+    _make(context, maker, jobs)
+
+
+def _make(context: Context, maker: Maker, jobs: Sequence[Job]) -> None:
     if not jobs:
         return
     batch = _Batch(context, jobs)
@@ -217,13 +220,12 @@ def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
 
 
 def _give_back(context: Context, digests: Collection[str], *, seconds: float, count_attempt: bool = True) -> None:
-    # The sweeper sends again what was last sent `resend_seconds` ago: that long before the end of the pause.
     with writing(context.engine) as connection:
         products.hand_back(
             connection,
             digests,
             owner=context.owner,
-            not_before=database_time(connection) + seconds - context.settings.resend_seconds,
+            not_before=database_time(connection) + seconds,
             count_attempt=count_attempt,
         )
 

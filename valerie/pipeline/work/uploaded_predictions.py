@@ -21,7 +21,7 @@ from valerie.perception.running.label_png import decode_labels
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
-from valerie.pipeline.work.stages import run_stage
+from valerie.pipeline.work.stages import make_products
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.storage import codecs
@@ -128,7 +128,7 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
         raise Conflict(_WHY_NOT.get(state, f"the prediction is {state}"))
     # An upload that was cut off may have left an object that no result uses; the first published one counts.
     context.store.delete(key)
-    run_stage(context, _Uploaded(context, encoded, pixels), [digest])
+    make_products(context, _Uploaded(context, encoded, pixels), [digest])
     state = _state(context, digest)
     if state == "parked":
         raise Conflict(_WHY_NOT[state])

@@ -7,6 +7,7 @@ only supervises, so that a crash of a driver costs a child, not the worker.
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import subprocess
 import sys
@@ -58,6 +59,11 @@ class Presence:
         )
         self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
+
+    @property
+    def worker_id(self) -> str:
+        """Name of the worker's row."""
+        return self._worker.id
 
     def join(self) -> None:
         """Become visible.
@@ -186,7 +192,8 @@ def serve(
 
     def open_child(**_: object) -> None:
         end_with_parent(signal.SIGKILL)  # a child in the middle of a product would work on for nobody
-        context = open_context(settings)
+        # Leases name the worker, so that people see who makes what; each child of a worker has a name of its own.
+        context = replace(open_context(settings), owner=f"{presence.worker_id}.{secrets.token_hex(2)}")
         child.open(context, open_maker(context))
 
     worker_process_init.connect(open_child, weak=False)

@@ -47,8 +47,8 @@ class Boxes:
         visible_boxes: (N, 4) int64, x0, y0, x1, y1 of the visible pixels, end exclusive; zeros without a visible pixel.
         projected_boxes: (N, 4) float32, x0, y0, x1, y1 in pixels around the projection of the whole instance, hidden parts and
             parts beyond the image's border included; NaN if all of it is behind the camera.
-        corners: (N, 8, 3) float32, metres in the world: the four bottom corners, then the four above them. Seen along the
-            heading, each four begin behind on the left and continue behind on the right.
+        corners: (N, 8, 3) float32, metres in the world: the four bottom corners, then the four above them. In each group of
+            four, seen along the heading: rear left, rear right, front right, front left.
         projected_corners: (N, 8, 2) float32, the corners in pixels; NaN for a corner behind the camera.
     """
 

@@ -18,8 +18,8 @@ from valerie.scene.graph.model import JOINTS, Camera, Scene, freeze
 #: Visibility of a joint: outside the image or behind the camera; hidden by another object; hidden by the person's own body;
 #: visible.
 OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE = 0, 1, 2, 3
-#: Largest depth of a visible joint below the person's surface at its pixel, metres. It is more than the flesh and clothes
-#: around a shoulder, a hip or a head, and less than a trunk.
+#: Largest depth of a visible joint below the person's surface at its pixel, metres. It exceeds the flesh and clothes around a
+#: shoulder, a hip or a head, but not the depth of a trunk.
 DEPTH_WITHIN_M: Final = 0.2
 
 #: Classes of human bodies.
@@ -48,7 +48,7 @@ class Joints:
 
     Attributes:
         instances: (N,) int64, label id × 1000 + n.
-        known: (N,) uint8, 1 with a skeleton, 0 without one: then the other arrays hold NaN and `OUTSIDE`.
+        known: (N,) uint8, 1 with a skeleton, 0 without one (the other arrays then hold NaN and `OUTSIDE`).
         places: (N, J, 3) float32, metres in the world.
         camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, the camera looks along −z).
         pixels: (N, J, 2) float32, x and y in the image or beyond its border; NaN behind the camera.

@@ -43,7 +43,7 @@ class Normals:
         return surface
 
     def vectors(self) -> NDArray[np.float32]:
-        """Return (H, W, 3) float32 unit vectors in the world (x across the street, y along it, z up); zero on the sky."""
+        """Return (H, W, 3) float32 unit vectors in the world (x to the right, y ahead, z up); zero on the sky."""
         plane = self.octahedral.astype(np.float32) / np.float32(_SCALE)
         upright = 1.0 - np.abs(plane).sum(axis=-1)
         folded = (1.0 - np.abs(plane[..., ::-1])) * np.where(plane >= 0, 1.0, -1.0)

@@ -21,7 +21,7 @@ class Scan:
         vectors: (height, width, 2) float32, velocities in pixels per second; (0, 0, 2) if they were not requested.
         instances: (N,) int64, instance ids.
         boxes: (N, 4) int64: x, y, width, height of each whole person in the image.
-        padded_pixels: (N,) int64, as of `PersonTruth`.
+        padded_pixels: (N,) int64, see `PersonTruth`.
         masks: uint8, 0 or 1, the amodal masks in ``boxes``, one after the other.
         size: (2,) int64: height and width of the image.
     """
@@ -39,7 +39,7 @@ class Scan:
     size: NDArray[np.int64]
 
     def consistent(self) -> bool:
-        """Return True if types and shapes fit together."""
+        """Return True if the types and shapes of the arrays are consistent."""
         width, height = self.rectangle[2:].tolist()
         types = {
             "rectangle": (np.int64, (4,)), "pixels": (np.float16, (height, width, 3)),
@@ -59,11 +59,11 @@ class Scan:
         return fit and moves and inside and place.clipped(wide, tall) == place
 
     def image(self, frame: LinearImage) -> LinearImage:
-        """Return the linear image, over that of the frame."""
+        """Return the scanned linear image. ``frame`` is the image without the scan."""
         return LinearImage(self._over(frame.pixels, self.pixels))
 
     def truth(self, frame: GroundTruth) -> GroundTruth:
-        """Return the ground truth, over that of the frame."""
+        """Return the scanned ground truth. ``frame`` is the truth without the scan."""
         return GroundTruth(
             self._over(frame.class_map, self.class_map),
             self._over(frame.instance_map, self.instance_map),

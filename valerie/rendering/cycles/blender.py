@@ -9,22 +9,21 @@ from __future__ import annotations
 import json
 import os
 import re
-import select
 import struct
 import subprocess
 import tempfile
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
 
 from valerie.errors import MissingDependency, RenderingError, TransientError
+from valerie.parent import Wire
 from valerie.plain import JsonObject
 from valerie.settings import Settings, load_settings
 
@@ -37,8 +36,6 @@ _START: Final = (
 _HEADER: Final = struct.Struct("<I")
 #: Longest time for importing Blender and listing its devices, seconds.
 _START_SECONDS: Final = 120.0
-#: Time between two looks at the memory and the limits, seconds.
-_LOOK_SECONDS: Final = 0.5
 #: Blender's messages when it runs out of memory.
 _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
 #: Bytes at the end of Blender's log in which an error message looks for the last line.
@@ -54,7 +51,7 @@ class BlenderProcess:
         settings: interpreter, device, threads, limits of time and memory.
 
     Attributes:
-        known: the things that Blender holds, by key; maintained by the owner.
+        known: the objects that Blender holds, by key; maintained by the owner.
         settings: the settings of Cycles' persistent data; maintained by the owner.
         version, device, device_name: Blender's own report; the device is ``CPU``, ``CUDA``, ``OPTIX`` ….
         cpu_seconds: CPU time of all requests so far.
@@ -197,58 +194,8 @@ class BlenderProcess:
         return TransientError(f"cycles: {reason}{log}")
 
 
-class Wire:
-    """Two pipes with a time limit.
-
-    Args:
-        watch: called about twice a second while a pipe is not ready; its errors pass through.
-        silence: seconds without a byte in either direction before TimeoutError.
-    """
-
-    def __init__(self, requests: IO[bytes], answers: IO[bytes] | None, watch: Any, silence: float) -> None:
-        assert answers is not None
-        self._requests, self._answers = requests.fileno(), answers.fileno()
-        os.set_blocking(self._requests, False)
-        self._watch = watch
-        self._silence = silence
-
-    def send(self, data: bytes | memoryview) -> None:
-        """Send all bytes. Raises EOFError if nobody reads."""
-        view = memoryview(data)
-        while view:
-            self._wait(self._requests, writing=True)
-            try:
-                view = view[os.write(self._requests, view[: 1 << 20]) :]
-            except BlockingIOError:
-                continue
-            except BrokenPipeError:
-                raise EOFError from None
-
-    def receive(self, size: int) -> bytes:
-        """Return exactly ``size`` bytes. Raises EOFError when the pipe ends earlier."""
-        parts: list[bytes] = []
-        while size:
-            self._wait(self._answers)
-            part = os.read(self._answers, min(size, 1 << 20))
-            if not part:
-                raise EOFError
-            parts.append(part)
-            size -= len(part)
-        return b"".join(parts)
-
-    def _wait(self, pipe: int, *, writing: bool = False) -> None:
-        until = time.monotonic() + self._silence
-        while True:
-            ready = select.select([] if writing else [pipe], [pipe] if writing else [], [], _LOOK_SECONDS)
-            if ready[0] or ready[1]:
-                return
-            self._watch()
-            if time.monotonic() > until:
-                raise TimeoutError
-
-
 def interpreter(settings: Settings) -> Path:
-    """Return the path of the Python that has Blender.
+    """Return the path of the Python interpreter with Blender.
 
     Raises:
         MissingDependency: there is no interpreter at the path.

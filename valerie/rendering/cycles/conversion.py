@@ -1,4 +1,4 @@
-"""Convert .blend files to glTF in a Blender process of their own (docs/assets.md)."""
+"""Convert .blend files to glTF, each in its own Blender process (docs/assets.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.rendering.cycles.blender import blender_environment, blender_progra
 from valerie.settings import Settings
 
 _MAGIC: Final = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # plain, gzip (before 3.0), zstd
-#: Longest time for one file, seconds.
+#: Interval between checks of the memory and the time limit, seconds.
 _LOOK_SECONDS: Final = 0.2
 
 
@@ -43,11 +43,11 @@ def convert_blend(source: Path, target: Path, settings: Settings, *, seconds: fl
         source: the .blend file.
         target: the .glb file to write.
         settings: Blender's interpreter and its memory limit.
-        seconds: longest time that it may take.
+        seconds: time limit.
 
     Raises:
         MissingDependency: there is no Blender environment (``make cycles`` installs it).
-        InvalidInput: the file is no .blend file, or Blender cannot read it.
+        InvalidInput: the file is not a .blend file, Blender cannot read it, or a file cannot be read or written.
         RenderingError: Blender crashed, took too long or used too much memory.
     """
     try:

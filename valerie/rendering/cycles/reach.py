@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import lit_lamps
 from valerie.rendering.projection import box_corners
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown, union
-from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps
+from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle, grown, union
+from valerie.rendering.raster.light.lamp_reach import FrameLamps, with_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Scene
@@ -83,7 +83,7 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
 
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
-    """Return the lit lamps, with the shadow-casting ones among those that stand still, as the raster engine selects them."""
+    """Return the lamps that are on, and those that cast shadows, as the raster engine selects them."""
     return FrameLamps.seen_by(lit_lamps(scene, sky_of(scene)), camera_of(scene, view), view)
 
 

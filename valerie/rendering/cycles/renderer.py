@@ -1,4 +1,4 @@
-"""The physically based engine: Blender's Cycles, a path tracer, in a process of its own.
+"""The physically based engine: Blender's Cycles, a path tracer, in its own process.
 
 `translation` has the scene and its units, `reach` the bounds of a layer, and `blender` the process.
 """
@@ -103,7 +103,7 @@ def numeric_class(version: str, device: str, device_name: str) -> str:
 
 
 def _instruction_set() -> str:
-    """Return the widest instruction set of this CPU for which Cycles or its denoiser has code of its own."""
+    """Return the widest instruction set of this CPU for which Cycles or its denoiser has separate code."""
     try:
         lines = Path("/proc/cpuinfo").read_text("ascii", "replace").splitlines()
     except OSError:  # not Linux

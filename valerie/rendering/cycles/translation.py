@@ -33,7 +33,7 @@ _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
 #: Rows and columns of the sky panorama.
 _PANORAMA: Final = (256, 512)
-#: Unused things are removed from Blender when there are more of them than things in use plus this number.
+#: Unused objects are removed from Blender when they outnumber those in use by more than this.
 _SPARE: Final = 64
 
 
@@ -171,7 +171,7 @@ def _keep_to(blender: BlenderProcess, settings: JsonObject) -> None:
 
 
 class _Sender:
-    """Sends the things that Blender lacks, and records the things that the image uses.
+    """Sends the objects that Blender lacks, and records those that the image uses.
 
     Args:
         lenses: names of materials that glow because a lamp is on. The lamp emits their light.
@@ -199,7 +199,7 @@ class _Sender:
         return meshes
 
     def forget_unused(self) -> None:
-        """Remove the things that this image does not use once there are many of them. It bounds the memory of many scenes."""
+        """Remove the objects that this image does not use once there are many, which bounds memory over many scenes."""
         things = self._blender.known
         unused = [key for key in things if key not in self._used]
         if len(unused) > len(self._used) + _SPARE:
@@ -276,7 +276,7 @@ def _camera(camera: Camera) -> JsonObject:
 
 
 def _light(scene: Scene, sky: Sky) -> JsonObject:
-    """Return sun, air and sky. The sun is ours at every elevation, and Blender's sky gets our sky's irradiance on the ground."""
+    """Return sun, air and sky. The sun is always ours. Blender's sky is scaled to our sky's irradiance on the ground."""
     return {
         "light": {
             "sun": sky.sun.tolist(),

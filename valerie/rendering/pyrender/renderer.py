@@ -2,7 +2,7 @@
 
 It has no normal maps (unfinished in its shader), no visible sky, a constant ambient term as its only sky light, no ambient
 occlusion, no reflections of surroundings, no soft shadows, no specular tint and no camera effects. Shadows ignore alpha. Its
-shader writes alpha but cuts nothing; GL then covers as many of a pixel's samples as alpha says. Its output has 8 bits per
+shader writes alpha but cuts nothing; GL then covers a share of each pixel's samples equal to alpha. Its output has 8 bits per
 channel with a gamma of 2.2. This adapter scales the light down before rendering and up afterwards, and inverts the gamma
 exactly. The linear image thus has 255 steps per channel up to `HEADROOM`, where it is clipped.
 """
@@ -28,7 +28,7 @@ from valerie.scene.graph.model import Material, Mesh, Scene, Texture
 
 #: Brightest value of the linear image.
 HEADROOM: Final = 4.0
-#: Illuminance below which its images are nearly black: a white wall is then step 7 of 255.
+#: Illuminance of the ground, lux, below which its images are nearly black: a white wall is then step 7 of 255.
 DARKEST_LUX: Final = 50.0
 _GAMMA: Final = 2.2
 #: Texels per side of the shadow map. It covers the whole scene.
@@ -162,7 +162,7 @@ class PyrenderRenderer:
         return pixels
 
     def _mesh(self, mesh: Mesh, material: Material, scene: Scene, *, mirrored: bool) -> Any:
-        """Return the library's mesh, cached by identity for the next frame; the library's nodes cannot mirror one."""
+        """Return the library's mesh, cached by identity. It is itself mirrored, since the library's nodes cannot mirror."""
         key = (id(mesh), material, mirrored)
         entry = self._meshes.get(key)
         if entry is None:
@@ -216,7 +216,7 @@ class PyrenderRenderer:
         return entry[1]
 
     def _forget_all_but(self, used: set[Hashable]) -> None:
-        """Drop the meshes that the last frame did not use once there are many of them. It bounds the memory of many materials."""
+        """Drop the meshes that the last frame did not use once there are many, which bounds memory over many materials."""
         if len(self._meshes) > 2 * len(used) + 64:
             self._meshes = {key: mesh for key, mesh in self._meshes.items() if key in used}
 
@@ -254,7 +254,7 @@ def _process_renderer() -> tuple[Any, str]:
         raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
     from OpenGL import GL
 
-    # Of this context, which stays current from its creation on.
+    # This sets a state of the renderer's context, which stays current.
     GL.glEnable(GL.GL_SAMPLE_ALPHA_TO_COVERAGE)
     return renderer, numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
 

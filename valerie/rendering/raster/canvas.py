@@ -1,8 +1,8 @@
 """Caches between frames: the image of the statics, and the targets in which frames are composed.
 
 A layer differs from the statics' image in few tiles. The targets therefore keep the statics' values from frame to frame, and a
-mask per pass tells which tiles hold them. The tiles that movables change are recomputed, and then marked as invalid. The cache
-never affects a pixel: a tile is computed from equal inputs, either now or earlier.
+mask per pass marks the tiles that hold them. The tiles that movables change are recomputed, and then marked as invalid. The
+cache never affects a pixel: a tile is computed from equal inputs, either now or earlier.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.targets import SAMPLES, ImageTargets, Target
-from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.targets import SAMPLES, ImageTargets, RenderTarget
+from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.lighting import Lighting, LitFrame
+    from valerie.rendering.raster.light.lighting import Lighting, LitFrame
 
 #: x, y, width, height in pixels from the bottom left.
 Area = tuple[int, int, int, int]
@@ -43,7 +43,7 @@ class StaticSurfaces:
         smooth: (height, width) uint8, ambient occlusion after the blur; 255 means none.
     """
 
-    def __init__(self, target: Target, grid: TileGrid) -> None:
+    def __init__(self, target: RenderTarget, grid: TileGrid) -> None:
         self.target = target
         self.grid = grid
         self.known = grid.none()
@@ -119,7 +119,7 @@ class Canvas:
         self.targets = ImageTargets(gl, view)
         self.grid = TileGrid(view)
         self._gl = gl
-        self._received: Target | None = None
+        self._received: RenderTarget | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -191,7 +191,7 @@ class Canvas:
         The overwritten tiles are invalid afterwards.
         """
         if self._received is None:
-            self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
+            self._received = RenderTarget(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
         tiles = self.grid.none()
         for area in areas:
             tiles |= self.grid.touching(area)
@@ -217,7 +217,7 @@ class Canvas:
         return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
 
     def read_moving(self, area: Area) -> Mask:
-        """Return a mask, (height, width), of the pixels in an area of which a sample shows one of the movables drawn last."""
+        """Return a mask of an area's pixels, (height, width): True where a sample shows one of the movables drawn last."""
         x, y, width, height = (n * SAMPLES for n in area)
         rows = _read(self.targets.moving.framebuffer, (x, y, width, height), 1, "u2", 2).reshape(height, width)
         across = np.logical_or.reduce([rows[:, i::SAMPLES] for i in range(SAMPLES)])

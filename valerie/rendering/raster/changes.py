@@ -9,10 +9,10 @@ import numpy as np
 
 from valerie.rendering.base import View
 from valerie.rendering.projection import Points
-from valerie.rendering.raster.bounds import Reach
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap
-from valerie.rendering.raster.tiles import TILE, Mask, widened
+from valerie.rendering.raster.gl.bounds import Reach
+from valerie.rendering.raster.gl.tiles import TILE, Mask, widened
+from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap
 from valerie.scene.graph.model import Camera
 
 #: Largest distance by which a caster may lie behind a receiver along the light and still count, metres: the rise of the

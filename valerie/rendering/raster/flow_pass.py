@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from valerie.rendering.base import GroundTruth, Rectangle, View
 from valerie.rendering.projection import clip_from_view, view_from_world
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import Target, gl_rectangle
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, gl_rectangle
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_of
 from valerie.scene.graph.model import Camera, Scene
 
@@ -45,7 +45,7 @@ class FlowPass:
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
         self._drawer = SurfaceDrawer(self._context, "flow.frag")
-        self._target: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
+        self._target: LeastRecentlyUsed[RenderTarget] = LeastRecentlyUsed(1)
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth, *, deforming: bool = True) -> Flow:
         """Return the flow from one moment to another.
@@ -78,7 +78,7 @@ class FlowPass:
         """Return the image velocity of each pixel's surface point, from its position shortly after.
 
         The difference is forward, so that an object that starts at this moment already moves. Bodies move rigidly: a walk has
-        only a few poses per cycle, and the jump from one to the next is no velocity.
+        only a few poses per cycle, and the jump from one to the next is not a velocity.
 
         Args:
             now, after: the same asset at two moments.
@@ -104,7 +104,7 @@ class FlowPass:
         """Draw the movables in a rectangle and return the output of ``flow.frag``, (h, w, 4); 0 where nothing is drawn."""
         camera, other = camera_of(before.scene, view), camera_of(after.scene, view)
         size = (view.width, view.height)
-        target = self._target.get(size, lambda: Target(self._context.gl, size, ((4, "f4"),), depth=True))
+        target = self._target.get(size, lambda: RenderTarget(self._context.gl, size, ((4, "f4"),), depth=True))
         area = gl_rectangle(rectangle, view)
         target.use(area)
         target.clear()

@@ -10,12 +10,12 @@ import numpy as np
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.projection import drawing_matrices
-from valerie.rendering.raster.bounds import covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.context import GraphicsContext
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
+from valerie.rendering.raster.gl.bounds import covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.upload.context import GraphicsContext
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.scene.graph.model import Camera, Scene
 
@@ -35,8 +35,8 @@ class NormalsPass:
         with context.current() as gl:
             self._nothing = ScreenPass(gl, context.program("screen.vert", "normals_fill.frag"))
             self._copy = ScreenPass(gl, context.program("screen.vert", "normals_fill.frag", FROM_STATICS=1))
-        self._statics: LeastRecentlyUsed[Target] = LeastRecentlyUsed(_CAMERAS)
-        self._work: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
+        self._statics: LeastRecentlyUsed[RenderTarget] = LeastRecentlyUsed(_CAMERAS)
+        self._work: LeastRecentlyUsed[RenderTarget] = LeastRecentlyUsed(1)
 
     def normals(self, scene: Scene, view: View) -> Normals:
         """Return the normals of a scene seen by a camera.
@@ -78,7 +78,7 @@ class NormalsPass:
                 self._nothing.release()
                 self._copy.release()
 
-    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> Target:
+    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> RenderTarget:
         target = _target(self._context.gl, view)
         everything = one_span((0, 0, view.width, view.height))
         self._nothing.run(target, everything, {}, {}, depth="written")
@@ -87,5 +87,5 @@ class NormalsPass:
         return target
 
 
-def _target(gl: moderngl.Context, view: View) -> Target:
-    return Target(gl, (view.width, view.height), ((2, "i2"),), depth=True)
+def _target(gl: moderngl.Context, view: View) -> RenderTarget:
+    return RenderTarget(gl, (view.width, view.height), ((2, "i2"),), depth=True)

@@ -15,20 +15,20 @@ from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, 
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
-from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
-from valerie.rendering.raster.context import GraphicsContext, process_context
-from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
-from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
-from valerie.rendering.raster.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
-from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
-from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
-from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle
+from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
+from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
+from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
+from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
+from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
+from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
+from valerie.rendering.raster.upload.context import GraphicsContext, process_context
+from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.upload.materials import SurfaceKind
+from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
 from valerie.scene.graph.model import Camera, Scene
@@ -124,9 +124,9 @@ class RasterRenderer:
     def part(self, scene: Scene, view: View, window: Rectangle) -> NDArray[np.float16]:
         """Render a rectangle of the frame; see `valerie.rendering.base.Renderer`.
 
-        Where the background of the view is in the cache, only the movables are drawn.
+        If the background of the view is in the cache, only the movables are drawn.
         """
-        # The filters mix neighbouring tiles, of which movables change some too.
+        # The filters mix neighbouring tiles, and movables may change these too.
         wide = window.widened(3 * TILE).clipped(view.width, view.height)
         with self._frame(scene, view, window=wide) as frame:
             area = x, y, width, height = gl_rectangle(wide, view)
@@ -273,7 +273,7 @@ class RasterRenderer:
         return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
 
     def _learn(self, frame: _Frame, tiles: Mask) -> None:
-        """Render those of these tiles of the statics' image that are not cached yet."""
+        """Render the tiles of the statics' image among ``tiles`` that are not cached yet."""
         missing = tiles & ~frame.image.known
         if not missing.any():
             return
@@ -358,7 +358,7 @@ class RasterRenderer:
         """Draw the G-buffer of statics and movables. All movables lie inside the area.
 
         Returns:
-            A mask of the area, (height, width), of the pixels of which a sample shows a movable; and the tiles with such pixels.
+            A mask of the area's pixels, (height, width), True where a sample shows a movable; and the tiles with such pixels.
         """
         self._copy_statics(frame)
         canvas, targets = frame.canvas, frame.canvas.targets
@@ -404,7 +404,7 @@ class RasterRenderer:
     def _copy_statics(self, frame: _Frame) -> None:
         """Restore the statics where movables were drawn, or everywhere on a canvas of another scene or view.
 
-        Backgrounds pass through this copy too: it may round a depth to a neighbouring value, so that all frames must share it.
+        Backgrounds pass through this copy too: it may round a depth to a neighbouring value, so all frames must share it.
         """
         canvas, surfaces = frame.canvas, frame.surfaces.target
         assert surfaces.depth is not None

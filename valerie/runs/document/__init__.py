@@ -1,1 +1,1 @@
-"""The spec as people write it: fields, notations, schema."""
+"""The spec as users write it: fields, notations, schema."""

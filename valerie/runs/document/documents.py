@@ -1,8 +1,8 @@
 """The run spec as a document: one frozen model for the REST body, the database column and the file.
 
-Numbers may carry units (``50 cm``) and stay as they were written; `valerie.runs.resolving.vocabulary` converts them to the units
-of the asset's declarations. `valerie.runs.document.notation` converts both notations of spec files (the paper's lists, and
-mappings) to this canonical form.
+Numbers may have units (``50 cm``) and stay as they were written; `valerie.runs.resolving.vocabulary` converts them to the
+units of the asset's declarations. `valerie.runs.document.notation` converts both notations of spec files (the paper's lists,
+and mappings) to this canonical form.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
+from valerie.parameters.odd import OddAttribute
 from valerie.plain import JsonObject, Written
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
@@ -35,6 +36,8 @@ class DeclaredParameter(Document):
         type: must equal the asset's.
         minimum, maximum: within the asset's declared range; None takes the asset's.
         choices: some of the asset's choices; empty takes all.
+        odd: attribute of an operational design domain that it stands for, in the terms of ISO 34503; by default the asset's.
+        source: where its range comes from: a standard, a measurement, a paper; by default the asset's.
     """
 
     name: Name
@@ -43,6 +46,8 @@ class DeclaredParameter(Document):
     minimum: Quantity | None = None
     maximum: Quantity | None = None
     choices: tuple[Name, ...] = ()
+    odd: OddAttribute | None = None
+    source: Annotated[Text, Field(max_length=1000)] = ""
 
 
 class BlockDocument(Document):
@@ -71,7 +76,7 @@ class Resolution(Document):
 
 
 class SequenceDocument(Document):
-    """Frames that follow each other in time, for each variant and camera.
+    """Consecutive frames of each variant and camera.
 
     Attributes:
         frames: number of frames.
@@ -108,12 +113,12 @@ class RequirementDocument(Document):
     Attributes:
         id: its number in the user's requirements, e.g. ``SYS-214``.
         text: the requirement in words.
-        statistic: what is required, e.g. ``share(pacc >= 0.5) >= 95 %``: a mean, a share or a quantile of a score.
-        where: the region that it speaks of, e.g. ``distance_m <= 30``; by default everything.
+        statistic: the bounded mean, share or quantile of a score, e.g. ``share(pacc >= 0.5) >= 95 %``.
+        where: the region that it applies to, e.g. ``distance_m <= 30``; by default everything.
         confidence: 1 − the chance of a false verdict.
         min_visible_pixels: persons with fewer visible pixels do not count.
-        functions: names of the functions that it is about; by default all.
-        min_units: smallest number of variants that a verdict may rest on.
+        functions: names of the functions that it applies to; by default all.
+        min_units: smallest number of variants for a verdict.
     """
 
     id: Name
@@ -130,31 +135,31 @@ class RunSpec(Document):
     """The definition of a validation run.
 
     Attributes:
-        schema_version: of this document.
-        name: for people; need not be unique.
-        description: for people.
-        asset: name of an asset, or ``{name: urban-street, seed: 7}`` with the arguments of a generator.
-        seed: of all random designs; 0 is a valid seed.
+        schema_version: version of this schema.
+        name: title of the run; need not be unique.
+        description: free text.
+        asset: name of an asset, or a mapping of name and arguments of its pack, such as its seed.
+        seed: seed of all random designs; 0 is a valid seed.
         parameters: this spec's names for the asset's parameters; without them ``vary`` uses the asset's names.
         blocks: the parts of the run, in order; the run is their union.
         constants: parameter to value, in all blocks.
         constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
-        sequence: frames that follow each other in time; without it, one frame for each variant and camera.
+        sequence: consecutive frames; without it, one frame for each variant and camera.
         trajectories: how objects move, in addition to or instead of the asset's trajectories.
         cameras: names of the asset's cameras; by default all.
         resolution: size of the images in pixels.
-        renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
+        renderer: render engine, or ``{name: cycles, samples: 64}`` with settings of that engine.
         annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity;
             a rolling shutter requests ``scan``.
-        labels: ``exact``, or ``cityscapes``: with gaps in foliage, fences and cycles closed, as annotators draw them.
+        labels: ``exact``, or ``cityscapes``, which closes gaps in foliage, fences and cycles as annotators do.
         sensors: sensor settings; each frame has one picture for each of them. By default one camera that meters; a setting
             meters if it has ``auto_exposure: true``.
         functions: names of the perception functions under test; if empty, the run makes only frames and truth.
-        infer_backgrounds: true: functions also see each background without movables, which gives ``pacc_empty``; false:
-            they do not; by default they do where a run has at most a tenth as many backgrounds as frames.
+        infer_backgrounds: if true, functions also see each background without movables, which gives ``pacc_empty``; by
+            default they do if a run has at most a tenth as many backgrounds as frames.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
-        requirements: that the run is evidence for; each gets a verdict.
-        parent_run, iteration: the run that this one refines, and the number of the round.
+        requirements: requirements that the run is evidence for; each gets a verdict.
+        parent_run, iteration: the run that this one refines, and the number of the iteration.
 
     Raises:
         InvalidInputs: a name is listed twice, or a requirement cannot be judged.
@@ -211,7 +216,7 @@ class RunSpec(Document):
             if name in names[:i]
         ]
         if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
-            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="as urban-street"))
+            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="{name: …}"))
         if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
             problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
         for i, requirement in enumerate(self.requirements):
@@ -243,7 +248,7 @@ class RunSpec(Document):
         return problems
 
     def __eq__(self, other: object) -> bool:
-        # Specs are equal if their contents are, wherever the user wrote these.
+        # Specs are equal if their contents are, regardless of the notation.
         return isinstance(other, RunSpec) and self.__dict__ == other.__dict__
 
     def __hash__(self) -> int:
@@ -256,7 +261,7 @@ class RunSpec(Document):
 
     @property
     def engine_settings(self) -> dict[str, Scalar]:
-        """Settings of the render engine, as far as the spec gives them."""
+        """Settings of the render engine that the spec contains."""
         if isinstance(self.renderer, str):
             return {}
         return {key: value for key, value in self.renderer.items() if key != "name"}
@@ -266,7 +271,12 @@ class RunSpec(Document):
         """Digest of the whole document, the same for both notations."""
         document = self.model_dump(mode="json")
         if self.infer_backgrounds is None:
-            del document["infer_backgrounds"]  # specs from before this field keep their digest
+            # The report that docs/experiment keeps names its spec by the digest without an undecided field.
+            del document["infer_backgrounds"]
+        for parameter in document["parameters"]:  # as do those without these
+            for name in ("odd", "source"):
+                if not parameter[name]:
+                    del parameter[name]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
@@ -278,7 +288,7 @@ class RunSpec(Document):
         return document
 
     def to_yaml(self) -> str:
-        """Return the document as YAML that reads back as an equal spec; defaults are left out."""
+        """Return the document as YAML without defaults; `parse` returns an equal spec."""
         document = {"schema_version": self.schema_version, **self.short()}
         return str(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
 

@@ -44,7 +44,7 @@ def normalized(document: Written) -> Written:
     return normalization.document
 
 
-#: Converts one entry, given as it was written, with its name if it is in a mapping, and its place.
+#: Converts one entry. Arguments: the entry as written, its name if it is in a mapping, and its place.
 _Read = Callable[[Any, str | None, str], Written]
 
 
@@ -64,9 +64,9 @@ class Normalization:
     """A document in canonical form, the problems with its notation, and the places of its parts.
 
     Attributes:
-        document: in canonical form; a placeholder replaces each entry that has a problem, so that indexes stay.
+        document: in canonical form; a placeholder replaces each entry that has a problem, which keeps the indices.
         problems: entries in neither notation.
-        places: dotted place in canonical form to the place where the user wrote it, where they differ.
+        places: dotted place in canonical form to the place where the user wrote it, if they differ.
     """
 
     def __init__(self, document: Written) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from valerie import plugins
 from valerie.parameters.definitions import ParameterType
+from valerie.parameters.odd import OddAttribute
 from valerie.plain import JsonObject
 from valerie.runs.document.documents import BlockDocument, RunSpec
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
@@ -142,6 +143,8 @@ def _parameters() -> JsonObject:
         "type": {"enum": types},
         **dict.fromkeys(("minimum", "maximum", "from", "to"), quantity),
         "choices": {"type": "array", "items": {"type": "string"}},
+        "odd": {"enum": [*(attribute.value for attribute in OddAttribute), None]},
+        "source": {"type": "string", "maxLength": 1000},
     }
     entry = {
         "type": "object",
@@ -151,7 +154,7 @@ def _parameters() -> JsonObject:
         "oneOf": [{"required": ["path"]}, {"required": ["scene_graph_ref"]}],
     }
     return {
-        "description": "this spec's names for parameters: [name, scene_graph_ref, type, minimum, maximum]; ranges lie within "
+        "description": "this spec's names for parameters: [name, scene_graph_ref, type, minimum, maximum]; ranges are within "
         "the asset's",
         "anyOf": [
             {"type": "object", "additionalProperties": entry},
@@ -190,7 +193,7 @@ def _trajectories(definitions: JsonObject) -> JsonObject:
     listed = {"type": "array", "minItems": 1, "items": numbers}
     in_a_list = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
     return {
-        "description": "how objects move, by keyframes, in addition to or instead of the asset's trajectories",
+        "description": "movements of objects by keyframes, in addition to or instead of the asset's trajectories",
         "anyOf": [
             {"type": "object", "additionalProperties": {"anyOf": [named, listed]}},
             {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/TrajectoryDocument"}, in_a_list]}},

@@ -1,6 +1,6 @@
-"""The cost of a product in CPU seconds and bytes: recorded here, or else from a table that ships with the package.
+"""Cost of a product in CPU seconds and bytes: recorded by this installation, or from a table that ships with the package.
 
-The shipped table (``costs.json``) was measured and names the machine. Costs grow linearly with the number of pixels:
+The shipped table (``costs.json``) contains measurements and names the machine. Costs are linear in the number of pixels:
 ``fixed + per_megapixel · megapixels``.
 """
 
@@ -17,10 +17,10 @@ from pydantic import BaseModel
 from valerie.runs.products.states import ProductKind
 
 
-class Basis(StrEnum):
+class CostBasis(StrEnum):
     """The source of a cost."""
 
-    #: Products of the same kind, maker and resolution that this installation made.
+    #: Products of the same kind, maker and resolution that this installation computed.
     RECORDED = "recorded"
     #: The table that ships with the package, measured on another machine.
     SHIPPED = "shipped"
@@ -32,9 +32,9 @@ class CostKey(NamedTuple):
     """The properties of a product that its cost depends on.
 
     Attributes:
-        kind: of the product.
-        maker: engine of backgrounds and layers, function of predictions; empty for truth and evaluation.
-        width, height: pixels.
+        kind: kind of the product.
+        maker: engine of backgrounds and layers, function of predictions; otherwise empty.
+        width, height: resolution in pixels.
     """
 
     kind: ProductKind
@@ -54,9 +54,9 @@ class CostTable:
     """Costs by key.
 
     Args:
-        recorded: means over the products that this installation made.
-        few: means over so few products that the shipped table takes precedence, since the first product of a worker
-            includes loading.
+        recorded: means over the products that this installation computed.
+        few: means over too few products, which apply only where the shipped table has no entry: the first product of a
+            worker includes loading.
     """
 
     def __init__(
@@ -64,17 +64,17 @@ class CostTable:
     ) -> None:
         self._recorded, self._few = dict(recorded or {}), dict(few or {})
 
-    def cost(self, key: CostKey) -> tuple[Cost, Basis]:
+    def cost(self, key: CostKey) -> tuple[Cost, CostBasis]:
         """Return the cost of one product and its source."""
         if key in self._recorded:
-            return self._recorded[key], Basis.RECORDED
+            return self._recorded[key], CostBasis.RECORDED
         megapixels = key.width * key.height / 1e6
         makers = _shipped().costs[key.kind]
         if key.maker in makers:
-            return makers[key.maker].at(megapixels), Basis.SHIPPED
+            return makers[key.maker].at(megapixels), CostBasis.SHIPPED
         if key in self._few:
-            return self._few[key], Basis.RECORDED
-        return max(line.at(megapixels) for line in makers.values()), Basis.GUESSED
+            return self._few[key], CostBasis.RECORDED
+        return max(line.at(megapixels) for line in makers.values()), CostBasis.GUESSED
 
     def statics(self, width: int, height: int) -> Cost:
         """Return the cost of the truth of the statics, which the truths of one camera share."""
@@ -82,7 +82,7 @@ class CostTable:
 
     @property
     def start_seconds(self) -> float:
-        """CPU seconds of a run on one machine besides its products: to start, to load the asset, to write results."""
+        """CPU seconds of a run on one machine for starting, loading the asset and writing results."""
         return _shipped().start.cpu_seconds
 
     @property

@@ -1,4 +1,4 @@
-"""Forecast of a run, before anything is stored: its size, the products that are present, and the cost of the rest.
+"""Forecast of a run before anything is stored: its size, the products that are present, and the cost of the rest.
 
 In a run of up to `EXACT_VARIANTS` variants, every variant is examined. In a larger one, a seeded sample represents all,
 and the plan is marked ``estimated``. The number of distinct products is then the Chao1 estimate (Chao 1984,
@@ -9,7 +9,7 @@ www.jstor.org/stable/4615964): with f₁ products seen once and f₂ seen twice 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -22,25 +22,25 @@ from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
 from valerie.runs.document.documents import RunSpec
-from valerie.runs.forecasting.costs import Basis, CostKey, CostTable
+from valerie.runs.forecasting.costs import CostBasis, CostKey, CostTable
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import FunctionPin, Offer, Pins
 from valerie.runs.products.states import ProductKind, Stage
 from valerie.runs.resolving.resolution import ResolvedRun
 from valerie.scene.variation.conditions import sun_by_time
 
-#: Largest number of variants that are all examined.
+#: Largest number of variants at which all are examined.
 EXACT_VARIANTS: Final = 100_000
 #: Variants in a sample.
 SAMPLE: Final = 2_000
-#: Variants that a plan shows from the beginning and from the end.
+#: Number of variants that a plan shows from the beginning, and from the end.
 SHOWN: Final = 3
 #: Largest number of digests in one query.
 _QUERY_SIZE: Final = 5_000
 
-#: Products of the renderer, whose settings change their cost.
+#: Products whose cost depends on the settings of the renderer.
 _BY_ENGINE: Final = (ProductKind.BACKGROUND, ProductKind.LAYER)
-#: Returns those of some digests that are stored.
+#: Returns the subset of the digests that are stored.
 Present = Callable[[set[str]], set[str]]
 
 
@@ -51,8 +51,8 @@ class ProductPlan(BaseModel):
         kind, maker: of the products; see `valerie.runs.forecasting.costs.CostKey`.
         empty: True for predictions of backgrounds without movables.
         needed: number of distinct products in the run.
-        present: number of these that are stored; None if that is not known, and then none counts as stored.
-        cpu_seconds, bytes: of the rest.
+        present: number of these that are stored; None if unknown, in which case none counts as stored.
+        cpu_seconds, bytes: cost of the products that are not stored.
         basis: source of the cost.
     """
 
@@ -64,7 +64,7 @@ class ProductPlan(BaseModel):
     present: int | None
     cpu_seconds: float
     bytes: int
-    basis: Basis
+    basis: CostBasis
     empty: bool = False
 
     @property
@@ -74,11 +74,11 @@ class ProductPlan(BaseModel):
 
 
 class PlannedVariant(BaseModel):
-    """One variant, for people.
+    """One variant with the names of the spec.
 
     Attributes:
-        index: in the space.
-        values: by the names in the spec.
+        index: index in the space.
+        values: name in the spec to value.
         sun: azimuth and elevation in degrees that follow from time and place; None if the spec gives the angles.
         rejection: reason why the variant is rejected; None if it is accepted.
     """
@@ -95,28 +95,28 @@ class Plan(BaseModel):
     """The result of ``valerie plan``; ``--json`` prints these fields.
 
     Attributes:
-        name: of the run.
+        name: name of the run.
         asset: name of its asset.
         spec_digest: digest of the spec.
         variants: number in the space, rejected ones included.
         accepted: number of variants that have frames.
         rejected: reason to number of variants.
-        cameras: names.
+        cameras: names of the cameras.
         moments: frames of each variant and camera in the run's sequence; 1 without a sequence.
         frames: accepted variants × cameras × moments.
         evaluations: frames × sensors × functions.
-        renders: backgrounds, layers, truths and annotations that are still to be rendered.
-        inferences: predictions that are still to be made.
-        products: by kind and maker.
-        start_cpu_seconds: to start the system on one machine, load the asset and write the results; 0 if workers run
-            already.
-        cpu_seconds: of the start and of all products that are still to be made, on one core.
-        bytes: of these products in the artifact store.
+        renders: number of backgrounds, layers, truths and annotations that remain to be rendered.
+        inferences: number of predictions that remain to be made.
+        products: products by kind and maker.
+        start_cpu_seconds: for starting the system on one machine, loading the asset and writing the results; 0 if workers
+            already run.
+        cpu_seconds: total on one core, for the start and all remaining products.
+        bytes: size of the remaining products in the artifact store.
         cost_basis: sources of the costs, in words.
         first, last: variants from the beginning and the end.
         units: name of each parameter in these to its unit.
         estimated: True if rejections, frames and products are estimated from a sample of ``sample`` variants.
-        warnings: what the author of the spec may not have intended.
+        warnings: properties of the spec that its author may not have intended.
         notes: assumptions made where the spec leaves something open.
     """
 
@@ -161,7 +161,7 @@ def plan(
         resolved: the run.
         pins: the numeric classes that the run would pin; None if no workers offer them, and then no product counts as
             present.
-        present: tells which of some digests are stored; None if none is.
+        present: returns the digests that are stored; None if none is.
         costs: recorded timings; None takes the shipped table.
     """
     warnings = list(resolved.warnings)
@@ -182,8 +182,8 @@ def plan(
     )
     products = forecast.products()
     start = 0.0 if workers_known or not frames else forecast.costs.start_seconds
-    first = _shown(resolved, range(min(SHOWN, size)))
-    last = _shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
+    first = planned_variants(resolved, range(min(SHOWN, size)))
+    last = planned_variants(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
     units = {d.name: d.unit for d in resolved.definitions}
     if indexes is not None:
         warnings.append(
@@ -224,8 +224,8 @@ class _Survey:
     """Counts over the frames of some variants.
 
     Attributes:
-        digests: of the products, each 16 bytes, one after the other, by kind and maker.
-        empty: the same of predictions of backgrounds without movables, by function.
+        digests: concatenated digests of the products, 16 bytes each, by kind and maker.
+        empty: likewise of predictions of backgrounds without movables, by function.
         rejected: reason to number of variants.
         camera_poses: frames by camera index and values of the camera's parameters.
     """
@@ -292,21 +292,21 @@ def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapp
 
 
 def _sample(size: int, seed: int) -> list[int]:
-    """Draw `SAMPLE` different indexes below ``size``, ascending, one from each of `SAMPLE` equal parts of the space."""
+    """Draw `SAMPLE` distinct indices below ``size``, ascending, one from each of `SAMPLE` equal parts of the space."""
     generator = np.random.default_rng(seed)
     places = generator.random(SAMPLE)
-    # Integer arithmetic, since a space may have more variants than a float can tell apart.
+    # Integer arithmetic, since a space may have more variants than a float can represent exactly.
     return [i * size // SAMPLE + int(place * (size // SAMPLE)) for i, place in enumerate(places.tolist())]
 
 
 @dataclass(frozen=True, slots=True)
 class _Forecast:
-    """Estimates products and their costs from a survey.
+    """Estimates of products and their costs from a survey.
 
     Attributes:
         resolved: the run.
-        survey: of its variants or a sample of them.
-        costs: of products.
+        survey: survey of its variants or a sample of them.
+        costs: costs of products.
         present: see `plan`.
         workers_known: True if the digests are those of the run's products.
         scale: variants of the run per variant in the survey; None if all were surveyed.
@@ -357,9 +357,9 @@ class _Forecast:
         )
 
     def _with_statics(self, truth: ProductPlan) -> ProductPlan:
-        """Add the cost of the truth of the statics, which is made once for each pose of a camera.
+        """Add the cost of the truth of the statics, which is computed once for each pose of a camera.
 
-        The share of it that is present is taken to be that of the truths.
+        The share that is present is assumed to equal that of the truths.
         """
         if not truth.to_make:
             return truth
@@ -379,8 +379,8 @@ def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
     """Estimate the number of distinct products.
 
     Args:
-        counts: how often each product was seen in a sample.
-        scale: size of the whole per size of the sample.
+        counts: number of occurrences of each product in a sample.
+        scale: size of the whole divided by that of the sample.
     """
     distinct, total = len(counts), int(counts.sum())
     once, twice = int((counts == 1).sum()), int((counts == 2).sum())
@@ -389,7 +389,8 @@ def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
     return min(round(distinct + once * (once - 1) / (2 * (twice + 1))), round(total * scale))
 
 
-def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
+def planned_variants(resolved: ResolvedRun, indexes: Iterable[int]) -> tuple[PlannedVariant, ...]:
+    """Return variants as people read them, by their indexes in the space."""
     return tuple(
         PlannedVariant(
             index=index,
@@ -416,13 +417,13 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
-    by_basis: dict[Basis, dict[str, None]] = {}
+    by_basis: dict[CostBasis, dict[str, None]] = {}
     for product in products:
         if product.needed:
             by_basis.setdefault(product.basis, {})[" ".join(filter(None, (product.kind.value, product.maker)))] = None
     texts = {
-        Basis.RECORDED: "recorded here: {}",
-        Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
-        Basis.GUESSED: "guessed, since nothing is known about them: {}",
+        CostBasis.RECORDED: "recorded here: {}",
+        CostBasis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
+        CostBasis.GUESSED: "guessed, since nothing is known about them: {}",
     }
     return "; ".join(texts[basis].format(", ".join(names)) for basis, names in sorted(by_basis.items()))

@@ -1,1 +1,1 @@
-"""What a run makes: frames, products, their inputs and states."""
+"""Frames and products of a run, their inputs and states."""

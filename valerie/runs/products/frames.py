@@ -1,4 +1,4 @@
-"""A frame: its name and its products."""
+"""Names and products of frames."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final
 
 from valerie.errors import InvalidInput
 
-#: The id of a run and of a frame, as regular expressions.
-RUN_ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$"
-FRAME_ID: Final = RUN_ID.removesuffix("$") + r"\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$"
+#: Regular expressions of the ids of a run or a study, and that of a frame.
+ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$"
+FRAME_ID: Final = ID.removesuffix("$") + r"\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$"
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -51,9 +51,9 @@ class FrameProducts:
 
     Attributes:
         background: the image without movables.
-        layer: what the movables change in it.
+        layer: the rectangle of it that the movables change.
         truth: the ground truth.
-        velocity: the velocity of every pixel; None if the run does not need it.
+        velocity: velocities of the pixels; None if the run does not need them.
         scan: the frame as a rolling shutter reads it; None if no sensor has one.
     """
 

@@ -1,8 +1,8 @@
 """The inputs of each product of a frame, and the digests over them, which identify all stored work.
 
-The inputs by product: ::
+Inputs by product: ::
 
-    background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
+    background   asset, everything outside movable nodes, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
     annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment;
@@ -12,10 +12,10 @@ The inputs by product: ::
     evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not
                  exact; the empty prediction if there is one
 
-A sensor's distortion is in the digest of the prediction, and through it in that of the evaluation, which distorts the
-truth in the same way. "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and
-numeric class, as the run pinned them at submission. The names of runs, variants, sensors and parameters are never
-inputs, so equal work has equal digests.
+A sensor's distortion enters the digest of the prediction, and through it that of the evaluation, which distorts the truth in
+the same way. "Engine", "truth pass" and "function" stand for name (or weights), revision and numeric class, as the run
+pinned them at submission. The names of runs, variants, sensors and parameters are never inputs, so equal work has equal
+digests.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from valerie.runs.resolving.sensors import Response, response_of, rolling_shutte
 from valerie.scene.variation.variant import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
 
-#: Raised by hand whenever the counts for an equal prediction and truth change.
+#: Raise it whenever the counts for an equal prediction and truth change.
 EVALUATION_REVISION: Final = 1
-#: Raised by hand whenever the annotation of an equal truth changes.
+#: Raise an entry whenever the annotation of an equal truth changes.
 ANNOTATION_REVISIONS: Final = {
     AnnotationKind.NORMALS: 1,
     AnnotationKind.BOXES: 1,
@@ -51,9 +51,9 @@ ANNOTATION_REVISIONS: Final = {
     AnnotationKind.VELOCITY: 1,
     AnnotationKind.SCAN: 1,
 }
-#: Raised by hand whenever the meaning of the digests below changes.
+#: Raise it whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
-#: Annotations that need the image too.
+#: Annotations that also need the image.
 _OF_IMAGE: Final = (AnnotationKind.LIGHT, AnnotationKind.SCAN)
 
 
@@ -61,8 +61,8 @@ class EvaluationDigests(NamedTuple):
     """One function on one picture of a frame.
 
     Attributes:
-        sensor_index: place in ``spec.sensors``.
-        function_index: place in ``spec.functions``.
+        sensor_index: index in ``spec.sensors``.
+        function_index: index in ``spec.functions``.
         prediction, scores: digests of the prediction and of the evaluation.
         third: digest of the product that the prediction waits for besides background and layer: the truth, if its
             sensor needs depth, or the velocity or the scan, which itself waits for the truth.
@@ -85,7 +85,7 @@ class AnnotationDigest(NamedTuple):
     Attributes:
         kind: its kind as a product.
         product: its digest.
-        inputs: digests of the products that it is made from, at most three.
+        inputs: digests of the products that it is computed from, at most three.
     """
 
     kind: ProductKind
@@ -108,12 +108,12 @@ class FrameDigests(NamedTuple):
 
 
 class ProductInputs:
-    """Computes the digests of the products of a run's frames; parts that frames share are hashed once.
+    """Digests of the products of a run's frames; parts that frames share are hashed once.
 
     Args:
         resolved: the run.
-        asset_digest: of its asset.
-        pins: of the run.
+        asset_digest: digest of its asset.
+        pins: pins of the run.
     """
 
     def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Pins) -> None:
@@ -175,9 +175,9 @@ class ProductInputs:
         """Return the digests of the products of one frame.
 
         Args:
-            assignment: of the frame's moment (`ResolvedRun.at`).
-            camera_index: place in ``resolved.cameras``.
-            course: how the variant moves (`ResolvedRun.around`), which flow, velocity and scan depend on.
+            assignment: assignment at the frame's moment (`ResolvedRun.at`).
+            camera_index: index in ``resolved.cameras``.
+            course: motion of the variant (`ResolvedRun.around`), which flow, velocity and scan depend on.
         """
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
         background = self._background_digest(camera_index, inputs.background)
@@ -225,7 +225,7 @@ class ProductInputs:
         return FrameDigests(products, tuple(evaluations), tuple(annotations))
 
     def _later_truth(self, kind: AnnotationKind, camera_index: int, course: Course | None) -> tuple[str, ...]:
-        """Return the digest of the truth at the later moment that an annotation depends on; it is never made itself."""
+        """Return the digest of the truth at the later moment that an annotation depends on; that truth is never stored."""
         if kind not in self._later:
             return ()
         assert course is not None, "flow and velocity depend on a later moment too"
@@ -243,7 +243,7 @@ class ProductInputs:
         return self._predictions[function_index].digest(background, response.document)
 
     def _respond(self, sensor: bytes) -> list[Response]:
-        """Return the response of each sensor of the run for a variant's sensor values, given as canonical JSON."""
+        """Return the response of each sensor of the run for a variant's sensor values in canonical JSON."""
         values = orjson.loads(sensor)
         return [response_of(setting, values, self._seed, moves=self._moves) for setting in self._sensors]
 
@@ -266,5 +266,5 @@ def _function(pin: FunctionPin) -> dict[str, str | int]:
 
 
 def _judged(pin: FunctionPin) -> tuple[list[str], ...]:
-    """Return the classes that a function is judged by; nothing where these are all classes."""
+    """Return the classes that a function is judged by; empty if it is judged by all."""
     return (list(pin.card.judged_by),) if pin.card.judged_by else ()

@@ -1,4 +1,4 @@
-"""Offers of workers, and the offers that a run pinned: the numeric classes that make its pixels."""
+"""Offers of workers, and the offers that a run pinned: the numeric classes that its pixels depend on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Offer(Document):
         stage: the stage that uses it.
         name: the engine's name in specs, ``truth``, or an inference engine with its precision (``openvino/bf16``).
         numeric_class: everything besides the inputs that may change the last bits.
-        revision: raised by hand whenever equal inputs give another result.
+        revision: number that is raised when equal inputs give another result.
         route: queue of the workers that run it in this numeric class.
     """
 
@@ -34,7 +34,7 @@ class FunctionOffer(Offer):
 
     Attributes:
         digest: SHA-256 of its weights.
-        card: what is known of it.
+        card: facts about it.
     """
 
     digest: str
@@ -51,8 +51,9 @@ class FunctionPin(FunctionOffer):
 
     Attributes:
         kind: kind of a registered function (see `valerie.perception.documents.function`); None for an installed one.
-        deadline_hours: time that the function's document gives for uploading its predictions; None: the deployment's.
-        deadline: Unix seconds until when predictions may be uploaded; None before the run starts, and for other kinds.
+        deadline_hours: time for uploading its predictions, from the function's document; None: the deployment's.
+        deadline: end of the time for uploading predictions, in Unix seconds; None before the run starts, and for other
+            kinds.
     """
 
     kind: str | None = None

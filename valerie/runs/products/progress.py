@@ -15,7 +15,7 @@ class StageCounts(NamedTuple):
 
     Attributes:
         total: frames (render) or evaluations (infer, eval).
-        done, failed: how many of them are done, or failed for good.
+        done, failed: number of them that are done, and that failed for good.
     """
 
     total: int
@@ -24,12 +24,12 @@ class StageCounts(NamedTuple):
 
 
 class BlockCounts(Document):
-    """Frames and evaluations of a stretch of variants.
+    """Frames and evaluations of a range of variants.
 
     A failure counts at the stage where it happened and at every later one.
 
     Attributes:
-        frames, evaluations: how many there are.
+        frames, evaluations: numbers of all.
         rendered, render_failed: frames whose background, layer, truth and annotations are done; frames with a failure.
         inferred, infer_failed: evaluations whose prediction is done, or failed.
         evaluated, eval_failed: evaluations whose scores are done, or failed.
@@ -54,14 +54,14 @@ class BlockCounts(Document):
 
     @property
     def unfinished(self) -> int:
-        """Background, layer and truth of each frame, prediction and scores of each evaluation, less those that ended."""
+        """Number of products that have not ended: three per frame, prediction and scores per evaluation."""
         frames = self.frames - self.rendered - self.render_failed
         predictions = self.evaluations - self.inferred - self.infer_failed
         return 3 * frames + predictions + self.evaluations - self.evaluated - self.eval_failed
 
     @property
     def is_final(self) -> bool:
-        """Return True if nothing is left to do."""
+        """True if nothing is left to do."""
         return all(counts.done + counts.failed == counts.total for counts in map(self.stage, Stage))
 
     @classmethod
@@ -79,9 +79,9 @@ class StageProgress(Document):
     Attributes:
         done, failed: frames (render) or evaluations (infer, eval).
         total: exact once every variant is fed; extrapolated before.
-        running: products of this stage that workers hold, of all runs.
-        rate_per_s: finished per second.
-        eta_s: seconds until the rest is finished; None until ten have finished, and while nothing finishes.
+        running: products of this stage that workers hold, for all runs.
+        rate_per_s: number that end per second.
+        eta_s: seconds until the rest ends; None until ten have ended, and while nothing ends.
     """
 
     done: int
@@ -93,7 +93,7 @@ class StageProgress(Document):
 
 
 class VariantProgress(Document):
-    """Variants of the run, those that have rows, and those of which no frame is made."""
+    """Numbers of all variants of the run, of those with rows, and of rejected ones."""
 
     total: int
     fed: int
@@ -101,7 +101,7 @@ class VariantProgress(Document):
 
 
 class FrameProgress(Document):
-    """Frames that have rows; ``exact`` once these are all."""
+    """Number of frames that have rows; ``exact`` is True once all have."""
 
     fed: int
     exact: bool
@@ -111,11 +111,11 @@ class Progress(Document):
     """Progress of a run.
 
     Attributes:
-        state: of the run.
-        reason: why it waits, is paused or failed.
-        variants, frames: how much of the run has rows.
+        state: state of the run.
+        reason: reason why it waits, is paused or failed.
+        variants, frames: the part of the run that has rows.
         stages: render counts frames; infer and eval count evaluations. Empty before the first count.
-        awaiting: predictions that are still to be uploaded.
+        awaiting: number of predictions that are yet to be uploaded.
         updated_at: Unix seconds of the count; None before the first.
     """
 

@@ -9,29 +9,31 @@ from valerie.runs.values import Document
 
 
 class Ready(NamedTuple):
-    """A product that can be claimed: what a message about it needs.
+    """A product that can be claimed, with the data for a message about it.
 
     Attributes:
-        digest: names the product.
-        kind: what it is.
+        digest: digest of the product.
+        kind: its kind.
         route: queue of the workers that can make it.
-        cache_group: products of one group share a warm cache.
+        cache_group: group of products that share a warm cache.
+        turn: products of one route, kind, group and turn are taken together (see `valerie.runs.products.turns`).
     """
 
     digest: str
     kind: ProductKind
     route: str
     cache_group: str
+    turn: float
 
 
 class Fault(Document):
-    """Why a product failed for good.
+    """Error of a product that failed for good.
 
     Attributes:
         stage: kind of the product that failed.
         type: name of the error's class.
-        message: the error, in words.
-        attempts: how often it was tried.
+        message: text of the error.
+        attempts: number of attempts.
     """
 
     stage: ProductKind
@@ -41,7 +43,7 @@ class Fault(Document):
 
 
 class FailedInput(Document):
-    """A product failed because one of its inputs did; ``cause`` is that input's digest."""
+    """Error of a product one of whose inputs failed; ``cause`` is the input's digest."""
 
     cause: str
 

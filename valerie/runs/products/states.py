@@ -1,4 +1,4 @@
-"""States, kinds and queues: the words that rows, messages, REST and people share."""
+"""States, kinds and queues: the vocabulary of rows, messages, REST and texts."""
 
 from __future__ import annotations
 
@@ -15,22 +15,35 @@ class RunState(StrEnum):
     SUBMITTED = "submitted"
     #: Its products are written, computed and counted.
     RUNNING = "running"
-    #: Stopped with a reason (a full disk) and resumed by itself or on request.
+    #: Stopped with a reason (a full disk); resumes automatically or on request.
     PAUSED = "paused"
     #: Every product is done or failed; one process writes summary and report.
     FINISHING = "finishing"
     COMPLETED = "completed"
     #: Ended, and some products failed for good.
     COMPLETED_WITH_FAILURES = "completed-with-failures"
-    #: Stopped on request; what was done stays.
+    #: Stopped on request; finished products stay.
     CANCELLED = "cancelled"
-    #: The run itself could not go on; the reason says why.
+    #: The run itself cannot continue; its reason says why.
     FAILED = "failed"
 
     @property
     def is_final(self) -> bool:
-        """Return True if the run only goes on when a user resumes or retries it."""
+        """True if the run continues only when a user resumes or retries it."""
         return self in (self.COMPLETED, self.COMPLETED_WITH_FAILURES, self.CANCELLED, self.FAILED)
+
+
+class Priority(StrEnum):
+    """Priority of a run beside others that need the same workers."""
+
+    LOW = "low"
+    NORMAL = "normal"
+    HIGH = "high"
+
+    @property
+    def weight(self) -> float:
+        """Share of the workers beside a run of priority *normal*, which has 1."""
+        return {self.LOW: 0.25, self.NORMAL: 1.0, self.HIGH: 4.0}[self]
 
 
 class ProductState(StrEnum):
@@ -51,7 +64,7 @@ class ProductState(StrEnum):
 
 
 class ProductKind(StrEnum):
-    """Kind of a product; each product has a digest of its true inputs (see `valerie.runs.products.inputs`)."""
+    """Kind of a product."""
 
     #: The linear image without movables.
     BACKGROUND = "background"
@@ -59,9 +72,9 @@ class ProductKind(StrEnum):
     LAYER = "layer"
     #: Class, instance and depth maps, amodal masks, visibility.
     TRUTH = "truth"
-    #: The part of a truth that all truths of a camera share: its statics. Stored with the first of them.
+    #: The statics of a truth, which all truths of a camera pose share. Stored with the first of them.
     STATICS = "statics"
-    #: Annotations (`valerie.rendering.annotations.kinds`), each under its own word.
+    #: Annotations (`valerie.rendering.annotations.kinds`), each under its own name.
     NORMALS = AnnotationKind.NORMALS.value
     BOXES = AnnotationKind.BOXES.value
     JOINTS = AnnotationKind.JOINTS.value
@@ -76,7 +89,7 @@ class ProductKind(StrEnum):
 
     @property
     def stage(self) -> Stage:
-        """The stage whose workers make it."""
+        """The stage that computes it."""
         if self is ProductKind.PREDICTION:
             return Stage.INFER
         return Stage.EVAL if self is ProductKind.EVALUATION else Stage.RENDER

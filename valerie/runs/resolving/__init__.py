@@ -1,1 +1,1 @@
-"""From a spec and its asset to what the run is: values, sensors, motion, requirements."""
+"""Resolution of a spec against its asset: values, sensors, motion, requirements."""

@@ -1,4 +1,4 @@
-"""Check from the spec alone whether a run has few backgrounds for its frames."""
+"""Estimate, from the spec only, whether a run has few backgrounds for its frames."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from valerie.runs.resolving.motion import Times
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.variation.variant import picture_paths_without_movables
 
-#: A run has few backgrounds if it has at least so many frames for each of them.
+#: A run has few backgrounds if it has at least this many frames for each of them.
 _FRAMES_PER_BACKGROUND: Final = 10
 
 
 def few_backgrounds(space: ParameterSpace, manifest: Manifest, cameras: Sequence[str], times: Times) -> bool:
     """Return True if there are at most a tenth as many pictures of backgrounds as frames.
 
-    Both are counted from the designs, without looking at single variants: rejected ones count, too, and blocks count as if they
-    shared no background.
+    Both numbers follow from the designs, without examining single variants: rejected ones count too, and blocks count as if
+    they shared no background.
     """
     moments = len(times.elapsed)
     moved = () if times.motion is None else times.motion.moved
@@ -38,7 +38,7 @@ def few_backgrounds(space: ParameterSpace, manifest: Manifest, cameras: Sequence
 
 
 def _combinations(space: ParameterSpace, block: Block, paths: frozenset[str]) -> int:
-    """Return how many values of ``paths`` a block combines at most; the size of the space if they are continuous."""
+    """Return the largest number of combinations of ``paths`` in a block; the size of the space if they are continuous."""
     if block.design == POINTS:
         return len({tuple(sorted((path, point[path]) for path in paths & point.keys())) for point in block.points})
     counts = [

@@ -23,12 +23,12 @@ _DECIMALS: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """The moments of a run's frames, and what moves.
+    """The moments of a run's frames, and its motion.
 
     Attributes:
         elapsed: seconds of each frame after the first frame of its variant; a single 0 without a sequence.
         step: seconds between two frames; None without a sequence.
-        motion: what moves; None if the run has no sequence, time or trajectory.
+        motion: moving objects; None if the run has no sequence, time or trajectory.
     """
 
     elapsed: tuple[float, ...] = (0.0,)
@@ -41,7 +41,7 @@ def resolve_times(spec: RunSpec, manifest: Manifest, problems: list[InvalidInput
 
     Args:
         spec: the spec.
-        manifest: of its asset.
+        manifest: manifest of its asset.
         problems: receives every problem, each with its dotted field.
     """
     if spec.sequence is None and not spec.trajectories and not (manifest.trajectories and _names_time(spec)):

@@ -1,4 +1,4 @@
-"""Warnings about specs that are legal and probably not what their authors intended."""
+"""Warnings about specs that are legal but probably not intended."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT
 from valerie.statistics.verdicts import units_to_decide
 
-#: Variants whose sun is looked at, evenly over the run; below this elevation, an exposure below that many stops is black.
+#: Number of variants whose sun is checked, elevation of the sun at night, and smallest exposure that is not black then.
 _LOOKED_AT, _TWILIGHT_DEG, _NIGHT_EV = 64, -6.0, 4.0
 #: Largest number of values of a range that a warning lists.
 _LISTED: Final = 5
 
 
 def shortfall(distribution: Homogeneous, definition: ParameterDefinition) -> str:
-    """Return the warning about a range whose maximum is no whole number of steps from its minimum."""
+    """Return the warning about a range whose maximum is not a whole number of steps above its minimum."""
     count = distribution.count(definition)
     listed = ", ".join(f"{distribution.value(k, definition):g}" for k in range(min(count, _LISTED)))
     if count > _LISTED:
@@ -41,11 +41,11 @@ def shortfall(distribution: Homogeneous, definition: ParameterDefinition) -> str
 
 
 def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool) -> Iterator[str]:
-    """Yield the warnings about what the sensors of a run cost, and about settings without effect.
+    """Yield the warnings about costs of a run's sensors, and about settings without effect.
 
     Args:
         spec: the spec.
-        needs: of each of its sensors.
+        needs: needs of each of its sensors.
         moves: True if the run has a sequence, time or trajectories.
     """
     for sensor, need in zip(spec.sensors, needs, strict=True):
@@ -70,7 +70,7 @@ def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool)
         elif need.depth is not None:
             yield (
                 f"sensor {sensor.name}: {need.depth} needs depth: its pictures wait for the ground truth too, and "
-                "are not shared by variants with other truth"
+                "are not shared by variants with a different truth"
             )
         for text in need.idle:
             yield f"sensor {sensor.name}: {text}"
@@ -85,7 +85,7 @@ def oversights(
         vocabulary: the names of the spec.
         space: its variants.
         times: its moments, and what moves.
-        requirements: that it will be judged by.
+        requirements: its requirements.
     """
     yield from _about_blocks(vocabulary, space)
     yield from _about_requirements(space, requirements)
@@ -103,7 +103,7 @@ def oversights(
 
 
 def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) -> Iterator[str]:
-    """Say where a fixed exposure for the day meets the night: the picture is black."""
+    """Yield a warning for each sensor whose fixed daylight exposure gives black pictures at night."""
     step = max(space.size // _LOOKED_AT, 1)
     lowest = None
     for index in range(0, space.size, step):
@@ -134,7 +134,7 @@ def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str
 
 
 def _about_requirements(space: ParameterSpace, requirements: Sequence[Requirement]) -> Iterator[str]:
-    """Say where a random design is too small for a verdict if the truth lies half way between the bound and the best."""
+    """Yield a warning if a random design is too small for a verdict with the truth halfway between bound and best."""
     if len(space.blocks) > 1 or space.blocks[0].design not in INDEPENDENT:
         return
     for requirement in requirements:
@@ -152,7 +152,7 @@ def _about_replicates(design: str, count: int, place: str) -> Iterator[str]:
     if count < MIN_POINTS:
         yield (
             f"{place}: {count} points of {design} are drawn independently, as in a random design; from {MIN_POINTS} on "
-            "they are spread evenly, in replicates that tell how certain a mean is"
+            "they are spread evenly, in replicates that show how certain a mean is"
         )
         return
     number = replicate_number(count)

@@ -18,10 +18,10 @@ class Requirement:
     """A requirement of a resolved run.
 
     Attributes:
-        document: as the spec has it.
-        statistic: what it bounds.
+        document: the requirement in the spec.
+        statistic: the bounded statistic.
         where: its region; None: everything.
-        functions: names of the functions that it is about.
+        functions: names of the functions that it applies to.
     """
 
     document: RequirementDocument
@@ -30,11 +30,11 @@ class Requirement:
     functions: tuple[str, ...]
 
     def holds(self, row: Row) -> bool:
-        """Return whether a row of results lies in the region."""
+        """Return True if a row of results is in the region."""
         return self.where is None or self.where.holds(row)
 
     def excludes(self, row: Row) -> bool:
-        """Return whether a row lies outside the region whatever its missing values are."""
+        """Return True if a row is outside the region for all possible missing values."""
         return self.where is not None and self.where.excludes(row)
 
 
@@ -44,9 +44,9 @@ def resolve_requirements(
     """Return the requirements of a spec.
 
     Args:
-        spec: whose statistics can be read.
+        spec: spec with valid statistics.
         definitions: the run's parameters.
-        cameras: of the run.
+        cameras: the run's cameras.
         problems: receives every problem with a region, with its dotted field.
     """
     known, requirements = tuple(definitions), []

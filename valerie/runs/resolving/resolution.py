@@ -47,8 +47,8 @@ class ResolvedRun:
         engine_inputs: all settings of the renderer that change its pixels; empty for an engine without settings.
         annotations: those that the spec names and those that its sensors need.
         times: the moments of each variant, and what moves.
-        requirements: that the run is judged by.
-        warnings: what the author of the spec may not have intended.
+        requirements: requirements that the run is judged by.
+        warnings: properties of the spec that its author may not have intended.
         notes: assumptions made where the spec leaves something open.
     """
 
@@ -66,11 +66,11 @@ class ResolvedRun:
     notes: tuple[str, ...] = ()
 
     def at(self, assignment: Mapping[str, Value], time_index: int) -> Mapping[str, Value]:
-        """Return the assignment of one frame: path to value at the frame's moment, as `split` and `apply` take it.
+        """Return the assignment of one frame: path to value at the frame's moment, for `split` and `apply`.
 
         Args:
-            assignment: of the variant; returned unchanged in a run without time.
-            time_index: of the frame, from 0.
+            assignment: assignment of the variant; returned unchanged in a run without time.
+            time_index: index of the frame, from 0.
         """
         motion = self.times.motion
         return assignment if motion is None else motion.at(assignment, self.times.elapsed[time_index])
@@ -83,7 +83,7 @@ class ResolvedRun:
         return motion.at(assignment, self.times.elapsed[time_index] + seconds, within=True)
 
     def around(self, assignment: Mapping[str, Value], time_index: int) -> Course:
-        """Return how a variant moves around a frame's moment."""
+        """Return the motion of a variant around a frame's moment."""
         motion = self.times.motion
         values = {} if motion is None else {path: value for path, value in assignment.items() if motion.owns(path)}
         return Course(
@@ -97,7 +97,7 @@ class ResolvedRun:
 
     @property
     def infers_backgrounds(self) -> bool:
-        """True if functions see each background without movables, too (``infer_backgrounds`` of the spec)."""
+        """True if functions also see each background without movables (``infer_backgrounds`` of the spec)."""
         chosen = self.spec.infer_backgrounds
         return few_backgrounds(self.space, self.manifest, self.cameras, self.times) if chosen is None else chosen
 
@@ -118,9 +118,9 @@ class Course(NamedTuple):
     """The motion of a variant around a frame's moment.
 
     Attributes:
-        near: returns the assignment of the moment that is a number of seconds later.
-        values: canonical JSON of the moment and of the variant's own times and keyframes, which decide all that ``near`` returns
-            for one run.
+        near: returns the assignment a number of seconds later.
+        values: canonical JSON of the moment and of the variant's own times and keyframes, which determine the results of
+            ``near`` within one run.
     """
 
     near: Callable[[float], Mapping[str, Value]]
@@ -141,8 +141,8 @@ def resolve(
 
     Args:
         spec: the spec.
-        manifest: of ``spec.asset``.
-        asset_digest: of ``spec.asset``; passed on.
+        manifest: manifest of ``spec.asset``.
+        asset_digest: digest of ``spec.asset``.
         engines: known names; None accepts any, since a stored run may outlive an installed engine.
         functions: known names; None accepts any.
         max_variants: limit, checked by arithmetic before anything is built; None for no limit.
@@ -217,7 +217,7 @@ def _check_names(
 
 @dataclass
 class _SpaceResolver:
-    """Builds the parameter space of one spec.
+    """Builder of the parameter space of one spec.
 
     Attributes:
         vocabulary: the names of the spec; its ``problems`` receive every problem.
@@ -236,7 +236,7 @@ class _SpaceResolver:
         vocabulary, spec, problems = self.vocabulary, self.vocabulary.spec, self.vocabulary.problems
         blocks = [self._block(block, f"blocks.{i}") for i, block in enumerate(spec.blocks)]
         constants = vocabulary.values(spec.constants, "constants")
-        # A variant sets no value that follows a trajectory, so a constraint cannot compare one.
+        # Constraints cannot compare values that follow a trajectory, since no variant sets them.
         moved = () if vocabulary.motion is None else vocabulary.motion.moved
         definitions = {path: d for path, d in vocabulary.definitions.items() if path not in moved}
         aliases = {name: path for name, path in vocabulary.paths.items() if path in definitions}
@@ -372,7 +372,7 @@ def _check_sun(space: ParameterSpace, problems: list[InvalidInput]) -> None:
 
 
 def _check_rolling_shutters(spec: RunSpec, used: Collection[str], problems: list[InvalidInput]) -> None:
-    """Check that a frame is read line by line in one way: it has one scan."""
+    """Check that all rolling shutters read a frame in the same way, since it has only one scan."""
     ways: dict[tuple[float, Distortion], int] = {}
     for i, sensor in enumerate(spec.sensors):
         if sensor.rolls or "sensor.shutter.line_time_us" in used:

@@ -41,7 +41,7 @@ class RollingShutter(NamedTuple):
     """The line-by-line reading of a frame.
 
     Attributes:
-        setting: of a sensor that does so, with the variant's values.
+        setting: setting of a sensor with a rolling shutter, with the variant's values.
         blurs: True if one of these sensors has an exposure time.
     """
 
@@ -50,16 +50,16 @@ class RollingShutter(NamedTuple):
 
     @property
     def document(self) -> list[object]:
-        """Return what a scan depends on besides the scene."""
+        """Inputs of a scan besides the scene."""
         return [self.setting.shutter.line_time_us, self.setting.distortion.model_dump(), self.blurs]
 
 
 def rolling_shutter(sensors: Iterable[SensorSetting], assignment: Mapping[str, Value]) -> RollingShutter | None:
-    """Return how the sensors of a run read a frame line by line; None if none does.
+    """Return the rolling shutter of a run's sensors; None if none has one.
 
     Args:
-        sensors: of the spec; those with a rolling shutter agree in line time and distortion.
-        assignment: of the variant.
+        sensors: sensors of the spec; those with a rolling shutter agree in line time and distortion.
+        assignment: assignment of the variant.
     """
     rolling = [setting for setting in (setting_of(s, assignment, moves=True) for s in sensors) if setting.rolls]
     if not rolling:
@@ -76,19 +76,19 @@ def setting_of(setting: SensorSetting, assignment: Mapping[str, Value], *, moves
     """Return a setting with a variant's values for the sensor; the asset's defaults do not override the setting.
 
     Args:
-        setting: of the spec.
-        assignment: of the variant.
-        moves: True if the run knows how things move; otherwise the shutter has no effect.
+        setting: setting in the spec.
+        assignment: assignment of the variant.
+        moves: True if the run has motion; otherwise the shutter has no effect.
     """
     of_variant = setting.with_assignment(sensor_values(assignment))
     return of_variant if moves else of_variant.without_shutter()
 
 
 def response_of(setting: SensorSetting, sensor: Mapping[str, Value], run_seed: int, *, moves: bool = False) -> Response:
-    """Return what a prediction on the picture of a sensor depends on.
+    """Return the response of a sensor.
 
     Args:
-        setting: of the spec; its name changes no pixel.
+        setting: setting in the spec; its name changes no pixel.
         sensor: `sensor_values` of the variant, in their canonical form.
         run_seed: seed of the run; it matters only to settings with random effects.
         moves: see `setting_of`.
@@ -106,7 +106,7 @@ def _response(setting: SensorSetting, sensor: bytes, run_seed: int, moves: bool)
 
 
 def short_document(setting: SensorSetting, run_seed: int) -> JsonObject:
-    """Return everything that changes the picture of a frame, by parameter, with the run's seed if effects are random."""
+    """Return the values that change the picture of a frame, by parameter, with the run's seed if effects are random."""
     document = setting.response()
     return {**document, "seed": run_seed} if setting.needs_seed else document
 

@@ -1,4 +1,4 @@
-r"""The entry point of this package: read a spec from text, and resolve it against its asset.
+r"""Read a spec from text, and resolve it against its asset.
 
 >>> spec = parse("name: first\nasset: urban-street\nvary: [[person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]]")
 >>> manifest, asset_digest = asset_manifest(spec.asset)
@@ -51,7 +51,7 @@ def parse(source: str | bytes | Written | RunSpec) -> RunSpec:
     """Read a spec in either notation.
 
     Args:
-        source: YAML or JSON text, or a document that has been loaded.
+        source: YAML or JSON text, or a loaded document.
 
     Raises:
         InvalidInput: the text is not a usable document (see `valerie.loading`).

@@ -22,12 +22,12 @@ from valerie.scene.motion.trajectory import Motion
 
 @dataclass
 class Vocabulary:
-    """Looks up the names in one spec and converts its numbers to the units of the parameters' declarations.
+    """Names and units of one spec: looks up parameters and converts numbers to the units of their declarations.
 
     Attributes:
         spec: the spec.
-        manifest: of its asset.
-        motion: what moves in the run; its parameters can be named too.
+        manifest: manifest of its asset.
+        motion: motion in the run; its parameters can be named too.
         problems: receives every problem with the spec's declarations, each with its dotted field.
         definitions: path to definition, with the spec's names and ranges in force.
         paths: every name (the asset's and the spec's) and every path to its path.
@@ -84,6 +84,10 @@ class Vocabulary:
 
     def _narrowed(self, parameter: DeclaredParameter, asset: ParameterDefinition, place: str) -> ParameterDefinition:
         changes: Written = {"name": parameter.name}
+        if parameter.odd is not None:
+            changes["odd"] = parameter.odd
+        if parameter.source:
+            changes["source"] = parameter.source
         if parameter.choices:
             for k, choice in enumerate(parameter.choices):
                 asset.check(choice, field=f"{place}.choices.{k}")
@@ -140,7 +144,7 @@ class Vocabulary:
         return path
 
     def renders(self, ability: Ability) -> bool:
-        """Return True if the run's engine has an ability; an engine that is not installed is taken to have all."""
+        """Return True if the run's engine has an ability; one that is not installed is assumed to have all."""
         return self._engine is None or ability in self._engine.shows
 
     def number(self, written: Any, definition: ParameterDefinition, place: str) -> float:
@@ -166,9 +170,9 @@ class Vocabulary:
         return definition.check(written, field=place)
 
     def values(self, written: Written, place: str) -> dict[str, Value]:
-        """Return path to value for a mapping of names to values as the spec writes them.
+        """Return path to value for a mapping of names to values in a spec.
 
-        An entry with a problem is left out, and the problem added to `problems`.
+        An entry with a problem is left out, and the problem is added to `problems`.
         """
         values: dict[str, Value] = {}
         for name, value in written.items():
@@ -182,7 +186,7 @@ class Vocabulary:
         return values
 
     def notes(self) -> Iterator[str]:
-        """Say which units were assumed for numbers without one."""
+        """Yield notes about the units that were assumed for numbers without one."""
         for path in self._unitless:
             definition = self.definitions[path]
             yield f"{definition.name}: numbers without unit are in {definition.unit}"

@@ -1,7 +1,7 @@
 """Selections of rows by an expression: ``pacc < 0.5 and distance_m > 25 and camera == 'camera-1'``.
 
 The grammar is that of constraints (`valerie.parameters.constraints`). Names are the columns of the long table and the
-asset's parameters, by name or path. As in SQL, a row is not selected if a value is missing that the result depends on.
+asset's parameters, by name or path. As in SQL, a row is not selected if the result depends on a missing value.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType, V
 from valerie.plain import Row
 from valerie.runs.document.documents import RunSpec
 
-#: Columns that are known as soon as the truth is made, without any function.
+#: Columns that are known once the truth exists, without any function.
 METADATA: Final = names_from(*WITHOUT_FUNCTION)
 
 
@@ -41,7 +41,7 @@ class Where:
 
     Attributes:
         text: source text.
-        names: columns and parameter paths that occur in it.
+        names: columns and parameter paths in it.
     """
 
     text: str
@@ -55,7 +55,7 @@ class Where:
         return not self.names.isdisjoint(names_from(*OF_FUNCTION))
 
     def holds(self, row: Row) -> bool:
-        """Return whether a row is selected.
+        """Return True if a row is selected.
 
         Args:
             row: column or parameter path to value; missing parameters have their defaults.
@@ -63,12 +63,12 @@ class Where:
         return self._constraint.holds(row)
 
     def excludes(self, row: Row) -> bool:
-        """Return whether a row is out for certain, whatever the values are that it lacks."""
+        """Return True if a row is not selected for any possible missing values."""
         return self._opposite.holds(row)
 
 
 def choices_of(spec: RunSpec, cameras: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the names that the columns of a run's rows can have, for `compile_where`."""
+    """Return the possible names in the columns of a run's rows, for `compile_where`."""
     return {
         "camera": tuple(cameras),
         "sensor": tuple(setting.name for setting in spec.sensors),

@@ -1,40 +1,40 @@
-"""The study as a document: what varies as a run spec has it, and the question, the budget and the end.
+"""The study as a document: the varied parameters as in a run spec, and the question, the budget and the stop rule.
 
-A file has the fields of a spec and those of a study side by side. `parse_study` takes them apart: ``vary`` becomes the
-operational domain, the rest of the spec is that of every run that the study makes.
+A file has the fields of a spec and those of a study side by side. `parse_study` separates them: ``vary`` becomes the
+operational domain; the rest of the spec applies to every run of the study.
 """
 
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import yaml
-from pydantic import Field, JsonValue, ValidationError, field_validator, model_validator
+from pydantic import Field, JsonValue, ValidationError, model_validator
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.plain import Written
 from valerie.runs.document.documents import RunSpec
-from valerie.runs.moments import in_utc
+from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
-from valerie.runs.values import Document, Scalar, Text
+from valerie.runs.study.retraining import Rounds
+from valerie.runs.values import Document, Name, Scalar, Text
 from valerie.validation import problem_of
 
-#: Fields of a spec that a study decides itself.
+#: Fields of a spec that a study sets itself.
 _DECIDED: Final = ("blocks", "design", "count", "points", "requirements", "parent_run", "iteration")
 
 
 class StudyState(StrEnum):
     """State of a study."""
 
-    #: It proposes, runs and decides.
+    #: Proposes and runs batches.
     RUNNING = "running"
-    #: It waits for a person; its reason says for what.
+    #: Waits for a person; its reason says what for.
     PAUSED = "paused"
     #: The goal is reached, or the budget is spent.
     FINISHED = "finished"
@@ -43,7 +43,7 @@ class StudyState(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """True where it does nothing more."""
+        """True if the study does nothing more."""
         return self in (StudyState.FINISHED, StudyState.STOPPED)
 
 
@@ -51,8 +51,8 @@ class GoalDocument(Document):
     """The fields that every goal states.
 
     Attributes:
-        question: for people.
-        functions: number of functions under test that it is about.
+        question: its question in words.
+        functions: number of functions under test that it needs.
         bounded: True if it needs scores on both sides of the measure's bound.
     """
 
@@ -77,7 +77,7 @@ class FindGoal(GoalDocument):
     """Find the modes of failure, by `valerie.guided.find`.
 
     Attributes:
-        repeats: further seeds of what is random under which a failure must fail; 0 where nothing is random.
+        repeats: further seeds under which a failure must fail; 0 where nothing is random.
     """
 
     question = "In how many ways does a variant fail?"
@@ -120,8 +120,8 @@ class VerifyGoal(GoalDocument):
     """Verify a requirement, by `valerie.guided.verify`.
 
     Attributes:
-        share: the least share of variants that pass. Without it, the mean score of the variants has to reach the bound of
-            the measure.
+        share: smallest share of variants that pass. Without it, the mean score of the variants must reach the bound of the
+            measure.
         confidence: 1 − the chance of a false verdict.
     """
 
@@ -135,8 +135,8 @@ class CompareGoal(GoalDocument):
     """Compare two functions, by `valerie.guided.compare`.
 
     Attributes:
-        within: half width of the interval at which the difference is known well enough.
-        of: what is compared: the ``mean`` scores, or the ``share`` of variants that pass.
+        within: half width of the interval that suffices.
+        of: compared quantity: the ``mean`` score, or the ``share`` of variants that pass.
         level: confidence of the interval, and of the verdict.
     """
 
@@ -148,6 +148,20 @@ class CompareGoal(GoalDocument):
     level: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
 
 
+class CascadeGoal(GoalDocument):
+    """Estimate what a costly render engine says from few of its frames, by `valerie.guided.cascade`.
+
+    Attributes:
+        renderer: the costly engine, as in a spec; that of the spec is the cheap one.
+        of: what is estimated: the ``mean`` score, or the failure ``rate``.
+    """
+
+    question = "What does the costly render engine say?"
+    name: Literal["cascade"] = "cascade"
+    renderer: Name | dict[str, Scalar]
+    of: Literal["mean", "rate"] = "mean"
+
+
 class RankGoal(GoalDocument):
     """Rank the parameters by their effect, by `valerie.guided.rank`."""
 
@@ -157,29 +171,25 @@ class RankGoal(GoalDocument):
 
 
 Goal = Annotated[
-    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal, Field(discriminator="name")
+    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal | CascadeGoal,
+    Field(discriminator="name"),
 ]
 #: Names of the goals.
-GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank")
+GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
 
 
 class Budget(Document):
     """Limits of a study, which ends when it reaches the first of them.
 
     Attributes:
-        variants: legal variants; rejected ones cost nothing and do not count.
-        cpu_hours: of workers, for the runs of the study.
+        variants: number of legal variants; rejected ones cost nothing and do not count.
+        cpu_hours: CPU time of workers for the runs of the study.
         deadline: moment after which nothing more is proposed; UTC unless it names a time zone.
     """
 
     variants: Annotated[int, Field(strict=True, ge=8, le=1_000_000)]
     cpu_hours: Annotated[float, Field(gt=0, le=1e6)] | None = None
-    deadline: datetime | None = None
-
-    @field_validator("deadline")
-    @classmethod
-    def _zone(cls, moment: datetime | None) -> datetime | None:
-        return None if moment is None else in_utc(moment)
+    deadline: Moment | None = None
 
 
 class StopRule(Document):
@@ -187,7 +197,7 @@ class StopRule(Document):
 
     Attributes:
         width: full width of the assumption-free interval of ``estimate``. The study looks after every batch, so each look
-            takes its share of the error (Bonferroni), and the interval is that much wider than without a stop rule.
+            gets a share of the error (Bonferroni), which makes the interval wider than without a stop rule.
     """
 
     width: Annotated[float, Field(gt=0, lt=1)] | None = None
@@ -197,15 +207,16 @@ class StudyDocument(Document):
     """The definition of a study.
 
     Attributes:
-        schema_version: of this document.
-        spec: of its runs, with one block that varies the operational domain.
+        schema_version: version of this schema.
+        spec: spec of its runs, with one block that varies the operational domain.
         measure: a statistic over the rows of a variant and its bound, e.g. ``min(pacc) >= 0.5``: variants below it fail.
         where: rows that count, e.g. ``distance_m <= 30``; by default all.
-        goal: what is asked.
-        budget: what it may cost.
-        stop: when the answer is good enough; by default the budget decides.
+        goal: the question.
+        budget: limits of its cost.
+        stop: precision that suffices; by default the budget decides.
         batch: number of variants that are proposed at a time.
         mode: ``automatic``, or ``by hand``: a person accepts each batch.
+        rounds: how a validation flow goes on where ``verify`` ends with a requirement that is not met.
 
     Raises:
         InvalidInputs: every problem, each with its dotted field.
@@ -220,6 +231,7 @@ class StudyDocument(Document):
     stop: StopRule = StopRule()
     batch: Annotated[int, Field(strict=True, ge=1, le=1000)] = 64
     mode: Literal["automatic", "by hand"] = "automatic"
+    rounds: Rounds = Rounds()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -241,6 +253,9 @@ class StudyDocument(Document):
             problems.append(InvalidInput(refusal, field="functions", value=functions, limit=self.goal.functions))
         if isinstance(self.goal, RankGoal) and len(self.spec.blocks[0].vary) == 1:
             problems.append(InvalidInput("a ranking needs two parameters", field="vary", value=1, limit=">= 2"))
+        if isinstance(self.goal, CascadeGoal) and self.goal.renderer == self.spec.renderer:
+            refusal = "the costly engine is the cheap one"
+            problems.append(InvalidInput(refusal, field="goal.renderer", value=self.goal.renderer, limit="another"))
         if self.batch > self.budget.variants:
             refusal = "a batch is larger than the budget"
             problems.append(InvalidInput(refusal, field="batch", value=self.batch, limit=self.budget.variants))
@@ -257,13 +272,13 @@ class StudyDocument(Document):
 
     @property
     def name(self) -> str:
-        """Name of the study, for people."""
+        """Title of the study."""
         return self.spec.name
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides its proposals; the mode does not."""
-        document = self.model_dump(mode="json", exclude={"spec", "mode"})
+        """Digest of everything that determines its proposals; mode and rounds do not."""
+        document = self.model_dump(mode="json", exclude={"spec", "mode", "rounds"})
         return digest("study", self.spec.digest, document)
 
     def to_yaml(self) -> str:
@@ -285,10 +300,10 @@ _OWN: Final = frozenset(StudyDocument.model_fields) - {"spec", "schema_version"}
 
 
 def parse_study(source: str | bytes | Written | StudyDocument) -> StudyDocument:
-    """Read a study; both notations of a spec are understood.
+    """Read a study with its spec in either notation.
 
     Args:
-        source: YAML or JSON text, or a document that has been loaded.
+        source: YAML or JSON text, or a loaded document.
 
     Raises:
         InvalidInput: the text is not a usable document.
@@ -341,23 +356,25 @@ class Outcomes(Document):
     """The final outcomes of a batch.
 
     Attributes:
-        scores: of each variant; None where a variant has none.
-        second: the same of the second function; empty where the study is about one.
-        rejected: indexes of the variants that are rejected. They are outcomes of their own: without a score, and free.
+        scores: score of each variant; None where a variant has none.
+        second: likewise for the second function; empty in a study of one function.
+        rejected: indices of the rejected variants. They have no score and do not count in the budget.
+        cpu_seconds: price of all products of the batch, whenever they were made; None where no proposal depends on it.
     """
 
     scores: tuple[float | None, ...]
     second: tuple[float | None, ...] = ()
     rejected: tuple[int, ...] = ()
+    cpu_seconds: float | None = None
 
     @property
     def by_variant(self) -> list[tuple[float | None, ...]]:
-        """For each variant, the scores of the functions."""
+        """The scores of all functions for each variant."""
         return list(zip(self.scores, self.second, strict=True)) if self.second else [(score,) for score in self.scores]
 
     @property
     def values(self) -> list[float] | list[list[float]]:
-        """The scores as a strategy takes them, with NaN for None: one of each variant, or one of each function."""
+        """The scores for a strategy, with NaN for None: one per variant, or one per variant and function."""
         table = [[math.nan if score is None else score for score in scores] for scores in self.by_variant]
         return table if self.second else [score for (score,) in table]
 
@@ -366,9 +383,9 @@ class StudyResult(Document):
     """The result of a study.
 
     Attributes:
-        sentences: in words.
-        numbers: by name.
-        batches: number of batches that it rests on.
+        sentences: the result in words.
+        numbers: the result by name.
+        batches: number of batches behind it.
     """
 
     sentences: tuple[str, ...]

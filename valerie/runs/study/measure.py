@@ -1,4 +1,4 @@
-"""The measure of a study: a statistic over the rows of one variant, which becomes a score between 0 and 1.
+"""The measure of a study: a statistic over the rows of one variant, converted to a score between 0 and 1.
 
     min(pacc) >= 0.5
     max(iou) <= 0.9
@@ -24,6 +24,7 @@ from valerie.runs.statistic import Statistic, parse_statistic
 
 _EXTREME: Final = re.compile(r"\s*(min|max)\s*\((\s*[A-Za-z_]+\s*)\)(.*)", re.DOTALL)
 _OVER: Final[dict[str, Callable[..., float]]] = {"min": np.min, "max": np.max, "mean": np.mean}
+_OPPOSITE: Final = {">=": "<", "<=": ">"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +32,9 @@ class VariantMeasure:
     """A measure.
 
     Attributes:
-        text: as it was written.
-        statistic: of the rows' values.
-        over: how they become one: ``min``, ``max`` or ``mean``.
+        text: the measure as written.
+        statistic: statistic of the rows' values.
+        over: aggregation of the rows: ``min``, ``max`` or ``mean``.
     """
 
     text: str
@@ -42,19 +43,29 @@ class VariantMeasure:
 
     @property
     def column(self) -> str:
-        """The column of the long table that is measured."""
+        """The measured column of the long table."""
         return self.statistic.measure.name
 
     @property
     def at_least(self) -> float:
-        """Variants with a score below it fail."""
+        """Score below which a variant fails."""
         return self.statistic.at_least
+
+    @property
+    def missed(self) -> str:
+        """The rows that speak against a variant, as an expression: ``pacc < 0.5``."""
+        if self.statistic.condition is None:
+            return f"{self.column} {_OPPOSITE[self.statistic.sign]} {self.statistic.bound:g}"
+        comparison, threshold = self.statistic.condition
+        if self.statistic.sign == ">=":
+            comparison = _OPPOSITE[comparison]
+        return f"{self.column} {comparison} {threshold:g}"
 
     def score(self, values: ArrayLike) -> float:
         """Return the score of a variant: the higher the better, NaN where it has none.
 
         Args:
-            values: (N,) of the rows that count; NaN where a row has no value.
+            values: (N,) values of the rows that count; NaN where a row has none.
         """
         rows = np.asarray(values, np.float64)
         rows = rows[~np.isnan(rows)]
@@ -66,7 +77,7 @@ class VariantMeasure:
         return float(self.statistic.scores(extreme)[0])
 
     def shown(self, score: float) -> float:
-        """Return a score as the quantity that is bounded."""
+        """Return a score as the bounded quantity."""
         return self.statistic.shown(score)
 
 
@@ -74,7 +85,7 @@ def parse_measure(text: str, *, field: str = "measure") -> VariantMeasure:
     """Read a measure.
 
     Raises:
-        InvalidInput, UnknownName: as `parse_statistic`.
+        InvalidInput, UnknownName: as for `parse_statistic`.
     """
     extreme = _EXTREME.fullmatch(text)
     if extreme is None:

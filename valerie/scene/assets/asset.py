@@ -26,7 +26,7 @@ from valerie.validation import problems_of
 
 #: Arguments of an asset pack by name, as its ``Settings`` declares them.
 AssetArguments = dict[str, Value]
-#: An asset in a spec: its name, or a mapping of name and arguments of its pack, e.g. {name: urban-street, seed: 7}.
+#: An asset in a spec: its name, or a mapping of name and arguments of its pack, e.g. its seed.
 AssetReference = str | Mapping[str, Value]
 
 
@@ -173,7 +173,7 @@ def parse_reference(reference: AssetReference) -> tuple[str, AssetArguments]:
     arguments = dict(reference)
     name = arguments.pop("name", None)
     if not isinstance(name, str):
-        raise InvalidInput("an asset mapping has a name", field="asset.name", value=name, limit="as urban-street")
+        raise InvalidInput("an asset mapping needs a name", field="asset.name", value=name, limit="{name: …}")
     return name, arguments
 
 

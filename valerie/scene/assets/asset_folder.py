@@ -17,7 +17,7 @@ from valerie.scene.graph.model import Scene
 
 MANIFEST_FILE: Final = "manifest.yaml"
 MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
-#: Raised by hand whenever the same files give another scene; part of the digest of every such asset.
+#: Part of the digest of every such asset. Raise it by hand whenever the same files give another scene.
 REVISION: Final = 2
 
 
@@ -39,7 +39,7 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
     data.setdefault("name", folder.resolve().name)
     manifest = parse_manifest(data, source=MANIFEST_FILE)
     if not manifest.all_files:
-        raise InvalidInput("an asset has at least one glTF file", field=f"{MANIFEST_FILE}.files")
+        raise InvalidInput("an asset needs at least one glTF file", field=f"{MANIFEST_FILE}.files")
     files: dict[str, Path] = {}
     hashes: dict[str, str] = {}
     problems: list[InvalidInput] = []
@@ -55,16 +55,18 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in external.items()}
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
-    return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes, REVISION), files
+    # What a parameter stands for in an operational design domain, and where its range comes from, changes no scene.
+    document = manifest.model_dump(mode="json", exclude={"parameters": {"__all__": {"odd", "source"}}})
+    return manifest, digest("asset-files", document, hashes, REVISION), files
 
 
 def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:
-    """Read the glTF files of an asset into one scene, labelled as the manifest says.
+    """Read the glTF files of an asset into one scene, with the labels of the manifest.
 
     Args:
-        manifest: of the asset.
-        files: glTF files by name (`read_manifest`).
-        folder: of the asset; no file may refer to anything outside of it.
+        manifest: the asset's manifest.
+        files: glTF files by name, from `read_manifest`.
+        folder: the asset's folder. No file may refer to anything outside it.
 
     Raises:
         InvalidInput: a file is broken, or two files contradict each other.
@@ -76,7 +78,7 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> S
 
 
 def _references(path: Path, folder: Path, name: str) -> tuple[Mapping[str, Path], list[InvalidInput]]:
-    """Return the files that a glTF file refers to, and the problems with them; its JSON is read again only when it changed."""
+    """Return the files that a glTF file refers to, and the problems with them. Caches the references of unchanged files."""
     state = path.stat()
     uris = _uris(path, name, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
     resources = Resources(path, folder)
@@ -99,12 +101,12 @@ def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
     """Return the file ``name`` of ``folder``.
 
     Raises:
-        InvalidInput: it is no regular file inside the folder (links followed), or too large.
+        InvalidInput: it is not a regular file inside the folder (links followed), or too large.
     """
     root = folder.resolve()
     path = (root / name).resolve()
     if not path.is_relative_to(root):
-        raise InvalidInput("the file lies outside the asset's folder", field=field, value=name)
+        raise InvalidInput("the file is outside the asset's folder", field=field, value=name)
     if not path.is_file():
         raise InvalidInput("the asset has no such file", field=field, value=name)
     size = path.stat().st_size
@@ -114,7 +116,7 @@ def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
 
 
 def _file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file. The file is read again only when its identity, size or time changed."""
+    """Return the SHA-256 of a file. The file is read again only if its identity, size or time has changed."""
     state = path.stat()
     return _sha256(path, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
 

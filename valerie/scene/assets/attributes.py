@@ -1,6 +1,6 @@
-"""The table of attributes that can vary, by kind of thing. `valerie.scene.variation` reads it.
+"""The table of attributes that can vary, by kind of target. `valerie.scene.variation` reads it.
 
-A new attribute is a new row: name, kind of thing, type, unit, range, the stage whose input it is, and functions that read its
+A new attribute is a new row: name, kind of target, type, unit, range, the stage whose input it is, and functions that read its
 value from a scene and write it into a draft.
 """
 
@@ -25,7 +25,7 @@ from valerie.scene.light.solar import CLOCK
 
 #: The choice that hides a person or a vehicle, instead of a character or kind.
 ABSENT: Final = "absent"
-#: Classes whose objects have a front: their rotation about z is called heading.
+#: Classes whose objects have a front. Their rotation about z is called heading.
 FACING_CLASSES: Final = frozenset(
     {"person", "rider", "car", "truck", "bus", "caravan", "trailer", "train", "motorcycle", "bicycle"}
 )
@@ -42,7 +42,7 @@ def _no_choices(_scene: Scene, _path: str) -> tuple[str, ...]:
 
 
 class Target(StrEnum):
-    """The kinds of things that have attributes."""
+    """The kinds of targets that have attributes."""
 
     NODE = "node"
     CAMERA = "camera"
@@ -53,15 +53,15 @@ class Target(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One attribute of one kind of thing.
+    """One attribute of one kind of target.
 
     Attributes:
-        name: at the end of a path, e.g. ``pos.x``.
-        minimum, maximum: widest range that makes sense; an asset declares its own.
+        name: the end of a path, e.g. ``pos.x``.
+        minimum, maximum: the widest sensible range. An asset declares its own.
         affects: the stage whose input it is.
-        read: returns the value at a path (degrees for angles); None where the thing does not have the attribute.
-        write: puts a value into a draft; grounded nodes get their z afterwards.
-        choices: returns the values of a CATEGORICAL attribute at a path, as far as the scene holds them.
+        read: returns the value at a path (degrees for angles), or None if the target lacks the attribute.
+        write: writes a value into a draft. Grounded nodes get their z afterwards.
+        choices: returns the values of a CATEGORICAL attribute at a path that the scene has.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Attribute:
 
 
 def target_of(path: str, cameras: Iterable[str]) -> Target:
-    """Return the kind of thing at a path (without attribute).
+    """Return the kind of target at a path without attribute.
 
     Args:
         path: e.g. ``scene.person-1`` or ``sensor``.
@@ -93,10 +93,10 @@ def target_of(path: str, cameras: Iterable[str]) -> Target:
 
 
 def resolve(path: str, cameras: Iterable[str], *, field: str = "") -> tuple[str, Attribute]:
-    """Split a parameter path into the path of the thing and its attribute: the longest ending that names an attribute.
+    """Split a parameter path into the target's path and its attribute: the longest ending that names an attribute.
 
     Raises:
-        UnknownName: the thing has no such attribute; the message lists near matches.
+        UnknownName: the target has no such attribute. The message lists near matches.
     """
     parts = path.split(".")
     for length in (2, 1):
@@ -323,7 +323,7 @@ def _environment(field: str) -> tuple[Read, Write]:
 
 
 def _not_in_the_scene(neutral: Value) -> tuple[Read, Write]:
-    """Return functions for attributes that no scene holds: those of the sensor, and the sun's time and place."""
+    """Return functions for attributes that are not part of a scene: those of the sensor, and the sun's time and place."""
 
     def read(_scene: Scene, _path: str) -> Value:
         return neutral
@@ -400,5 +400,5 @@ def _table() -> Iterable[Attribute]:
         yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, read, write, choices)
 
 
-#: (kind of thing, attribute name) to attribute.
+#: (kind of target, attribute name) to attribute.
 ATTRIBUTES: Final = {(attribute.target, attribute.name): attribute for attribute in _table()}

@@ -1,4 +1,4 @@
-"""Assembly of one labelled scene from glTF files."""
+"""Assemble one labelled scene from glTF files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.graph.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.naming import ROOT
 
-#: The sun where a file has none: a late morning.
+#: The sun of a file without one: a late morning.
 DEFAULT_SUN = Sun(azimuth=math.radians(150.0), elevation=math.radians(40.0))
 
 
@@ -28,26 +28,26 @@ def load_gltf(
     Args:
         path: a .glb or .gltf.
         node_classes: class by path, for nodes whose names state none.
-        movable: paths that move; None: those that the file itself marks.
+        movable: paths that move; None for those that the file itself marks.
 
     Raises:
-        InvalidInput: see `read_gltf`; or two nodes of one path or instance id.
+        InvalidInput: see `read_gltf`; or two nodes have the same path or instance id.
     """
     part = read_gltf(path)
     return _scene([(path.name, part)], node_classes or {}, part.movable if movable is None else movable)
 
 
 def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
-    """Join several files into one scene, labelled as the manifest says.
+    """Join several files into one scene, with the labels of the manifest.
 
-    Nodes and cameras must differ by path. Where there are several files, materials and textures get the name of their file as a
-    prefix, and materials of a placed file the name of its node, so that each can vary alone. The first sun is taken, and the
-    manifest's bearing. Cameras and suns of placed files are left out: they belong to the model. Nodes that the manifest names
-    and no file has are skipped; `require_declared` lists them all.
+    Nodes and cameras must differ by path. With several files, materials and textures get the name of their file as a prefix,
+    and materials of a placed file the name of its node, so that each can vary on its own. The scene has the first file's sun
+    and the manifest's bearing. Cameras and suns of placed files are left out, since they belong to the model. Nodes that the
+    manifest names but no file has are skipped; `require_declared` lists them.
 
     Args:
         parts: file name to content.
-        manifest: of the asset.
+        manifest: the asset's manifest.
 
     Raises:
         InvalidInput: two files have the same node or camera.
@@ -63,7 +63,7 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
     cameras = dict(scene.cameras)
     for camera in manifest.placed_cameras:
         if camera.name in cameras:
-            raise InvalidInput("a camera of this name is in a file", field="placed_cameras", value=camera.name)
+            raise InvalidInput("a file already has a camera with this name", field="placed_cameras", value=camera.name)
         cameras[camera.name] = camera.camera()
     environment = replace(scene.environment, bearing=math.radians(manifest.bearing_deg))
     return replace(scene, cameras=cameras, environment=environment)
@@ -80,7 +80,7 @@ def _scene(parts: Sequence[tuple[str, FilePart]], node_classes: Mapping[str, str
         textures.update(part.textures)
         repeated = cameras.keys() & part.cameras.keys()
         if repeated:
-            raise InvalidInput("two cameras of one name", field=file, value=min(repeated))
+            raise InvalidInput("two cameras have the same name", field=file, value=min(repeated))
         cameras.update(part.cameras)
     return Scene(
         nodes=classified(nodes, node_classes, movable),
@@ -108,7 +108,7 @@ def _placed(part: FilePart, entry: PlacedFile) -> FilePart:
 
 
 def _prefixes(files: Sequence[str]) -> dict[str, str]:
-    """Return a prefix for the materials of each file: none for a single file, its stem if that is unique, else its whole name."""
+    """Return a prefix for the materials of each file: "" for a single file, else the stem if unique, else the whole name."""
     if len(files) == 1:
         return {files[0]: ""}
     stems = [Path(file).stem for file in files]
@@ -116,7 +116,7 @@ def _prefixes(files: Sequence[str]) -> dict[str, str]:
 
 
 def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart:
-    """Return the content with materials and textures called ``prefix/name``; shared meshes stay shared."""
+    """Return the content with materials and textures named ``prefix/name``. Shared meshes stay shared."""
     if not for_materials:
         return part
 

@@ -1,7 +1,7 @@
-"""The manifest of an asset: its parameters, what moves, and where people can stand.
+"""The manifest of an asset: its parameters, its movables, and the ground where people can stand.
 
-The same document is the ``manifest.yaml`` of a user's asset and the value that an asset pack returns. It is cheap: the API, the
-planner and the control loop read it without meshes, trimesh or GL.
+The same document is the ``manifest.yaml`` of a user's asset and the value that an asset pack returns. The API, the planner and
+the control loop read it without meshes, trimesh or GL.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Footprint(_Document):
     """Ground that something occupies.
 
     Attributes:
-        path: node that stands there, e.g. ``scene.car-2``; where a node has a ``kind``, the path of the kind with this outline.
+        path: node that stands there, e.g. ``scene.car-2``. If the node has a ``kind``, the path of the kind with this outline.
         polygon: corners (x, y) in metres, world; simple, of either orientation.
-        reason: place of a person who would stand there, e.g. ``inside building-3``; made from the path if empty.
-        height_m: its top above z = 0; None: higher than any camera.
+        reason: place of a person who would stand there, e.g. ``inside building-3``; derived from the path if empty.
+        height_m: height of its top above z = 0; None if it is higher than any camera.
     """
 
     path: str
@@ -61,7 +61,7 @@ class GroundRegion(_Document):
     """A part of the ground at one height.
 
     Attributes:
-        polygon: corners (x, y) in metres, world; the border belongs to it.
+        polygon: corners (x, y) in metres, world. The border is part of the region.
         height: z in metres.
     """
 
@@ -74,9 +74,9 @@ class TrainingRules(_Document):
 
     Attributes:
         left_out: movable nodes, and characters of persons (``scene.person-1.red-coat``), that these scenes never show.
-        poses: pose of a person to its weight among all; empty: all poses have the same weight.
-        worn: prefixes, besides ``cloth-``, that mark materials to dye in ``/``-separated parts of their names.
-        skin: prefixes that likewise mark materials to make lighter or darker, with one factor per person.
+        poses: pose of a person to its weight. If empty, all poses have the same weight.
+        worn: prefixes, besides ``cloth-``, of materials to dye. A ``/``-separated part of the material's name starts with one.
+        skin: likewise, prefixes of materials to make lighter or darker, by one factor per person.
     """
 
     left_out: tuple[str, ...] = ()
@@ -89,30 +89,30 @@ class Manifest(_Document):
     """The declarations of an asset.
 
     Attributes:
-        name: of the asset in specs.
+        name: the asset's name in specs.
         files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; an asset pack has
             none.
         placed_files: glTF files of a user's asset that are named and placed here.
         bearing_deg: compass bearing of +y, clockwise from north.
-        extent: x0, y0, x1, y1 in metres: the ground on which persons and other movable things may be.
-        parameters: what may vary, with type, range, unit and default.
-        movable: nodes that belong, with everything below them, to the movable layer instead of the background.
-        obstacles: ground on which no person can stand; the outline of a thing that a parameter moves goes with it.
-        ways: ground of carriageways and pavements. Houses and other things that nobody drives stay off it.
-        ground: heights of the ground; a later region covers an earlier one, elsewhere z = 0.
+        extent: x0, y0, x1, y1 in metres: the ground on which persons and other movables may be.
+        parameters: declarations of the parameters: type, range, unit and default.
+        movable: nodes that, with everything below them, belong to the movable layer instead of the background.
+        obstacles: ground on which no person can stand. The outline of a mover moves with it.
+        ways: ground of carriageways and pavements. Houses and other objects that nobody drives stay off it.
+        ground: heights of the ground. A later region covers an earlier one; elsewhere z is 0.
         persons: nodes that are pedestrians under test.
-        grounded: nodes whose z follows the ground below their (x, y); by default the persons.
+        grounded: nodes whose z is the height of the ground below their (x, y); by default the persons.
         person_radius_m: radius of the circle that a standing person needs.
         cameras: names, e.g. ``camera-1``; by default those of ``placed_cameras``.
-        placed_cameras: cameras that are in no file.
-        node_classes: class by path, for nodes whose names state none.
-        gaits: poses of persons that ``gait_phase`` acts on; in every other pose it has no effect.
+        placed_cameras: cameras that no file contains.
+        node_classes: class by path, for nodes whose names do not state one.
+        gaits: poses of persons in which ``gait_phase`` has an effect.
         paints: the colours that a vehicle can have, by name.
         training: rules for training scenes.
-        trajectories: movement in runs with a sequence or a time.
+        trajectories: movements in runs with a sequence or a time.
 
     Raises:
-        InvalidInput, UnknownName: parts contradict each other.
+        InvalidInput, UnknownName: parts of the manifest contradict each other.
     """
 
     manifest_version: Literal[1] = 1
@@ -145,7 +145,7 @@ class Manifest(_Document):
 
     def __copy__(self) -> Self:
         copy = super().__copy__()
-        copy.__dict__.pop("by_path", None)  # it belongs to the old parameters
+        copy.__dict__.pop("by_path", None)  # it describes the old parameters
         return copy
 
     @model_validator(mode="before")
@@ -184,12 +184,10 @@ class Manifest(_Document):
             label_of_node_class(node_class, field=f"node_classes.{path}")
         for index, camera in enumerate(self.cameras):
             if not is_node_name(camera):
-                raise InvalidInput("not a camera name", field=f"cameras.{index}", value=camera, limit="as camera-1")
+                raise InvalidInput("not a camera name", field=f"cameras.{index}", value=camera, limit="e.g. camera-1")
         for path in self.grounded:
             if path.count(".") != 1:
-                raise InvalidInput(
-                    "what follows the ground hangs directly below the scene", field="grounded", value=path
-                )
+                raise InvalidInput("a grounded node must be directly below the scene", field="grounded", value=path)
         for field in ("cameras", "movable", "persons", "grounded", "files"):
             _check_distinct(field, getattr(self, field))
         _check_distinct("placed_files", [placed.node for placed in self.placed_files])
@@ -202,18 +200,18 @@ class Manifest(_Document):
         for path in self.persons:
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
                 # The manifest alone decides which variants are legal, so it needs both coordinates.
-                raise InvalidInput("a person declares both pos.x and pos.y, or neither", field="parameters", value=path)
+                raise InvalidInput("a person needs both pos.x and pos.y, or neither", field="parameters", value=path)
         for obstacle in self.obstacles:
             changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
             if changes and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
                 raise InvalidInput(
-                    "an obstacle that turns or changes its size declares pos.x and pos.y, about which it does",
+                    "an obstacle that turns or scales needs pos.x and pos.y",
                     field="parameters",
                     value=obstacle.path,
                 )
         if not paths.isdisjoint(CLOCK_PATHS) and not paths.issuperset(ANGLES):
             raise InvalidInput(
-                "a sun that varies by time and place declares its two angles too",
+                "a sun that varies by time and place needs its two angles too",
                 field="parameters",
                 limit=", ".join(ANGLES),
             )
@@ -221,7 +219,7 @@ class Manifest(_Document):
             _check_attribute(definition, self, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:
                 raise InvalidInput(
-                    "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
+                    "z of a grounded node cannot vary", field=f"parameters.{index}", value=definition.path
                 )
         _check_poses(self)
         for path in self.training.left_out:
@@ -248,7 +246,7 @@ class Manifest(_Document):
         """Return the declaration of a path.
 
         Raises:
-            UnknownName: nothing of that path is declared; the message lists near matches.
+            UnknownName: the path is not declared. The message lists near matches.
         """
         try:
             return self.by_path[path]
@@ -256,7 +254,7 @@ class Manifest(_Document):
             raise UnknownName("parameter", path, self.by_path, field=field) from None
 
     def require_camera(self, name: str, *, field: str = "") -> str:
-        """Return ``name``, which has to be a camera of this asset.
+        """Return ``name`` if it is a camera of this asset.
 
         Raises:
             UnknownName: it is not.
@@ -269,17 +267,17 @@ class Manifest(_Document):
         """Refuse a trajectory that does not fit the manifest.
 
         Raises:
-            UnknownName: it moves what cannot move; or as `check_keyframes`.
+            UnknownName: its target cannot move; or as `check_keyframes`.
             InvalidInput: as `check_keyframes`.
         """
         cameras = {f"{ROOT}.{camera}" for camera in self.cameras}
         if not self.is_movable(trajectory.path) and trajectory.path not in cameras:
             names = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
-            raise UnknownName("thing that can move", trajectory.name, names, field=f"{field}.path")
+            raise UnknownName("node or camera that can move", trajectory.name, names, field=f"{field}.path")
         check_keyframes(trajectory, self.by_path, field=field)
 
     def is_movable(self, path: str) -> bool:
-        """Return whether a node, or an attribute below it, belongs to the movable layer."""
+        """Return True if a node, or the node of an attribute, belongs to the movable layer."""
         return any(path == movable or path.startswith(movable + ".") for movable in self.movable)
 
 
@@ -287,11 +285,11 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     """Validate a manifest read from YAML or JSON.
 
     Args:
-        data: of the document.
-        source: named in errors, e.g. ``manifest.yaml``.
+        data: the document.
+        source: the name in errors, e.g. ``manifest.yaml``.
 
     Raises:
-        InvalidInputs: every problem that was found, each with its dotted field.
+        InvalidInputs: all problems, each with its dotted field.
         InvalidInput, UnknownName: a contradiction.
     """
     if not isinstance(data, dict):
@@ -316,7 +314,7 @@ def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
 
 
 def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field: str) -> None:
-    """Check type, unit, range and stage against the attribute's row: a wrong stage would reuse wrong products."""
+    """Check type, unit, range and stage against the attribute's row. A wrong stage would reuse wrong products."""
     _, attribute = resolve(definition.path, manifest.cameras, field=field)
     for name in ("type", "unit", "affects"):
         declared, own = getattr(definition, name), getattr(attribute, name)
@@ -330,7 +328,7 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
         or (high is not None and (definition.maximum is None or definition.maximum > high))
     ):
         raise InvalidInput(
-            f"the range of {definition.path} is wider than sensible",
+            f"the range of {definition.path} is too wide",
             field=f"{field}.minimum",
             value=definition.range_text,
             limit=f"{low}…{high}",
@@ -342,7 +340,7 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
 
 
 def _check_poses(manifest: Manifest) -> None:
-    """Check that poses with a gait and poses for training are poses that persons can take."""
+    """Check that the poses in ``gaits`` and ``training`` are poses that persons can take."""
     poses = {
         choice: None
         for definition in manifest.parameters
@@ -356,7 +354,7 @@ def _check_poses(manifest: Manifest) -> None:
 
 
 def _known_choices(definition: ParameterDefinition, attribute: Attribute, manifest: Manifest) -> Collection[str] | None:
-    """Return the values that a parameter's choices may have; None where only the scene's nodes and figures define them."""
+    """Return the permitted choices of a parameter; None if only the scene's nodes and figures define them."""
     if attribute.target is Target.SENSOR:
         return SENSOR_PARAMETERS[definition.path.removeprefix(f"{SENSOR_ROOT}.")].choices
     if attribute.target is Target.ENVIRONMENT:

@@ -1,4 +1,4 @@
-"""Labelling of nodes, and checks that a scene has everything that its manifest names."""
+"""Label nodes, and check that a scene has everything that its manifest names."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def classified(nodes: Iterable[Node], node_classes: Mapping[str, str], movable: 
 
     Args:
         nodes: parents before children; every parent is among them or is ``scene``.
-        node_classes: class by path, where names state none.
+        node_classes: class by path, for nodes whose names do not state one.
         movable: paths that move, with everything below them.
 
     Returns:
         The nodes by path, in the same order.
 
     Raises:
-        InvalidInput: a path twice, a node without its parent, or two objects with one instance id.
-        UnknownName: ``node_classes`` or ``movable`` name a node that is not there, or a class that does not exist.
+        InvalidInput: two nodes have one path, a node has no parent, or two objects have one instance id.
+        UnknownName: ``node_classes`` or ``movable`` names a missing node, or a class that does not exist.
     """
     ordered = list(nodes)
     by_path: dict[str, Node] = {}
@@ -59,7 +59,7 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
 
     Raises:
         UnknownName: a node or camera is missing.
-        InvalidInput: neither name nor manifest states the class of a node that is drawn; or as `declared_problems`.
+        InvalidInput: neither name nor manifest states the class of a drawn node; or as `declared_problems`.
         InvalidInputs: several of these.
     """
     problems: list[InvalidInput] = [
@@ -72,7 +72,7 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
         problems.append(
             InvalidInput(
                 f"{len(nameless)} drawn nodes have no class, first {nameless[0]}: "
-                "name them ObjectClass-ID (as building-3) or list them in node_classes",
+                "name them ObjectClass-ID (e.g. building-3) or list them in node_classes",
                 field="node_classes",
                 value=", ".join(nameless[:5]),
             )
@@ -84,7 +84,7 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
 def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]]:
     """Return the paths of nodes that the manifest names and the scene lacks, each with the fields that name it.
 
-    Nodes below a missing one are not listed: they are missing for the same reason.
+    Nodes below a missing node are not listed: they are missing for the same reason.
     """
     attributes = (resolve(parameter.path, manifest.cameras) for parameter in manifest.parameters)
     fields: dict[str, Iterable[str]] = {
@@ -107,7 +107,7 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
 
 
 def alike(path: str, scene: Scene) -> list[str]:
-    """Return the nodes that a missing one may stand for: those of its class or with a similar name, else those without class."""
+    """Return candidates for a missing node: nodes of its class or with a similar name, else nodes without class."""
     kind = class_of_name(_last(path))
     if kind is None:
         return [other for other in scene.nodes if class_of_name(_last(other)) is None]
@@ -122,7 +122,7 @@ def alike(path: str, scene: Scene) -> list[str]:
 
 
 def declared_problems(scene: Scene, manifest: Manifest) -> list[InvalidInput]:
-    """Return errors for cameras that are missing, and for materials that a parameter changes but other nodes share."""
+    """Return errors for missing cameras, and for materials that a parameter changes but other nodes share."""
     cameras: list[InvalidInput] = [
         UnknownName("camera", camera, scene.cameras, field="cameras")
         for camera in manifest.cameras
@@ -140,17 +140,17 @@ def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput
         if owner in clothed:
             own |= set(cloth_materials(scene, owner))
             if not own:
-                yield InvalidInput("there is no material below it whose name starts with cloth-", field=owner)
+                yield InvalidInput("no material below it has a name that starts with cloth-", field=owner)
         if owner in painted:
             coats = paint_materials(scene, owner)
             if not coats:
-                yield InvalidInput("there is no material below it whose name starts with paint-", field=owner)
+                yield InvalidInput("no material below it has a name that starts with paint-", field=owner)
             own |= set(coats)
         for path, node in scene.nodes.items():
             shared = own.intersection(mesh.material for mesh in node.meshes)
             if shared and path != owner and not path.startswith(f"{owner}."):
                 yield InvalidInput(
-                    f"{path} is drawn with a material that {owner} wears or is painted with, and varies; give it one of its own",
+                    f"{path} shares a material with {owner}, whose clothes or paint vary; give it a separate one",
                     field=owner,
                     value=min(shared),
                 )
@@ -158,12 +158,12 @@ def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput
 
 
 def unclassified(scene: Scene) -> list[str]:
-    """Return the paths of nodes with meshes and without class."""
+    """Return the paths of nodes with meshes but without a class."""
     return [path for path, node in scene.nodes.items() if node.meshes and node.label_id == 0]
 
 
 def _inherits(node: Node, scene: Scene) -> bool:
-    """Return whether a node inherits its class from its parent."""
+    """Return True if a node inherits its class from its parent."""
     parent = scene.nodes.get(node.parent)
     return parent is not None and bool(parent.label_id)
 

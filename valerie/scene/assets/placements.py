@@ -12,7 +12,7 @@ from valerie.scene.graph.model import Camera, Matrix
 from valerie.scene.graph.naming import ROOT, is_node_name
 from valerie.scene.graph.transforms import camera_transform, place, rotation
 
-#: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
+#: Largest |x| and |y| in a manifest, metres. Float32 positions stay exact to about a millimetre.
 MAX_COORDINATE_M: Final = 10_000.0
 
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
@@ -20,16 +20,16 @@ Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
 class PlacedFile(BaseModel):
-    """A model whose file does not follow the naming convention. Its nodes hang below one node whose name states the class.
+    """A model whose file does not follow the naming convention. Its nodes are below one node whose name states the class.
 
     Attributes:
-        file: relative to the manifest; one file may be placed many times.
+        file: path relative to the manifest. A file may be placed many times.
         node: name of the new node directly below the scene, e.g. ``car-1``.
-        position: of the model's origin, metres, world.
-        heading_deg: of the node, as every heading: 0 faces +y.
+        position: place of the model's origin, metres, world.
+        heading_deg: heading of the node; 0 faces +y.
         turn_deg: turn of the model within its node, about its origin; 180 for a model whose front is glTF's +Z.
-        scale: of the model within its node; 0.01 for a model in centimetres.
-        offset: of the turned and scaled model within its node, metres; a person's feet belong at the origin.
+        scale: scale of the model within its node; 0.01 for a model in centimetres.
+        offset: position of the turned and scaled model within its node, metres. A person's feet belong at the origin.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -51,7 +51,7 @@ class PlacedFile(BaseModel):
     @classmethod
     def _is_name(cls, node: str) -> str:
         if not is_node_name(node):
-            raise InvalidInput("not a node name", field="placed_files.node", value=node, limit="as car-1")
+            raise InvalidInput("not a node name", field="placed_files.node", value=node, limit="e.g. car-1")
         return node
 
     @property
@@ -91,13 +91,13 @@ class PlacedCamera(BaseModel):
     sensor_width_mm: float = Field(default=36.0, ge=1.0, le=100.0, allow_inf_nan=False)
 
     def camera(self) -> Camera:
-        """Return the camera as a part of a scene."""
+        """Return the camera for a scene."""
         transform = camera_transform(self.position, self.yaw_deg, self.pitch_deg, self.roll_deg)
         return Camera(f"{ROOT}.{self.name}", transform, self.focal_length_mm, self.sensor_width_mm)
 
 
 def require_gltf_name(file: str, *, field: str) -> str:
-    """Return ``file``, which has to be named as a glTF file.
+    """Return ``file`` if it has the name of a glTF file.
 
     Raises:
         InvalidInput: it is not.

@@ -1,4 +1,4 @@
-"""The check of a whole asset. It returns all findings and raises none."""
+"""The check of a whole asset. It returns all findings and raises no error."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from valerie.scene.variation.variant import apply
 
 
 def asset_findings(folder: Path) -> list[Doubt]:
-    """Check a user's asset; an empty list means that nothing was found.
+    """Return the findings of a user's asset; an empty list for a sound one.
 
-    Runs cannot use an asset with errors. The scene is checked only where manifest and files have none.
+    Runs cannot use an asset with errors. The scene is checked only if manifest and files have none.
 
     Args:
-        folder: with ``manifest.yaml`` and the files that it lists.
+        folder: contains ``manifest.yaml`` and the files that it lists.
     """
     from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.common import FilePart
@@ -58,7 +58,7 @@ def asset_findings(folder: Path) -> list[Doubt]:
                 Severity.NOTE,
                 "no-light",
                 "scene.sun-1",
-                "no file has a directional light: the sun of a late morning shines",
+                "no file has a directional light: a late morning's sun is used",
             )
         )
     try:
@@ -70,11 +70,11 @@ def asset_findings(folder: Path) -> list[Doubt]:
 
 
 def scene_findings(asset: SceneAsset) -> Iterator[Doubt]:
-    """Check the scene and the declarations of a loaded asset, wherever it comes from."""
+    """Yield findings on the scene and the declarations of a loaded asset of any origin."""
     yield from name_findings(asset.base, asset.manifest)
     for problem in declared_problems(asset.base, asset.manifest):
         yield from from_error(problem, "declared")
-    # Missing nodes are reported by now; the rest is checked as if the manifest did not name them.
+    # Missing nodes are reported by now. The remaining checks ignore them.
     present = _without_missing(asset)
     yield from _outline_findings(present.manifest)
     unusable: list[Doubt] = []
@@ -89,7 +89,7 @@ def scene_findings(asset: SceneAsset) -> Iterator[Doubt]:
 
 
 def _without_missing(asset: SceneAsset) -> SceneAsset:
-    """Return the asset with a manifest that names no node and no camera that its scene lacks."""
+    """Return the asset with a manifest that does not name missing nodes and cameras."""
     manifest, scene = asset.manifest, asset.base
     missing = {*missing_nodes(scene, manifest)}
     missing |= {f"{ROOT}.{camera}" for camera in manifest.cameras if camera not in scene.cameras}
@@ -112,7 +112,7 @@ def _without_missing(asset: SceneAsset) -> SceneAsset:
 
 
 def _without_unusable(asset: SceneAsset) -> tuple[list[Doubt], SceneAsset]:
-    """Return findings on parameters whose defaults the scene cannot take, and the asset without them."""
+    """Return findings on parameters whose defaults the scene refuses, and the asset without these parameters."""
     findings: list[Doubt] = []
     usable: list[ParameterDefinition] = []
     for parameter in asset.manifest.parameters:
@@ -140,8 +140,7 @@ def _outline_findings(manifest: Manifest) -> Iterator[Doubt]:
             Severity.NOTE,
             "no-outline",
             path,
-            "it moves, and no outline under obstacles says which ground it takes: variants in which it stands in something are "
-            "not rejected",
+            "it moves, but has no outline under obstacles: variants in which it stands in something are not rejected",
         )
     try:
         reason = rejection_reason(_camera_defaults(manifest), manifest)
@@ -158,7 +157,7 @@ def _outline_findings(manifest: Manifest) -> Iterator[Doubt]:
 
 
 def _without_outline(manifest: Manifest) -> Iterator[str]:
-    """Yield things without an outline, other than persons, that parameters move."""
+    """Yield the nodes without an outline, other than persons, that parameters move."""
     cameras = {f"{ROOT}.{camera}" for camera in manifest.cameras}
     outlined = [obstacle.path for obstacle in manifest.obstacles]
     for path in dict.fromkeys(p.path.rpartition(".pos.")[0] for p in manifest.parameters if ".pos." in p.path):
@@ -168,7 +167,7 @@ def _without_outline(manifest: Manifest) -> Iterator[str]:
 
 
 def _camera_defaults(manifest: Manifest) -> Mapping[str, float]:
-    """Return an assignment with all coordinates of the cameras, which are judged only where it gives them."""
+    """Return an assignment with all coordinates of the cameras, since cameras are judged only if it gives them."""
     return {
         path: float(manifest.by_path[path].default)
         for camera in manifest.cameras

@@ -1,4 +1,4 @@
-"""Findings of the check of an asset, in a form for people and for machines."""
+"""Findings of the check of an asset, for people and for machines."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Doubt:
         return f"{self.severity}: {InvalidInput(self.message, field=self.where, value=self.value, limit=self.limit)}"
 
     def document(self) -> JsonObject:
-        """Return the finding as plain data; ``value`` and ``limit`` as text, None where there is none."""
+        """Return the finding as plain data; ``value`` and ``limit`` are text or None."""
         return {
             "severity": str(self.severity),
             "code": self.code,
@@ -58,8 +58,8 @@ def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Do
 
     Args:
         error: raised while the asset was read.
-        code: of the findings.
-        file: the place, where the error has no field.
+        code: the code of the findings.
+        file: the place if the error has no field.
     """
     if isinstance(error, InvalidInputs):
         for problem in error.problems:

@@ -1,4 +1,4 @@
-"""Drafts of manifests for folders of glTF files. Places and outlines are measured, and the author corrects the rest."""
+"""Drafts of manifests for folders of glTF files. Places and outlines are measured; the author corrects the draft."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT, likely_name, object_labels
 from valerie.spelling import plain_name
 
-#: Classes of things that nobody can stand in.
+#: Classes of objects that nobody can stand in.
 _SOLID: Final = frozenset(
     {"building", "wall", "fence", "guard-rail", "car", "truck", "bus", "caravan", "trailer", "train", "motorcycle"}
 )
-#: Height up to which a thing is in a person's way, metres above the ground.
+#: Height up to which an object is in a person's way, metres above the ground.
 _REACH_M: Final = 2.2
-#: Largest share of the extent for a footprint. A larger one belongs to a whole street, whose convex outline is useless.
+#: Largest share of the extent for a footprint. A larger one belongs to a whole scene, whose convex outline is useless.
 _LARGEST_SHARE: Final = 0.25
-#: Height of the camera that is added where no file has one, metres.
+#: Height of the camera that is added if no file has one, metres.
 _EYES_M: Final = 1.6
 _HEADER: Final = """\
 # Drafted from the files of this folder: correct it, then run `valerie asset check` (docs/assets.md).
@@ -40,14 +40,14 @@ _HEADER: Final = """\
 def draft_manifest(folder: Path) -> Path:
     """Write a first ``manifest.yaml`` for the glTF files in and below a folder.
 
-    Files with nodes named by the convention are listed as they are. Others are placed below a node that is named after the
-    file, with their own coordinates.
+    Files whose nodes follow the naming convention are listed. Others are placed, with their own coordinates, below a node named
+    after the file.
 
     Returns:
         The path of the manifest.
 
     Raises:
-        InvalidInput: there is a manifest already, or no file; a file cannot be read, or two contradict each other.
+        InvalidInput: there is a manifest already, or no file; a file cannot be read; or two files contradict each other.
     """
     path = folder / MANIFEST_FILE
     if path.exists():
@@ -143,7 +143,7 @@ def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[Jso
 
 
 def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: list[int]) -> list[JsonObject]:
-    """Return convex outlines of the things that are in a person's way."""
+    """Return convex outlines of the objects that are in a person's way."""
     points: dict[str, list[NDArray[np.float64]]] = {}
     for path, node in scene.nodes.items():
         if node.visible and node.meshes and BY_ID[node.label_id].node_class in _SOLID:

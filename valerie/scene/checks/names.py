@@ -28,7 +28,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
             Severity.ERROR,
             "no-person",
             "",
-            "no person: no node called person-1 (or made one by node_classes or placed_files) has a mesh",
+            "no person: no node named person-1, or with that class by node_classes or placed_files, has a mesh",
         )
     elif people and not manifest.persons:
         yield Doubt(Severity.ERROR, "no-person", "persons", "the manifest names no persons: nobody is under test")
@@ -39,7 +39,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
                 Severity.ERROR,
                 "no-person",
                 path,
-                "listed under persons, but it is none",
+                "listed under persons, but it is not a person",
                 _class_of(node.label_id),
                 "person",
             )
@@ -48,7 +48,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
                 Severity.WARNING,
                 "not-movable",
                 path,
-                "its parameters vary, but it is not under movable: a background is made for every place",
+                "its parameters vary, but it is not under movable: every place needs its own background",
             )
     for path in dict.fromkeys(_to_rename(path) for path in unclassified(scene)):
         name = path.rpartition(".")[2]
@@ -59,11 +59,11 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
             message = f"{parsed[0]!r} is not a known class{hint or '; list it in node_classes'}"
         else:
             message = f"it is drawn and has no class: name it ObjectClass-ID or list it in node_classes{hint}"
-        yield Doubt(Severity.ERROR, "no-class", path, message, name, "as building-3")
+        yield Doubt(Severity.ERROR, "no-class", path, message, name, "e.g. building-3")
 
 
 def _to_rename(path: str) -> str:
-    """Return the path to rename for a node without class: the nearest ancestor named like an object, else the node's own."""
+    """Return the path to rename for a node without class: the nearest ancestor named like an object, else its own path."""
     above = path
     while above.count("."):
         if likely_name(above.rpartition(".")[2]):
@@ -80,7 +80,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
     for path, fields in missing.items():
         name = path.rpartition(".")[2]
         kind = class_of_name(name)
-        what = "person" if path in manifest.persons else kind or "node"
+        noun = "person" if path in manifest.persons else kind or "node"
         candidates = [other for other in alike(path, scene) if other not in names]
         if kind is None:
             candidates = get_close_matches(path, candidates, n=_LISTED)
@@ -90,7 +90,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
             else f"{other} looks like it: call it {name}"
             for other in candidates[:_LISTED]
         ]
-        if what == "person":
+        if noun == "person":
             hints += [
                 f"{other} has no class and the height of a person ({height:.2f} m): call it {name} if it is one"
                 for other, height in upright.items()
@@ -101,9 +101,9 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
         places = ", ".join(field for field in fields if field != "grounded" or "persons" not in fields)
         yield Doubt(
             Severity.ERROR,
-            "no-person" if what == "person" else "declared",
+            "no-person" if noun == "person" else "declared",
             path,
-            f"no such {what} in the files, and the manifest names it under {places}; {advice}",
+            f"no such {noun} in the files, and the manifest names it under {places}; {advice}",
         )
 
 

@@ -13,11 +13,11 @@ from valerie.scene.assets.manifest import Manifest
 from valerie.scene.checks.findings import Doubt, Severity
 from valerie.scene.graph.model import Mesh, Node, Scene
 
-#: Largest number of triangles of one object and of the whole scene. More would slow every engine down with no visible gain.
+#: Largest number of triangles of one object and of the whole scene. More slow every engine down without visible gain.
 MAX_TRIANGLES: Final = 1_000_000
-#: Objects that the finding of a heavy scene names.
+#: Number of objects that the finding on a heavy scene names.
 _HEAVIEST: Final = 3
-#: Heights of objects by class; others hint at a wrong unit (centimetres, inches).
+#: Usual heights of objects by class. Other heights hint at a wrong unit (centimetres, inches).
 HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
     "person": (0.4, 2.6),
     "rider": (0.4, 2.6),
@@ -49,7 +49,7 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
                 Severity.WARNING,
                 "flat",
                 path,
-                "scaled to nothing in a direction: what is below it has no volume",
+                "scaled to zero in one direction: nothing below it has a volume",
                 f"determinant {determinant:.3g}",
                 "not 0",
             )
@@ -67,7 +67,7 @@ def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np
     The path is that of the topmost node of the instance, or of the class where there are no instances.
 
     Args:
-        scene: to measure.
+        scene: the scene to measure.
         labelled: True for objects with a class, False for those without.
     """
     boxes: dict[str, NDArray[np.float64]] = {}
@@ -96,13 +96,13 @@ def object_of(scene: Scene, node: Node) -> str:
 
 
 def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return positions in the world: (V, 3) metres."""
+    """Return the positions of a mesh in the world: (V, 3) metres."""
     points: NDArray[np.float64] = mesh.positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
     return points
 
 
 def _triangles(scene: Scene) -> Iterator[Doubt]:
-    """Yield findings on objects with very many triangles, and on the scene if it has too many without them."""
+    """Yield findings on objects with too many triangles, and on the scene if the others together have too many."""
     triangles: dict[str, int] = {}
     for node in scene.nodes.values():
         if node.visible and node.meshes:
@@ -114,7 +114,7 @@ def _triangles(scene: Scene) -> Iterator[Doubt]:
             Severity.WARNING,
             "huge-mesh",
             owner,
-            "very many triangles: every engine becomes slow; simplify it",
+            "too many triangles slow every engine down: simplify it",
             f"{count:,} triangles",
             f"{MAX_TRIANGLES:,}",
         )
@@ -125,7 +125,7 @@ def _triangles(scene: Scene) -> Iterator[Doubt]:
             Severity.WARNING,
             "huge-scene",
             "",
-            f"the whole scene has very many triangles: every engine becomes slow; most are in {', '.join(heaviest)}",
+            f"too many triangles in the whole scene slow every engine down; most are in {', '.join(heaviest)}",
             f"{sum(triangles.values()):,} triangles",
             f"{MAX_TRIANGLES:,}",
         )
@@ -141,7 +141,7 @@ def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Doubt]:
             Severity.WARNING,
             "no-texture-coordinates",
             path,
-            f"material {mesh.material} has the texture {texture}, but the mesh has no texture coordinates: it has one colour",
+            f"material {mesh.material} has the texture {texture}, but the mesh has no texture coordinates: it gets one colour",
         )
 
 
@@ -155,7 +155,7 @@ def _sizes(scene: Scene, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[D
                 Severity.WARNING,
                 "size",
                 owner,
-                f"unlike a {kind} in height: is the unit the metre? placed_files can scale",
+                f"not the height of a {kind}: is the unit the metre? placed_files can scale",
                 f"{height:.3g} m",
                 f"{smallest:g}…{largest:g} m",
             )
@@ -183,7 +183,7 @@ def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.fl
                 Severity.WARNING,
                 "origin",
                 path,
-                "its origin belongs below its middle: it turns about it, and its distance is measured to it",
+                "its origin belongs below its middle: it turns about the origin, and distances are measured to it",
                 f"{aside:.2f} m aside",
                 f"{_ASIDE_M} m",
             )
@@ -200,7 +200,7 @@ def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Ite
             Severity.WARNING,
             "extent",
             "extent",
-            "nothing of the scene lies within it: is the unit the metre?",
+            "the whole scene is outside it: is the unit the metre?",
             f"scene from ({low[0]:.3g}, {low[1]:.3g}) to ({high[0]:.3g}, {high[1]:.3g}) m",
             f"({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) m",
         )
@@ -219,6 +219,6 @@ def _ground(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.flo
         Severity.WARNING,
         "no-ground",
         "extent",
-        f"nothing to stand on: no {', '.join(sorted(GROUND_CLASSES))} lies below it",
+        f"nothing to stand on: there is no {', '.join(sorted(GROUND_CLASSES))} below it",
         limit=f"z within {_GROUND_M:g} m of {lowest:g} m",
     )

@@ -1,4 +1,4 @@
-"""Checks of cameras: inside something solid, or without the persons under test in their pictures."""
+"""Checks of cameras that are inside something solid, and of persons under test that no camera sees."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height
 
-#: Share of directions that lead out through a surface, from which a place counts as inside it.
+#: Least share of directions from a place that leave through a surface, for a place that counts as inside it.
 _INSIDE: Final = 0.6
-#: Width by height of the picture in which persons have to be: that of the default resolution.
+#: Aspect ratio of the picture in which persons must be: that of the default resolution.
 _ASPECT: Final = 16 / 9
-#: Places that are tried per coordinate of a person.
+#: Number of places to try per coordinate of a person.
 _STEPS: Final = 15
 
 
@@ -28,8 +28,8 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Doubt]:
     """Yield findings on every camera of the manifest and every person under test.
 
     Args:
-        scene: of the asset, with every parameter at its default.
-        asset: declares the ranges of places.
+        scene: the asset's scene with every parameter at its default.
+        asset: declares the ranges of the places.
     """
     cameras = [scene.cameras[name] for name in asset.manifest.cameras if name in scene.cameras]
     boxes = object_boxes(scene)
@@ -61,7 +61,7 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Doubt]:
                 Severity.WARNING,
                 "out-of-view",
                 path,
-                "no camera sees it anywhere in its range: every pacc of it would be undefined (outside the image)",
+                "no camera sees it anywhere in its range: its pacc would always be undefined (outside the image)",
             )
         else:
             elsewhere = "" if share is None else f"; {share:.0%} of its range is in view"
@@ -69,14 +69,13 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Doubt]:
                 Severity.WARNING,
                 "out-of-view",
                 path,
-                "at its default place it is in no camera's picture: its pacc is undefined there (outside the image)"
-                + elsewhere,
+                "no camera sees it at its default place: its pacc is undefined there (outside the image)" + elsewhere,
                 "({:.3g}, {:.3g}) m".format(*origin[:2]),
             )
 
 
 def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
-    """Return True if a box (2, 3) in the world may reach into a camera's picture of 16 : 9. It errs only towards True."""
+    """Return True if a box (2, 3) in the world may reach into a camera's picture of 16 : 9. Errs only towards True."""
     corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     local = (corners - camera.position) @ camera.transform[:3, :3]
     half_width = 0.5 * camera.sensor_width_mm / camera.focal_length_mm
@@ -94,7 +93,7 @@ def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
 
 
 def enclosure(point: NDArray[np.float64], triangles: NDArray[np.float64]) -> float:
-    """Return the degree to which a surface encloses a point: 1 inside a closed surface, 0 outside, between for one with holes.
+    """Return how far a surface encloses a point: 1 inside a closed surface, 0 outside, between them if it has holes.
 
     It is the sum of the triangles' solid angles (Van Oosterom and Strackee 1983, doi:10.1109/TBME.1983.325207), as a share of
     all directions (the generalised winding number of Jacobson et al. 2013, doi:10.1145/2461912.2461916).
@@ -135,7 +134,7 @@ def _share_in_view(
     origin: NDArray[np.float64],
     cameras: list[Camera],
 ) -> float | None:
-    """Return the share of a person's declared places at which a camera has it in its picture; None if its place does not vary."""
+    """Return the share of a person's declared places at which a camera sees it; None if its place does not vary."""
     by_path = asset.manifest.by_path
     axes = []
     for axis in "xy":

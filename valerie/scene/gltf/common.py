@@ -1,4 +1,4 @@
-"""Common parts of reading and writing: limits, names of extensions, and the change of axes."""
+"""Common parts of reader and writer: limits, names of extensions, and the change of axes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class FilePart:
 
     Attributes:
         nodes: parents before children, in the file's order.
-        sun, environment: None where the file has none.
+        sun, environment: None if the file has none.
         movable: paths that the file itself marks as movable.
         notes: sentences on content that is ignored or approximated.
     """
@@ -51,7 +51,7 @@ class FilePart:
     notes: tuple[str, ...]
 
 
-# y-up = C · z-up with (x, y, z) → (x, z, −y): a permutation with signs, so that no bit is lost.
+# y-up = C · z-up with (x, y, z) → (x, z, −y): a permutation with signs, which loses no bit.
 _ORDER: Final = np.array([0, 2, 1])
 _TO_Y_UP: Final = np.array([1.0, 1.0, -1.0])
 _FROM_Y_UP: Final = np.array([1.0, -1.0, 1.0])
@@ -70,7 +70,7 @@ def vectors_from_y_up(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def transform_to_y_up(matrix: Matrix) -> Matrix:
-    """Turn a (4, 4) transform between frames with z up into that between frames with y up: C · M · C⁻¹."""
+    """Turn a (4, 4) transform between frames with z up into one between frames with y up: C · M · C⁻¹."""
     return _turned(matrix, _TO_Y_UP, both=True)
 
 
@@ -98,6 +98,6 @@ def _turned(matrix: Matrix, signs: NDArray[np.float64], *, both: bool) -> Matrix
 
 
 def own_extras(extras: Any) -> JsonObject:
-    """Return this project's part of an ``extras`` object; empty where there is none."""
+    """Return this project's part of an ``extras`` object; empty if there is none."""
     own = extras.get(EXTRAS_KEY) if isinstance(extras, dict) else None
     return own if isinstance(own, dict) else {}

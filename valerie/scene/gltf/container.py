@@ -68,15 +68,15 @@ class Container:
         """Return an accessor as a contiguous array: (count,) for SCALAR, else (count, 2 … 4), in its own component type.
 
         Args:
-            index: of the accessor.
+            index: index of the accessor.
             kind: the expected type, ``SCALAR``, ``VEC2`` …
         """
         field = f"{self.name}: accessors.{index}"
         accessor = item(self.document.accessors, index, f"{self.name}: accessors")
         if accessor.sparse is not None:
-            raise InvalidInput("sparse accessors are not read; export without them", field=field)
+            raise InvalidInput("sparse accessors are not supported; export without them", field=field)
         if accessor.type != kind or accessor.componentType not in _COMPONENTS:
-            raise InvalidInput("another type than expected", field=field, value=accessor.type, limit=kind)
+            raise InvalidInput("not of the expected type", field=field, value=accessor.type, limit=kind)
         dtype, width, count = _COMPONENTS[accessor.componentType], _WIDTHS[kind], int(accessor.count)
         if not 0 <= count <= 3 * MAX_VERTICES:
             raise InvalidInput("too many elements", field=field, value=count, limit=3 * MAX_VERTICES)
@@ -103,11 +103,12 @@ def open_container(path: Path, root: Path | None = None) -> Container:
     """Read a .glb or .gltf with the files that it refers to.
 
     Args:
-        path: of the file.
+        path: the file.
         root: folder that no reference may lead out of; by default the file's own.
 
     Raises:
-        InvalidInput: too large, truncated, not glTF 2.0, requires an unknown extension, or a file is missing or outside.
+        InvalidInput: the file is too large, truncated, not glTF 2.0 or requires an unknown extension, or a file that it refers
+            to is missing or outside.
     """
     plain, binary = open_document(path)
     return Container(_parse(plain, path.name), binary, path.name, Resources(path, root))
@@ -118,7 +119,7 @@ def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
         unsupported = sorted(set(plain.get("extensionsRequired") or ()) - SUPPORTED_EXTENSIONS)
         if unsupported:
             raise InvalidInput(
-                "the file requires extensions that are not read; export without them",
+                "the file requires extensions that are not supported; export without them",
                 field=f"{name}: extensionsRequired",
                 value=", ".join(map(str, unsupported)),
                 limit=", ".join(sorted(SUPPORTED_EXTENSIONS)),
@@ -146,7 +147,7 @@ def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str, resourc
             data = resources.read(buffer.uri, field=f"{field}.uri")
         if len(data) < int(buffer.byteLength):
             raise InvalidInput(
-                "the file is truncated: the buffer is shorter than it says",
+                "the file is truncated: the buffer is shorter than declared",
                 field=field,
                 value=f"{len(data)} bytes",
                 limit=f"{buffer.byteLength} bytes",
@@ -159,12 +160,12 @@ def item(items: Sequence[Item], index: Any, field: str) -> Item:
     """Return the item that an index of the file refers to.
 
     Args:
-        items: the list that it counts.
-        index: from the file.
-        field: of the list, or of the place that refers to it, for the error.
+        items: the list that the index refers to.
+        index: a value from the file.
+        field: field of the list, or of the reference, for the error.
 
     Raises:
-        InvalidInput: it is no whole number, or out of range.
+        InvalidInput: the index is not a whole number, or out of range.
     """
     if not isinstance(index, int) or not 0 <= index < len(items):
         valid = f"0…{len(items) - 1}" if items else "there are none"

@@ -1,4 +1,4 @@
-"""glTF files on disk: header, chunks, JSON, and the files that they refer to; no glTF library is needed.
+"""glTF files on disk: header, chunks, JSON, and the files that they refer to. Needs no glTF library.
 
 References may lead to buffers and images in the asset's own folder, and nowhere else.
 """
@@ -18,7 +18,7 @@ from urllib.parse import unquote
 from valerie.errors import InvalidInput
 from valerie.plain import JsonObject
 
-#: Largest file of an asset that is opened.
+#: Size of the largest file of an asset.
 MAX_FILE_BYTES: Final = 1024**3
 
 _JSON_CHUNK: Final = 0x4E4F534A
@@ -31,8 +31,8 @@ class Resources:
     """The data behind the URIs of one glTF file.
 
     Args:
-        path: of the glTF file; relative URIs start at its folder.
-        root: folder that nothing may lead out of, links followed; by default the file's own.
+        path: the glTF file. Relative URIs start at its folder.
+        root: folder that no URI may lead out of, links followed; by default the file's own.
     """
 
     def __init__(self, path: Path, root: Path | None = None) -> None:
@@ -43,13 +43,13 @@ class Resources:
         """Return the bytes of a ``data:…;base64,…`` URI or of a file.
 
         Raises:
-            InvalidInput: it is not base64; or as `find`.
+            InvalidInput: the data is not base64; or as `find`.
         """
         if not uri.startswith("data:"):
             return self.find(uri, field=field).read_bytes()
         head, comma, body = uri.partition(",")
         if not comma or not head.endswith(";base64"):
-            raise InvalidInput("not a data URI that is read", field=field, value=uri[:40], limit="data:…;base64,…")
+            raise InvalidInput("not a supported data URI", field=field, value=uri[:40], limit="data:…;base64,…")
         try:
             return base64.b64decode(body, validate=True)
         except binascii.Error:
@@ -59,16 +59,20 @@ class Resources:
         """Return the file that a relative URI names.
 
         Raises:
-            InvalidInput: it is no relative path, leads out of the asset's folder, names no file, or a too large one.
+            InvalidInput: the URI is not a relative path, or leads out of the asset's folder; or the file is missing or too
+                large.
         """
         relative = unquote(uri)
         if not relative or _NOT_RELATIVE.match(relative) or "\0" in relative:
             raise InvalidInput(
-                "only files beside this one are read", field=field, value=uri[:80], limit="a relative path, or data:…"
+                "only files in this file's folder are read",
+                field=field,
+                value=uri[:80],
+                limit="a relative path, or data:…",
             )
         path = (self._folder / relative).resolve()
         if not path.is_relative_to(self._root):
-            raise InvalidInput("the file lies outside the asset's folder", field=field, value=uri[:80])
+            raise InvalidInput("the file is outside the asset's folder", field=field, value=uri[:80])
         if not path.is_file():
             raise InvalidInput("there is no such file", field=field, value=uri[:80])
         if path.stat().st_size > MAX_FILE_BYTES:
@@ -96,10 +100,10 @@ def _chunks(raw: bytes, name: str) -> tuple[bytes, bytes | None]:
         raise InvalidInput("not a binary glTF file", field=name, value=f"{len(raw)} bytes", limit="starts with glTF")
     version, length = struct.unpack_from("<II", raw, 4)
     if version != 2:
-        raise InvalidInput("another version of glTF", field=name, value=version, limit=2)
+        raise InvalidInput("not a supported version of glTF", field=name, value=version, limit=2)
     if length > len(raw):
         raise InvalidInput(
-            "the file is truncated", field=name, value=f"{len(raw)} bytes", limit=f"its header promises {length}"
+            "the file is truncated", field=name, value=f"{len(raw)} bytes", limit=f"{length} bytes by its header"
         )
     chunks: dict[int, bytes] = {}
     position = 12
@@ -111,7 +115,7 @@ def _chunks(raw: bytes, name: str) -> tuple[bytes, bytes | None]:
                 "the file is truncated inside a chunk",
                 field=name,
                 value=f"{length - position} bytes",
-                limit=f"the chunk promises {size}",
+                limit=f"{size} bytes by its header",
             )
         chunks.setdefault(kind, raw[position : position + size])
         position += size
@@ -134,13 +138,13 @@ def _plain(text: bytes, name: str) -> JsonObject:
 
 
 def external_uris(path: Path, name: str) -> tuple[tuple[str, str], ...]:
-    """Yield field and URI of everything that a glTF file keeps in other files.
+    """Return field and URI of everything that a glTF file keeps in other files.
 
-    A file that is not glTF yields nothing; reading it reports the problem.
+    Return nothing for a file that is not glTF; reading it reports the problem.
 
     Args:
-        path: of the file.
-        name: of the file, for fields.
+        path: the file.
+        name: its name in fields.
     """
     try:
         document, _ = open_document(path)

@@ -1,4 +1,4 @@
-"""Decoding of PNG and JPEG, encoding of PNG; a round trip through PNG keeps every texel."""
+"""Decode PNG and JPEG, encode PNG. A round trip through PNG keeps every texel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def decode_image(data: bytes, *, field: str) -> NDArray[np.uint8]:
     """Decode an image to (H, W, 3) or (H, W, 4) uint8, first row at the top; grey becomes RGB, 16 bits become 8.
 
     Raises:
-        InvalidInput: it is neither PNG nor JPEG, broken, or larger than `MAX_IMAGE_SIDE`.
+        InvalidInput: the data is neither PNG nor JPEG, is broken, or is larger than `MAX_IMAGE_SIDE`.
     """
     import cv2
 
@@ -31,7 +31,7 @@ def decode_image(data: bytes, *, field: str) -> NDArray[np.uint8]:
     if decoded.dtype == np.uint16:
         decoded = (decoded // 257).astype(np.uint8)
     if decoded.dtype != np.uint8:
-        raise InvalidInput("not an image of 8 or 16 bits", field=field, value=str(decoded.dtype))
+        raise InvalidInput("not an image with 8 or 16 bits per channel", field=field, value=str(decoded.dtype))
     if decoded.ndim == 2:
         decoded = np.repeat(decoded[:, :, None], 3, axis=2)
     order = [2, 1, 0, 3][: decoded.shape[2]]
@@ -50,7 +50,7 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
 
 
 def image_size(data: bytes, *, field: str) -> tuple[int, int]:
-    """Read width and height from the header of a PNG or JPEG; nothing is decoded."""
+    """Return width and height from the header of a PNG or JPEG, without decoding it."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)

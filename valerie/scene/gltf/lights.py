@@ -1,4 +1,4 @@
-"""Lamps in the form of KHR_lights_punctual: point and spot lights in candela.
+"""Lamps as KHR_lights_punctual: point and spot lights in candela.
 
 A light of glTF shines along its node's −z, which is the node's +y here (`common`), so nodes need no further turn. The
 extension has no switches, no size, no dipped beams and no glowing materials; these are in ``extras``.
@@ -21,18 +21,18 @@ _DEFAULT: Final = Light()
 
 
 def read_light(document: JsonObject, path: str) -> Light:
-    """Read the lamp of a node; a directional light is the sun, which the file's reader handles.
+    """Return the lamp of a node. A directional light is the sun, which the file's reader handles.
 
     Args:
         document: an entry of the file's list of lights.
-        path: of the node, for errors.
+        path: path of the node, for errors.
 
     Raises:
         InvalidInput: the kind of light is unknown, or a number is out of range.
     """
     kind = document.get("type")
     if kind not in ("point", "spot"):
-        raise InvalidInput("no such kind of light", field=path, value=kind, limit="directional, point or spot")
+        raise InvalidInput("unknown kind of light", field=path, value=kind, limit="directional, point or spot")
     spot, own = document.get("spot") or {}, own_extras(document.get("extras"))
     red, green, blue = (float(value) for value in document.get("color", (1.0, 1.0, 1.0)))
     everywhere = kind == "point"
@@ -49,17 +49,17 @@ def read_light(document: JsonObject, path: str) -> Light:
     )
     numbers = (*light.color, light.intensity, light.inner, light.outer, light.radius, light.luminance)
     if not all(math.isfinite(value) and value >= 0 for value in numbers):
-        raise InvalidInput("not a usable light", field=path, value=dict(document), limit="numbers from 0 on")
+        raise InvalidInput("not a valid light", field=path, value=dict(document), limit="numbers ≥ 0")
     if not light.inner <= light.outer <= math.pi:
-        raise InvalidInput("a cone is inner ≤ outer ≤ π", field=path, value=(light.inner, light.outer))
+        raise InvalidInput("a cone needs inner ≤ outer ≤ π", field=path, value=(light.inner, light.outer))
     if light.beam not in BEAMS:
-        raise InvalidInput("no such beam", field=path, value=light.beam, limit=", ".join(BEAMS))
+        raise InvalidInput("unknown beam", field=path, value=light.beam, limit=", ".join(BEAMS))
     if light.beam == "dipped" and light.outer >= _WIDEST_SPOT:
         raise InvalidInput(
             "a dipped beam needs a cone", field=path, value=light.outer, limit="an outer angle below π/2"
         )
     if light.switch and light.switch not in SWITCHES:
-        raise InvalidInput("no such switch", field=path, value=light.switch, limit=", ".join(SWITCHES))
+        raise InvalidInput("unknown switch", field=path, value=light.switch, limit=", ".join(SWITCHES))
     return light
 
 

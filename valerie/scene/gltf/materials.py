@@ -1,4 +1,4 @@
-"""Materials between this project's metallic-roughness model and that of glTF."""
+"""Convert materials between this project's metallic-roughness model and that of glTF."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ TextureName = Callable[[int, str], str]
 
 
 def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
-    """Return a glTF material; the specular tint is also written as a colour, for other programs.
+    """Return a glTF material. The specular tint is also written as a colour, for other programs.
 
     Args:
-        material: of a scene.
+        material: a material of a scene.
         texture_index: returns the index of the glTF texture for the name of a texture.
     """
     hue = np.asarray(material.base_color) / max(*material.base_color, 1e-6)
@@ -70,16 +70,16 @@ def read_material(
     texture_name: TextureName,
     notes: list[str],
 ) -> Material:
-    """Return a material of a scene; properties that the model lacks are approximated and noted.
+    """Return a material of a scene. Properties that the model lacks are approximated and noted.
 
     Args:
         source: the material of the file.
-        name: of the material in the scene.
+        name: name of the material in the scene.
         texture_name: returns the name of a glTF texture, given its index and the place that refers to it.
-        notes: gets a sentence for everything that was ignored or approximated.
+        notes: receives a sentence for every property that is ignored or approximated.
 
     Raises:
-        InvalidInput: a number is missing, not finite or out of range, or a texture is not there.
+        InvalidInput: a number is missing, not finite or out of range, or a texture is missing.
     """
 
     def texture(info: Any, field: str) -> str | None:

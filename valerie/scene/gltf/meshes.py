@@ -1,4 +1,4 @@
-"""Meshes of a glTF file: triangles from accessors, with computed normals where the file has none."""
+"""Meshes of a glTF file: triangles from accessors, with computed normals if the file has none."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MeshReader:
     """The meshes of a glTF file. Each is read once, so that nodes with the same mesh in the file share it in the scene.
 
     Attributes:
-        computed_normals: index of a glTF mesh to the reasons, in words, why its normals were computed.
+        computed_normals: index of a glTF mesh to the normals that were computed, in words.
     """
 
     def __init__(self, container: Container, textures: TextureReader, notes: list[str]) -> None:
@@ -51,7 +51,7 @@ class MeshReader:
         return self._meshes[index]
 
     def all_materials(self) -> dict[str, Material]:
-        """Return every material of the file by name; to be called after the meshes were read."""
+        """Return every material of the file by name. Call it after reading the meshes."""
         materials = {
             name: read_material(
                 material,
@@ -73,7 +73,7 @@ class MeshReader:
             self._notes.append("morph targets are ignored")
         attributes = primitive.attributes
         if attributes.COLOR_0 is not None:
-            self._notes.append("colours of vertices are ignored")
+            self._notes.append("vertex colours are ignored")
         if attributes.POSITION is None:
             raise InvalidInput("a mesh without positions", field=field)
         positions = self._vectors(attributes.POSITION, finite=True)
@@ -87,8 +87,8 @@ class MeshReader:
         material = self._material(primitive.material, field)
         mesh_with_normals = with_face_normals(Mesh(positions, normals, uvs, faces, material))
         if mesh_with_normals.normals is not normals:
-            why = "normals of no length or not finite" if has_normals else "meshes without normals"
-            self.computed_normals.setdefault(mesh, set()).add(why)
+            reason = "normals of no length or not finite" if has_normals else "missing normals"
+            self.computed_normals.setdefault(mesh, set()).add(reason)
         return mesh_with_normals
 
     def _material(self, index: int | None, field: str) -> str:
@@ -113,7 +113,7 @@ class MeshReader:
         return self._arrays[key]
 
     def _normals(self, accessor: int) -> NDArray[np.float32]:
-        """Return normals: (V, 3) float32, z up, of length 1, or 0 where those of the file have no length or are not finite."""
+        """Return normals: (V, 3) float32, z up, of length 1; zero for those of the file without length or not finite."""
         key = (accessor, "normals")
         if key not in self._arrays:
             normals = self._vectors(accessor, finite=False)
@@ -147,16 +147,20 @@ class MeshReader:
                 self._arrays[key] = self._container.array(accessor, kind="SCALAR").astype(np.uint32)
             indices = self._arrays[key]
         if len(indices) and int(indices.max()) >= count:
-            raise InvalidInput("an index of no vertex", field=field, value=int(indices.max()), limit=count - 1)
+            raise InvalidInput(
+                "an index beyond the last vertex", field=field, value=int(indices.max()), limit=count - 1
+            )
         if mode in (pygltflib.TRIANGLE_STRIP, pygltflib.TRIANGLE_FAN):
             return unrolled(indices, fan=mode == pygltflib.TRIANGLE_FAN)
         if len(indices) % 3:
-            raise InvalidInput("no whole triangles", field=field, value=f"{len(indices)} indices", limit="3 each")
+            raise InvalidInput(
+                "not a whole number of triangles", field=field, value=f"{len(indices)} indices", limit="3 each"
+            )
         return indices.reshape(-1, 3)
 
 
 def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
-    """Return the (F, 3) triangles of a strip or fan of F + 2 vertices, all of one orientation (glTF 2.0, section 3.7.2.1)."""
+    """Return the (F, 3) triangles of a strip or fan of F + 2 vertices, with one orientation (glTF 2.0, section 3.7.2.1)."""
     number = max(len(indices) - 2, 0)
     steps = np.arange(number)
     if fan:
@@ -168,7 +172,7 @@ def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
 
 
 def with_face_normals(mesh: Mesh) -> Mesh:
-    """Return the mesh with the normals of triangles at all corners whose normal is 0; the mesh itself where there is none.
+    """Return the mesh with face normals at all corners whose normal is 0; the mesh itself if there are none.
 
     Triangles with such a corner no longer share their vertices.
     """

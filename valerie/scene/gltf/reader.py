@@ -1,4 +1,4 @@
-"""Reading of one glTF file: nodes, meshes, materials, cameras and light."""
+"""Read one glTF file: nodes, meshes, materials, cameras and light."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from valerie.scene.gltf.textures import TextureReader
 from valerie.scene.graph.model import POSITIONS, Camera, Environment, Matrix, Mesh, Node, Sun
 from valerie.scene.graph.naming import ROOT, node_name
 
-#: Names in a note at most.
+#: Largest number of names in a note.
 _FIRST = 5
 
 
 def read_gltf(path: Path, root: Path | None = None) -> FilePart:
-    """Read a .glb or .gltf, with the buffers and images that lie beside it.
+    """Read a .glb or .gltf with the buffers and images that it refers to.
 
     Args:
-        path: of the file.
+        path: the file.
         root: folder that no reference may lead out of; by default the file's own.
 
     Raises:
-        InvalidInput: the file is broken, truncated, too large, refers to files that are not there or outside of ``root``,
-            or uses features that are not read.
+        InvalidInput: the file is broken, truncated or too large, refers to files that are missing or outside ``root``, or uses
+            features that are not supported.
     """
     container = open_container(path, root)
     try:
         return _Reader(container).read()
     except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
-        # The JSON is well-formed, but a value in it is not of the kind that glTF prescribes.
+        # The JSON is well-formed, but a value has the wrong type for glTF.
         raise InvalidInput(f"not valid glTF: {error}", field=container.name) from error
 
 
@@ -65,9 +65,10 @@ class _Reader:
 
     def read(self) -> FilePart:
         document = self._document
-        for present, what in ((document.animations, "animations"), (document.skins, "skins: bodies stay as modelled")):
-            if present:
-                self._notes.append(f"{what} are ignored" if "skins" not in what else what)
+        if document.animations:
+            self._notes.append("animations are ignored")
+        if document.skins:
+            self._notes.append("skins are ignored: bodies stay as modelled")
         nodes: list[Node] = []
         cameras: dict[str, Camera] = {}
         movable: list[str] = []
@@ -121,11 +122,11 @@ class _Reader:
                 chain.append(at)
                 if len(chain) > MAX_DEPTH:
                     raise InvalidInput(
-                        "the node tree is too deep or a circle", field=f"{self._container.name}: nodes.{start}",
+                        "the node tree is too deep or has a cycle", field=f"{self._container.name}: nodes.{start}",
                         limit=MAX_DEPTH,
                     )  # fmt: skip
                 if at not in parents:
-                    chain.clear()  # it belongs to no scene
+                    chain.clear()  # the node belongs to no scene
                     break
                 at = parents[at]
             for index in reversed(chain):
@@ -133,21 +134,23 @@ class _Reader:
                 yield index
 
     def _scene(self) -> pygltflib.Scene | None:
-        """Return the scene that the file shows; None where it has none and shows all its nodes."""
+        """Return the scene that the file shows; None if it has none and shows all its nodes."""
         document = self._document
         return (
             item(document.scenes, document.scene or 0, f"{self._container.name}: scenes") if document.scenes else None
         )
 
     def _parents(self) -> dict[int, int | None]:
-        """Return the parent of every node below another one, and None for the roots of the scene."""
+        """Return the parent of every child node, and None for the roots of the scene."""
         document = self._document
         parents: dict[int, int | None] = {}
         for index, node in enumerate(document.nodes):
             for child in node.children or ():
                 if not 0 <= child < len(document.nodes) or child in parents:
                     raise InvalidInput(
-                        "a node with two parents or none", field=f"{self._container.name}: nodes.{index}", value=child
+                        "the child is missing or has two parents",
+                        field=f"{self._container.name}: nodes.{index}",
+                        value=child,
                     )
                 parents[child] = index
         scene = self._scene()
@@ -174,22 +177,22 @@ class _Reader:
 
     def _note_lists(self) -> None:
         if self._unnamed:
-            self._notes.append(f"nodes without a name are called {_listed(self._unnamed)}")
+            self._notes.append(f"nodes without a name are named {_listed(self._unnamed)}")
         if self._renamed:
-            self._notes.append(f"nodes are renamed, so that names can stand in paths: {_listed(self._renamed)}")
-        for what, nodes in self._flat.items():
-            self._notes.append(f"{what}: they are computed per face, so that it looks faceted: {_listed(nodes)}")
+            self._notes.append(f"nodes are renamed to names that are valid in paths: {_listed(self._renamed)}")
+        for reason, nodes in self._flat.items():
+            self._notes.append(f"{reason} are computed per face, which looks faceted: {_listed(nodes)}")
 
     def _mesh(self, index: int, path: str) -> tuple[Mesh, ...]:
         meshes = self._meshes.read(index)
-        for what in self._meshes.computed_normals.get(index, ()):
-            self._flat.setdefault(what, []).append(path.removeprefix(f"{ROOT}."))
+        for reason in self._meshes.computed_normals.get(index, ()):
+            self._flat.setdefault(reason, []).append(path.removeprefix(f"{ROOT}."))
         return meshes
 
     def _camera(self, node: pygltflib.Node, path: str, world: Matrix) -> Camera | None:
         camera = item(self._document.cameras, node.camera, f"{self._container.name}: cameras")
         if camera.perspective is None:
-            self._notes.append(f"camera {path} is ignored: only perspective cameras are read, it is {camera.type}")
+            self._notes.append(f"camera {path} is ignored: only perspective cameras are supported, it is {camera.type}")
             return None
         own = own_extras(camera.extras)
         sensor = float(own.get("sensor_width_mm", 36.0))
@@ -197,9 +200,9 @@ class _Reader:
         half_height = math.tan(0.5 * float(lens.yfov))
         focal = float(own.get("focal_length_mm", 0.5 * sensor / (half_height * float(lens.aspectRatio or 16 / 9))))
         if not (math.isfinite(focal) and focal > 0):
-            raise InvalidInput("not a usable angle of view", field=path, value=lens.yfov)
+            raise InvalidInput("not a valid angle of view", field=path, value=lens.yfov)
         name = path.rpartition(".")[2]
-        # Here a camera belongs to the scene itself; its matrix holds its place in the file's tree.
+        # Here a camera belongs to the scene itself. Its matrix includes those of its ancestors in the file.
         return Camera(
             f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, float(lens.znear), float(lens.zfar or 600.0)
         )
@@ -217,7 +220,7 @@ class _Reader:
             return Sun(**{name: float(value) for name, value in own.items()})
         backwards = vectors_from_y_up(world[:3, 2] / np.linalg.norm(world[:3, 2]))
         azimuth = math.atan2(float(backwards[0]), float(backwards[1])) + environment.bearing
-        self._notes.append("the sun's strength is taken as that of a clear noon: the file's unit is not comparable")
+        self._notes.append("the sun has the strength of a clear noon, since the file's unit is not comparable")
         return Sun(azimuth % (2.0 * math.pi), math.asin(max(-1.0, min(1.0, float(backwards[2])))))
 
     def _environment(self) -> Environment | None:
@@ -230,16 +233,16 @@ class _Reader:
             if position not in POSITIONS:
                 field = f"{self._container.name}: environment.{name}"
                 raise InvalidInput(
-                    "no such position of a switch", field=field, value=position, limit=", ".join(POSITIONS)
+                    "unknown position of a switch", field=field, value=position, limit=", ".join(POSITIONS)
                 )
         numbers: JsonObject = {name: float(value) for name, value in own.items() if name not in lamps}
         return Environment(**numbers, **lamps)
 
 
 def _unread(document: pygltflib.GLTF2) -> list[str]:
-    """Return a note on extensions that are not read, if there are any."""
+    """Return a note on the extensions that are not supported, if there are any."""
     used = sorted({str(name) for name in document.extensionsUsed or ()} - SUPPORTED_EXTENSIONS)
-    return [f"extensions are not read, what they add is missing: {_listed(used)}"] if used else []
+    return [f"extensions are ignored: {_listed(used)}"] if used else []
 
 
 def _listed(names: list[str]) -> str:
@@ -262,5 +265,5 @@ def _local_matrix(node: pygltflib.Node, field: str) -> Matrix:
         matrix[:3, :3] *= np.array(node.scale or (1.0, 1.0, 1.0), np.float64)
         matrix[:3, 3] = node.translation or (0.0, 0.0, 0.0)
     if not np.isfinite(matrix).all() or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise InvalidInput("not a usable transform", field=field)
+        raise InvalidInput("not a valid transform", field=field)
     return matrix

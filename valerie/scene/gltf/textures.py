@@ -13,7 +13,7 @@ from valerie.scene.graph.model import Texture
 
 
 class TextureReader:
-    """The textures of a glTF file; those with the same image become one."""
+    """The textures of a glTF file. Textures with the same image become one."""
 
     def __init__(self, container: Container) -> None:
         self._container, self._document = container, container.document
@@ -25,7 +25,7 @@ class TextureReader:
         """Return the name of a glTF texture in the scene.
 
         Args:
-            texture: its index.
+            texture: the texture's index.
             who: the reference to it, e.g. ``material brick: baseColorTexture``; for errors.
 
         Raises:
@@ -63,7 +63,7 @@ class TextureReader:
 
 
 def unique_names(names: list[str | None], kind: str) -> list[str]:
-    """Return a name for each of a list of things: its own where that is free, else ``kind_index`` or ``name_index``."""
+    """Return unique names: each item's own name if that is free, else ``kind_index`` or ``name_index``."""
     unique: list[str] = []
     for index, name in enumerate(names):
         candidate = name or f"{kind}_{index}"

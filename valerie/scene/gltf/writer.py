@@ -1,4 +1,4 @@
-"""Writing of a scene as one self-contained .glb."""
+"""Write a scene as one self-contained .glb."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from valerie.scene.gltf.materials import write_material
 from valerie.scene.graph.model import Camera, Light, Matrix, Mesh, Scene
 from valerie.scene.graph.naming import ROOT, SUN_PATH
 
-#: Shape of the picture behind glTF's vertical angle of view; this project's reader takes the focal length instead.
+#: Aspect ratio for glTF's vertical angle of view. This project's reader uses the focal length instead.
 _ASPECT_RATIO = 16 / 9
 
 
 def save_gltf(scene: Scene, path: Path) -> None:
-    """Write a scene as binary glTF 2.0 with everything embedded; `load_gltf` returns the same scene.
+    """Write a scene as binary glTF 2.0 with everything embedded. `load_gltf` returns the same scene.
 
     Raises:
         InvalidInput: the file's name does not end in .glb.
@@ -106,7 +106,7 @@ class _Writer:
         return roots
 
     def _light(self, light: Light) -> int:
-        """Return the index of a lamp in the file's list of lights; equal lamps share one."""
+        """Return the index of a lamp in the file's list of lights. Equal lamps share an entry."""
         if light not in self._lights:
             self._lights.append(light)
         return self._lights.index(light) + 1  # the sun comes first

@@ -1,7 +1,7 @@
-"""Meshes and textures whose arrays are made when they are first read.
+"""Meshes and textures whose arrays are computed when they are first read.
 
 A scene may hold many people that a run never shows. All of them are in its scene graph, with names, materials and places. Their
-shapes are made only when they are needed.
+shapes are computed only if needed.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from valerie.scene.graph.model import Mesh, Texture, freeze
 
 
 class DeferredMesh(Mesh):
-    """A mesh that knows the name of its material and makes its arrays when they are first read.
+    """A mesh with the name of its material, whose arrays are computed when they are first read.
 
     Args:
-        make: returns the finished mesh; this object calls it at most once.
-        material: the name of this mesh's material; that of the finished mesh is ignored.
+        make: returns the mesh; called at most once.
+        material: the name of this mesh's material, instead of that of the returned mesh.
     """
 
-    if not TYPE_CHECKING:  # for type checkers, the fields are those of `Mesh`
+    if not TYPE_CHECKING:  # type checkers see the fields of `Mesh`
         positions = property(lambda self: self._made.positions)
         normals = property(lambda self: self._made.normals)
         uvs = property(lambda self: self._made.uvs)
@@ -44,10 +44,10 @@ class DeferredMesh(Mesh):
 
 
 def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[np.uint8]]]) -> dict[str, Texture]:
-    """Return textures that are made together, once, when the first of them is read.
+    """Return textures whose images are all computed once, when the first of them is read.
 
     Args:
-        names: of the textures.
+        names: names of the textures.
         make: returns their images in the same order, each (H, W, 3 or 4) uint8.
     """
     images = cache(make)
@@ -55,7 +55,7 @@ def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[
 
 
 class DeferredTexture(Texture):
-    """A texture that knows its name and makes its image when it is first read.
+    """A texture with a name, whose image is computed when it is first read.
 
     Args:
         name: see `Texture`.

@@ -1,6 +1,6 @@
-"""A scene while it is being changed: attributes write to a `Draft`, and `Draft.finish` returns a new immutable scene.
+"""Changes to a scene: attributes write to a `Draft`, and `Draft.finish` returns a new immutable scene.
 
-The new scene shares all untouched nodes, materials and cameras with the old one; engines cache by their identity.
+The new scene shares all unchanged nodes, materials and cameras with the old one, since engines cache by identity.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ class CameraPose:
 
     @classmethod
     def of(cls, camera: Camera) -> CameraPose:
-        """Return the pose of a camera; the angles are exact up to rounding."""
+        """Return the pose of a camera. The angles are exact up to rounding."""
         x, y, z = (float(v) for v in camera.position)
         return cls((x, y, z), *camera_angles(camera.transform))
 
 
 class Draft:
-    """The changes to a scene; the scene itself stays as it is."""
+    """Changes to a scene, which itself stays as it is."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -84,7 +84,7 @@ class Draft:
         self._focal_lengths[self.camera(path).name] = millimetres
 
     def show(self, path: str, shown: bool) -> None:
-        """Show or hide a node; everything below a hidden node is hidden too.
+        """Show or hide a node. Everything below a hidden node is hidden too.
 
         Raises:
             UnknownName: there is no such node.
@@ -93,7 +93,7 @@ class Draft:
         self._shown[path] = shown
 
     def choose(self, path: str, name: str | None) -> None:
-        """Show only the direct child called ``name``; None hides the node with all its children.
+        """Show only the direct child ``name`` of a node; None hides the node with all its children.
 
         Raises:
             UnknownName: there is no such node or child.
@@ -118,17 +118,17 @@ class Draft:
         if known is None:
             bodies = figures(self.scene, path)
             if not bodies:
-                raise InvalidInput("there is no figure below it that could take a pose", field=path)
+                raise InvalidInput("no figure below it can take a pose", field=path)
             known = bodies[0].stance
         self._stances[path] = replace(known, **changes)
 
     def cloth(self, path: str, **appearance: Any) -> None:
-        """Change fields of all materials of clothes at or below a node."""
+        """Change fields of all cloth materials at or below a node."""
         for name in cloth_materials(self.scene, path):
             self._materials[name] = replace(self._materials.get(name) or self.scene.materials[name], **appearance)
 
     def paint(self, path: str, name: str) -> None:
-        """Give all materials of paint at or below a node the look of one of the scene's paints.
+        """Give all paint materials at or below a node the look of one of the scene's paints.
 
         Raises:
             UnknownName: the scene has no such paint.
@@ -157,7 +157,7 @@ class Draft:
         self._lights[path] = replace(light, **changes)
 
     def light_channel(self, path: str, channel: int, value: float) -> None:
-        """Change one channel (0 red, 1 green, 2 blue) of the colour of a node's light; a node without light is left alone."""
+        """Change one channel (0 red, 1 green, 2 blue) of the colour of a node's light; do nothing if it has no light."""
         light = self._lights.get(path) or self.node(path).light
         if light is not None:
             red, green, blue = (value if i == channel else old for i, old in enumerate(light.color))
@@ -208,7 +208,7 @@ class Draft:
         return nodes
 
     def _was_shown_itself(self, path: str) -> bool:
-        """Return True if a node's own switch shows it, or if the switch is unknown, below a hidden node."""
+        """Return True if a node is itself shown, or if a hidden parent leaves this unknown."""
         node = self.scene.nodes[path]
         parent = self.scene.nodes.get(node.parent)
         return node.visible or (parent is not None and not parent.visible)
@@ -229,12 +229,12 @@ def figures(scene: Scene, path: str) -> list[Figure]:
 
 
 def cloth_materials(scene: Scene, path: str) -> list[str]:
-    """Return the names of the materials of clothes at or below a node, in the order of the nodes."""
+    """Return the names of the cloth materials at or below a node, in the order of the nodes."""
     return _materials_below(scene, path, is_cloth)
 
 
 def paint_materials(scene: Scene, path: str) -> list[str]:
-    """Return the names of the materials of paint at or below a node, in the order of the nodes."""
+    """Return the names of the paint materials at or below a node, in the order of the nodes."""
     return _materials_below(scene, path, is_paint)
 
 

@@ -1,11 +1,11 @@
 """The scene: an immutable value, independent of any engine.
 
-Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
+Frames (docs/conventions.md): right-handed world in metres, z up, x to the right, y ahead. A camera looks along
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
-A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
-materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache
-its uploads by identity.
+A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` builds it from an asset and an assignment. Meshes,
+materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache its uploads
+by identity.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class Material:
             (glTF's metallicRoughnessTexture). Red is not read.
         metallic, roughness: in [0, 1].
         specular: reflectance at normal incidence relative to 4 % (1 = 0.04), in [0, 2].
-        specular_tint: 0 white highlights … 1 highlights in the base colour, in [0, 1].
+        specular_tint: in [0, 1]: 0 for white highlights, 1 for highlights in the base colour.
         emissive: linear RGB radiance.
-        alpha_cutoff: None for opaque; else texels with alpha below it are cut (never blended: labels stay exact).
+        alpha_cutoff: None for opaque; else texels with alpha below it are cut, never blended, so that labels stay exact.
         double_sided: draw back faces too, with the normal turned to the viewer.
-        transmission: share of light that passes straight through a thin pane, in [0, 1]: glass. Labels and depth are the
-            pane's. Engines without it draw the pane opaque.
+        transmission: share of light that passes straight through a thin pane such as glass, in [0, 1]. Labels and depth are the
+            pane's. Engines without transmission draw it opaque.
     """
 
     name: str
@@ -109,18 +109,18 @@ class Mesh:
             freeze(array)
 
     def with_material(self, name: str) -> Mesh:
-        """Return the same triangles with another material; the arrays are shared."""
+        """Return the same triangles with another material. The arrays are shared."""
         return replace(self, material=name)
 
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """Pose of a figure and the things that it carries; its asset names the poses and the things to carry.
+    """A figure's pose and what it carries. The asset names the poses and the things to carry.
 
     Attributes:
-        pose: a name that the figure knows.
-        gait_phase: for a walking pose, 0…1: the phase in the cycle of two steps, relative to the figure's own start.
-        carries: a name that the figure knows.
+        pose: the name of a pose of the figure.
+        gait_phase: phase of a walking pose in the cycle of two steps, 0…1, relative to the figure's own start.
+        carries: the name of a thing that the figure can carry.
     """
 
     pose: str
@@ -128,8 +128,8 @@ class Stance:
     carries: str
 
 
-#: The joints of a figure; left and right are the figure's own. ``head`` is where the skull sits on the neck, ``toes`` the ball
-#: of the foot.
+#: The joints of a figure. Left and right are the figure's own. ``head`` is the joint of skull and neck, ``toes`` the ball of
+#:the foot.
 JOINTS: Final = (
     "pelvis", "spine", "chest", "neck", "head", "head_top", "left_eye", "right_eye",
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
@@ -138,14 +138,14 @@ JOINTS: Final = (
 
 
 class Figure(Protocol):
-    """A body that can take several stances; a node with a figure has the meshes of the figure's stance."""
+    """A body that can take several stances. Its node has the meshes of the current stance."""
 
     @property
     def stance(self) -> Stance: ...
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
-        """Return the meshes of this stance: the same objects each time, whose arrays are made when they are first read."""
+        """Return the meshes of this stance: the same objects each time, whose arrays are computed when first read."""
         ...
 
     @property
@@ -157,7 +157,7 @@ class Figure(Protocol):
         """Return the figure in another stance.
 
         Raises:
-            UnknownName: it knows no such pose, or no such thing to carry.
+            UnknownName: the figure has no such pose, or no such thing to carry.
         """
         ...
 
@@ -168,21 +168,21 @@ class Figure(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A lamp at its node's origin, shining along the node's +y: forwards, as a vehicle drives.
+    """A lamp at its node's origin that shines along the node's +y, a vehicle's forward direction.
 
-    Light falls with the square of the distance. Across, it is full within ``inner`` and nothing beyond ``outer``, with the
-    square of a straight line in the cosine between them (glTF's KHR_lights_punctual). A dipped beam fills this cone as a
-    vehicle's does: dark above a cut-off through the axis, level with the node's x (`valerie.rendering.beams`).
+    Light falls with the square of the distance. Across the beam, it is full within ``inner`` and zero beyond ``outer``. Between
+    them it follows the square of a linear function of the cosine (glTF's KHR_lights_punctual). A dipped beam is dark above a
+    cut-off through the axis, level with the node's x (`valerie.rendering.beams`).
 
     Attributes:
-        color: linear RGB, relative; its luminance is taken as 1.
-        intensity: candela along the axis; of a dipped beam, where it is brightest.
-        inner, outer: radians from the axis; ``outer`` π shines everywhere.
+        color: linear RGB, relative: it is scaled to luminance 1.
+        intensity: candela along the axis; for a dipped beam, in its brightest direction.
+        inner, outer: radians from the axis; a lamp with ``outer`` π shines in all directions.
         beam: one of `BEAMS`.
-        radius: metres, of the shining surface.
-        switch: which switch of `Environment` turns it on, a key of `SWITCHES`; empty: always on.
+        radius: radius of the luminous surface, metres.
+        switch: the switch of `Environment` that turns it on, a key of `SWITCHES`; empty if it is always on.
         glowing: names of the materials that glow while it is on.
-        luminance: of these materials, cd/m².
+        luminance: luminance of these materials, cd/m².
     """
 
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -202,15 +202,15 @@ class Node:
 
     Attributes:
         path: dotted path from the root, e.g. ``scene.car-3.door-1``; its last part is ``class-instance`` or a plain name.
-        transform: (4, 4) local to parent.
+        transform: (4, 4), object to parent.
         meshes: drawn with this node's world transform.
-        label_id: Cityscapes label id of every pixel, inherited from the object; a bag has the label of the person who carries it.
+        label_id: Cityscapes label id, inherited from the object. A bag has the label of the person who carries it.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
-        movable: whether it belongs to the movable layer instead of the background; declared by the manifest, and inherited.
-        visible: False if neither the node nor anything below it is drawn, such as an absent person.
+        movable: whether it belongs to the movable layer instead of the background. The manifest declares it; it is inherited.
+        visible: False if neither the node nor anything below it is drawn, as for an absent person.
         figure: the source of ``meshes`` if the node can take several stances.
-        joints: (len(JOINTS), 3) metres in the node's frame, of a body with a fixed pose such as a rider; None where there is a
-            figure, or no skeleton is known.
+        joints: (len(JOINTS), 3) metres in the node's frame, for a body with a fixed pose such as a rider; None for a figure or
+            without a skeleton.
         light: a lamp at the node's origin.
     """
 
@@ -236,11 +236,11 @@ class Node:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """A pin-hole camera.
+    """A pinhole camera.
 
     Attributes:
         path: e.g. ``scene.camera-1``.
-        transform: (4, 4) camera to world; looks along −z, y up.
+        transform: (4, 4), camera to world. The camera looks along −z with y up.
         focal_length_mm, sensor_width_mm: the horizontal field of view is 2·atan(sensor_width / (2·focal_length)).
         near, far: clipping distances in metres.
     """
@@ -262,12 +262,8 @@ class Camera:
         return np.asarray(self.transform[:3, 3], np.float64)
 
     def focal_length_px(self, width: int) -> float:
-        """Return the focal length in pixels (square ones) for an image ``width`` pixels wide."""
+        """Return the focal length in pixels for an image ``width`` square pixels wide."""
         return self.focal_length_mm / self.sensor_width_mm * width
-
-    def vertical_fov(self, width: int, height: int) -> float:
-        """Return the vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
-        return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,10 +271,11 @@ class Sun:
     """A directional light with a disc.
 
     Attributes:
-        azimuth: radians, clockwise from north seen from above; the street's bearing (of +y) is in `Environment`.
+        azimuth: radians clockwise from north, seen from above. `Environment` has the bearing.
         elevation: radians above the horizon.
-        irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0: clear noon).
-        angular_diameter: radians; sets the softness of shadows.
+        irradiance: irradiance of a surface that faces the sun, in scene units: 1 is a clear noon, for which the default
+            exposure is made.
+        angular_diameter: radians; determines the softness of shadows.
     """
 
     azimuth: float
@@ -289,27 +286,27 @@ class Sun:
 
 #: Beams of lamps: evenly filled cones, and the dipped beams of vehicles.
 BEAMS: Final = ("cone", "dipped")
-#: Switches of lamps, and the illuminance of the ground in lux below which ``auto`` turns each on. Street lamps: the usual
-#: twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
+#: Switches of lamps, and the illuminance of the ground, lux, below which ``auto`` turns each on. Street lamps: the usual
+#:twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
 SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})
 #: Positions of a switch.
 POSITIONS: Final = ("auto", "on", "off")
 
-#: Visibility in metres that stands for no fog; turbidity alone then describes the air.
+#: Visibility, metres, that stands for no fog: only turbidity then describes the air.
 CLEAR_VISIBILITY_M: Final = 100_000.0
 
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """Light and weather that belong to no object.
+    """Light and weather.
 
     Attributes:
-        bearing: compass bearing of the world's +y axis, radians clockwise from north.
+        bearing: compass bearing of the world's +y, radians clockwise from north.
         turbidity: haze of the analytic sky, 2 (clear) … 10 (hazy).
-        sky_strength: factor on the sky's radiance.
+        sky_strength: factor of the sky's radiance.
         cloud_cover: share of the sky under cloud, 0 (clear) … 1 (overcast: no sun, no shadows).
-        visibility: metres at which fog leaves 2 % of a black object's contrast (Koschmieder); `CLEAR_VISIBILITY_M` is no fog.
-        rain: mm/h; wets what faces up, adds extinction and drops in the air.
+        visibility: metres at which a black object keeps 2 % of its contrast in fog (Koschmieder); `CLEAR_VISIBILITY_M`: no fog.
+        rain: mm/h. It wets surfaces that face up, and adds extinction and drops in the air.
         street_lamps, car_lamps: ``on``, ``off``, or ``auto``: on when it is dark, see `SWITCHES`.
     """
 
@@ -329,9 +326,9 @@ class Scene:
 
     Attributes:
         nodes: path to node, parents before children; the root is ``scene``.
-        materials, textures: by name.
+        materials, textures: materials and textures by name.
         cameras: by camera name, e.g. ``camera-1``.
-        paints: of vehicles, by name.
+        paints: paints of vehicles by name.
     """
 
     nodes: Mapping[str, Node]
@@ -347,7 +344,7 @@ class Scene:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:
-        """Return one line, since writing out every array of a scene takes minutes."""
+        """Return one line, since printing every array of a scene takes minutes."""
         return f"<Scene: {len(self.nodes)} nodes, {len(self.materials)} materials, cameras {', '.join(self.cameras)}>"
 
     def world_transform(self, path: str) -> Matrix:
@@ -361,7 +358,7 @@ class Scene:
         """Return the (3,) unit vector, world, from the scene towards the sun.
 
         With bearing b of +y and azimuth a (both clockwise from north), the horizontal direction is
-        (sin(a − b), cos(a − b)) in (x, y): x lies to the right of y seen from above.
+        (sin(a − b), cos(a − b)) in (x, y).
         """
         relative = self.sun.azimuth - self.environment.bearing
         horizontal = math.cos(self.sun.elevation)

@@ -1,4 +1,4 @@
-"""The meaning of names in the scene graph: ``ObjectClass-ObjectInstanceID`` gives class and instance (paper, section 5.1).
+"""Names in the scene graph: ``ObjectClass-ObjectInstanceID`` states class and instance (paper, section 5.1).
 
 On the way from the root, the first node whose name states a class is *the object*. Everything below it inherits its label and
 instance, even a part whose own name states a class: ``car-3.door-1`` belongs to the car, and a bag to the person who carries it.
@@ -16,7 +16,7 @@ from valerie.labels import BY_ID, CITYSCAPES, MAX_INSTANCE, instance_id, label_o
 
 #: Root of every path of the scene graph.
 ROOT = "scene"
-#: Paths of the sun and the environment, which are no nodes.
+#: Paths of the sun and the environment, which are not nodes.
 SUN_PATH = "scene.sun-1"
 ENVIRONMENT_PATH = "scene.environment-1"
 
@@ -29,7 +29,7 @@ _LIKE_AN_OBJECT = re.compile(r"(?P<name>.*?[^0-9_. -])[_. -]*(?P<number>[0-9]{1,
 
 
 def is_cloth(material_name: str) -> bool:
-    """Return True if a material is of clothes: a ``/``-separated part of its name starts with ``cloth-``."""
+    """Return True for a cloth material: a ``/``-separated part of its name starts with ``cloth-``."""
     return any(part.startswith("cloth-") for part in material_name.split("/"))
 
 
@@ -44,7 +44,7 @@ UNLABELLED = ObjectLabel(0, 0)
 
 
 def parse_object_name(name: str) -> tuple[str, int] | None:
-    """Split ``traffic-light-3`` into ``("traffic-light", 3)``; None when the name has no instance number.
+    """Split ``traffic-light-3`` into ``("traffic-light", 3)``; return None for a name without an instance number.
 
     The class is not checked: see `object_label`.
     """
@@ -53,7 +53,7 @@ def parse_object_name(name: str) -> tuple[str, int] | None:
 
 
 def object_label(name: str) -> ObjectLabel | None:
-    """Return label and instance that a node's own name states; None when it states no known class.
+    """Return the label and instance that a node's own name states; None if it states no known class.
 
     Raises:
         InvalidInput: the instance number is above 999.
@@ -74,7 +74,7 @@ def class_of_name(name: str) -> str | None:
 
 
 def likely_name(name: str) -> str | None:
-    """Return the probable intended name of a node, e.g. ``person-1`` for ``Person_01``; None if no name is similar."""
+    """Return the name that a node was probably meant to have, e.g. ``person-1`` for ``Person_01``; None if none is similar."""
     match = _LIKE_AN_OBJECT.fullmatch(name)
     if match is None:
         return None
@@ -84,17 +84,17 @@ def likely_name(name: str) -> str | None:
 
 
 def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict[str, ObjectLabel]:
-    """Return label and instance of every path.
+    """Return the label and instance of every path.
 
     Args:
         paths: parents before children.
-        node_classes: class by path, for nodes whose names state none; it takes precedence over names and is inherited (``static``
-            is the class of things that nobody evaluates). The instance is the number at the end of the name, else the lowest
-            free one.
+        node_classes: class by path, for nodes whose names do not state one. It takes precedence over names and is inherited
+            (``static`` is the class of objects that are not evaluated). The instance is the number at the end of the name, else
+            the lowest free one.
 
     Raises:
-        UnknownName: a class that does not exist.
-        InvalidInput: two objects with the same instance id, or a number above 999.
+        UnknownName: there is no such class.
+        InvalidInput: two objects have the same instance id, or a number is above 999.
     """
     labels: dict[str, ObjectLabel] = {}
     roots: dict[int, str] = {}
@@ -137,16 +137,16 @@ def _claim(roots: dict[int, str], own: ObjectLabel, path: str) -> None:
 
 
 def is_node_name(name: str) -> bool:
-    """Return whether a name may stand in a path: letters, digits, _ and single -, starting with a letter."""
+    """Return True if a name is valid in a path: letters, digits, _ and single -, starting with a letter."""
     return _NODE_NAME.fullmatch(name) is not None
 
 
 def node_name(original: str | None, index: int) -> str:
-    """Return a name that may stand in a path: ``Cube.001`` becomes ``Cube_001``, and None becomes ``node_7``.
+    """Return a name that is valid in a path: ``Cube.001`` becomes ``Cube_001``, and None becomes ``node_7``.
 
     Args:
-        original: the name in a file.
-        index: of the node in the file.
+        original: the name in the file.
+        index: the node's index in the file.
     """
     name = re.sub(r"-{2,}", "-", _NOT_IN_NAMES.sub("_", original or "")).strip("-")
     if not name:

@@ -1,4 +1,4 @@
-"""Paints of vehicles. An asset names them, and the value of a vehicle's colour is such a name."""
+"""Paints of vehicles. An asset names them; the value of a vehicle's colour is one of these names."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-#: Beginning of the names of paint materials, after the last ``/``.
+#: Prefix of the names of paint materials, after the last ``/``.
 PAINT_PREFIX: Final = "paint-"
 
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
@@ -28,5 +28,5 @@ class Paint(BaseModel):
 
 
 def is_paint(material_name: str) -> bool:
-    """Return whether a material is a vehicle's paint: the last ``/``-separated part of its name starts with ``paint-``."""
+    """Return True for a vehicle's paint: the last ``/``-separated part of its name starts with ``paint-``."""
     return material_name.rpartition("/")[2].startswith(PAINT_PREFIX)

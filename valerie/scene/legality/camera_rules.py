@@ -1,4 +1,4 @@
-"""Rules for the places of cameras: none is inside a house, a parked car or a moving vehicle."""
+"""Rules for the places of cameras: not inside a house, a parked car or a moving vehicle."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CameraRules:
         self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a camera cannot be at its place (``camera-1 is inside car-101``); None if all are legal."""
+        """Return the reason why a camera's place is illegal (``camera-1 is inside car-101``); None if all places are legal."""
         if self._relevant.isdisjoint(assignment):
             return None
         moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
@@ -64,9 +64,9 @@ class _Camera:
     """One camera.
 
     Attributes:
-        paths: of its coordinates.
+        paths: paths of its coordinates.
         place: path of x, y and z to default, metres.
-        within: indices of the movers that contain it at the default places: it belongs to them and is not judged against them.
+        within: indices of the movers that contain it at the default places. It belongs to them and is not judged against them.
     """
 
     name: str

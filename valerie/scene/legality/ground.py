@@ -1,4 +1,4 @@
-"""Heights of the ground, on which persons and vehicles stand."""
+"""Heights of the ground on which persons and vehicles stand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.placements import MAX_COORDINATE_M
 
-#: Metres of difference up to which ground counts as level: the step of a dropped kerb.
+#: Largest difference in height of level ground, metres: the step of a dropped kerb.
 STEP_M: Final = 0.03
 
 
@@ -35,7 +35,7 @@ def level_ground(manifest: Manifest, height: float) -> shapely.Geometry:
 
 @lru_cache(maxsize=16)
 def _regions(manifest: Manifest) -> tuple[tuple[shapely.Polygon, tuple[float, float, float, float], float], ...]:
-    """Return polygon, bounds and height of the regions; the first one that holds a place decides."""
+    """Return polygon, bounds and height of the regions. The first region that contains a place decides."""
     regions = []
     for region in reversed(manifest.ground):
         polygon = shapely.Polygon(region.polygon)

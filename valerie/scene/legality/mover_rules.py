@@ -1,8 +1,8 @@
-"""Rules for the places of movers: no vehicle stands in a house, a parked car or another vehicle, nor leaves its level ground; no
-house stands in its neighbour or on a pavement.
+"""Rules for the places of movers: a vehicle must not stand in a house, a parked car or another vehicle, nor leave its level
+ground; a house must not stand in its neighbour or on a pavement.
 
-Two rules keep an asset's own placement legal, however rough its outlines are. Only movers whose parameters a variant sets are
-judged. A mover that overlaps something at its default place, or does not stand level there, is not judged against it.
+Two rules keep an asset's own placement legal even with rough outlines. Only movers whose parameters a variant sets are judged.
+A mover that overlaps something at its default place, or does not stand level there, is not judged against it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class MoverRules:
 
     Args:
         manifest: declares extent, ground and ways.
-        resting: obstacles that no parameter moves or hides.
-        movers: all others.
+        resting: the obstacles that no parameter moves or hides.
+        movers: the other obstacles.
     """
 
     def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
@@ -42,7 +42,7 @@ class MoverRules:
         )
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a mover cannot be at its place (``car-101 and bicycle-101 overlap``), or None."""
+        """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal."""
         if self._relevant.isdisjoint(assignment):
             return None
         shown: list[tuple[int, bool, _Polygons]] = []
@@ -59,7 +59,7 @@ class MoverRules:
         return None
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a mover cannot be at its place regardless of other movers; None if it can."""
+        """Return the reason why a mover's place is illegal regardless of other movers; None if it is legal."""
         name = rule.mover.name
         if rule.keeps_within and not _within(polygons, self._extent):
             return f"{name} is outside the asset"
@@ -79,12 +79,12 @@ class _Rule:
     """The rule for one mover.
 
     Attributes:
-        own: its outlines at the default place; none if it is hidden there.
-        keeps_within: True if its middle must be within the asset's extent, that is, if the default place is.
-        grounds: the pieces of ground, on one of which it must stand; empty if a parameter lifts it, or if its default place is
+        own: its outlines at the default place; empty if it is hidden by default.
+        keeps_within: True if its middle must be within the asset's extent, as it is at the default place.
+        grounds: pieces of ground; it must stand on one of them. Empty if a parameter lifts it, or if its default place is
             uneven.
         among: indices of the obstacles at rest that it overlaps at its default place.
-        ways: indices of the ways that it may overlap, because it does at its default place; None: it may overlap all.
+        ways: indices of the ways that it may overlap because it does so at its default place; None if it may overlap all.
     """
 
     mover: Mover
@@ -108,7 +108,7 @@ def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -
 
 
 def _grounds(manifest: Manifest, mover: Mover) -> tuple[shapely.Geometry, ...]:
-    """Return the pieces of level ground that a mover may stand on: of its own height, or of every height if it is grounded."""
+    """Return the pieces of level ground that a mover may stand on: at its own height, or at any height if it is grounded."""
     if f"{mover.path}.pos.z" in manifest.by_path:
         return ()
     if mover.path in manifest.grounded:

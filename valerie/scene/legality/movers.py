@@ -1,4 +1,4 @@
-"""Obstacles that a parameter moves or hides: their footprints move with their nodes."""
+"""Obstacles that a parameter moves or hides. Their footprints move with their nodes."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from valerie.scene.legality.obstacles import widened
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
 _POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
-#: Metres by which outlines may overlap, since they are rounded and things that touch are legal.
+#: Largest overlap of legal outlines, metres: outlines are rounded, and touching is legal.
 _TOUCHING_M: Final = 0.01
-#: The inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may hang
-#: over a kerb.
+#: Inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may
+#:overhang a kerb.
 _STANDING: Final = 0.8
 
 
@@ -33,12 +33,12 @@ class Outline:
     """One footprint of a mover.
 
     Attributes:
-        footprint: at the default pose, as all that follows.
-        kind: the kind of vehicle with this footprint; empty if it counts for all kinds.
+        footprint: the footprint at the default pose, as in all other attributes.
+        kind: the kind of vehicle with this footprint; empty for all kinds.
         widened: the footprint and the room that a person needs around it.
-        plain: the footprint in metres from the node's default place.
-        corners: (N, 2) metres from the node's default place, of the footprint without its rim.
-        standing: (N, 2) likewise, of the part that stands on the ground.
+        plain: the footprint, metres from the node's default place.
+        corners: (N, 2) corners of the footprint without its rim, metres from the node's default place.
+        standing: (N, 2) corners of the part that stands on the ground, likewise.
     """
 
     footprint: Footprint
@@ -54,11 +54,11 @@ class Mover:
     """A node with footprints at or below it that a parameter moves or hides.
 
     Attributes:
-        path: of the node.
-        outlines: in the manifest's order.
-        keys: attribute of a pose (``pos.x`` …) to its path.
-        defaults: attribute to default, of the declared ones.
-        paths: of the declared attributes.
+        path: the node's path.
+        outlines: its outlines in the manifest's order.
+        keys: attribute of its pose (``pos.x`` …) to path.
+        defaults: declared attribute to default.
+        paths: paths of the declared attributes.
         reach: largest distance of an outline from the node's place at its default size, metres.
         radius: room that a person needs, metres.
     """
@@ -78,7 +78,7 @@ class Mover:
 
     @property
     def has_place(self) -> bool:
-        """Return True if a parameter moves it, False if parameters only hide or turn it."""
+        """Return True if a parameter moves it, not only hides or turns it."""
         return any(name in self.defaults for name in _PLACE)
 
     @property
@@ -88,7 +88,7 @@ class Mover:
         return parsed is not None and parsed[0] not in FACING_CLASSES
 
     def shown(self, assignment: Mapping[str, Value]) -> tuple[Outline, ...]:
-        """Return the outlines that count; none of a hidden mover."""
+        """Return the outlines that count: none for a hidden mover."""
         if self._value("visible", assignment) is False:
             return ()
         kind = self._value("kind", assignment)
@@ -97,7 +97,7 @@ class Mover:
         return tuple(outline for outline in self.outlines if not outline.kind or outline.kind == kind)
 
     def holds(self, x: float, y: float, assignment: Mapping[str, Value], z: float = 0.0) -> Footprint | None:
-        """Return the footprint that holds (x, y) and reaches above z, metres; the point is moved back to the default pose."""
+        """Return the footprint that contains (x, y) and reaches above z, metres, after a move back to the default pose."""
         u = x - float(self._value("pos.x", assignment))
         v = y - float(self._value("pos.y", assignment))
         size = self._size(assignment)
@@ -131,7 +131,7 @@ class Mover:
         )
 
     def _turn(self, assignment: Mapping[str, Value]) -> tuple[float, float]:
-        """Return cosine and sine of the turn away from the default."""
+        """Return cosine and sine of the turn from the default heading."""
         return cos_sin(
             sum(
                 float(self._value(name, assignment)) - float(self.defaults[name])

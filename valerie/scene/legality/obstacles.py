@@ -14,11 +14,10 @@ _CELL_M: Final = 2.0
 
 
 class ObstacleMap:
-    """Obstacles at rest by grid cell: a place costs one look-up and few point-in-polygon tests.
+    """Obstacles at rest by grid cell. A query costs one look-up and a few point-in-polygon tests.
 
     Args:
-        obstacles: none of which moves.
-        radius: metres by which each is widened.
+        obstacles: obstacles that do not move. radius: metres by which to widen each.
     """
 
     def __init__(self, obstacles: Iterable[Footprint], radius: float) -> None:
@@ -29,7 +28,7 @@ class ObstacleMap:
                 self._cells.setdefault(cell, []).append((polygon, obstacle))
 
     def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
-        """Return the first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
+        """Return the first obstacle whose widened footprint contains (x, y) and that reaches above z, metres."""
         for polygon, obstacle in self._cells.get((int(x // _CELL_M), int(y // _CELL_M)), ()):
             if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
                 return obstacle
@@ -52,7 +51,7 @@ class Outlines:
 
         Args:
             polygon: metres, world.
-            but: indices of obstacles that do not count.
+            but: indices of obstacles to ignore.
         """
         numbers = self.below(polygon) - but
         return self._obstacles[min(numbers)] if numbers else None
@@ -63,7 +62,7 @@ class Outlines:
 
 
 def widened(obstacle: Footprint, radius: float) -> shapely.Polygon:
-    """Return the ground that an obstacle and ``radius`` metres around it take, prepared for fast tests."""
+    """Return the ground of an obstacle and ``radius`` metres around it, prepared for fast tests."""
     polygon = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
     shapely.prepare(polygon)
     return polygon

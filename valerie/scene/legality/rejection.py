@@ -1,4 +1,4 @@
-"""Rejection of impossible variants: no person, vehicle, house or camera is inside something else or outside the asset.
+"""Reject impossible variants: no person, vehicle, house or camera may be inside something else or outside the asset.
 
 The manifest alone decides, without meshes or GL. Obstacles are widened once by the room that a person needs, and a grid over the
 ground finds the few of them near a point. Movers are judged by `valerie.scene.legality.mover_rules`,
@@ -22,10 +22,10 @@ from valerie.scene.legality.obstacles import ObstacleMap
 
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
-    """Return the reason why a variant is impossible (``person-1 stands inside building-3``); None if it is possible.
+    """Return the reason why a variant is impossible (``person-1 stands inside building-3``); None if it is not.
 
     A person is judged if its position is a parameter. A visible vehicle is judged if the variant gives its place, heading, kind
-    or visibility. A camera is judged if its three coordinates are parameters: against everything where the variant gives one of
+    or visibility. A camera is judged if its three coordinates are parameters: against everything if the variant gives one of
     them, else against those vehicles. Everything else stays where the asset's author put it.
 
     Args:
@@ -80,13 +80,13 @@ class _Person:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """Everything that follows from a manifest alone.
+    """Everything that follows from the manifest.
 
     Attributes:
         settled: obstacles at rest, and houses at their default places.
-        resting: obstacles at rest alone.
-        built, vehicles: movers that are houses and the like, and all others.
-        of_built: paths of the poses of ``built``.
+        resting: only the obstacles at rest.
+        built, vehicles: movers such as houses, and all other movers.
+        of_built: paths of the pose parameters of ``built``.
     """
 
     persons: tuple[_Person, ...]

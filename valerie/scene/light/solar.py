@@ -1,8 +1,8 @@
-"""The place of the sun at a time, on a day, at a place on earth.
+"""The sun's position in the sky for a time, a day and a place on earth.
 
-Declination and equation of time by Fourier series over the day of the year: Spencer 1971, "Fourier series representation
-of the position of the sun", Search 2(5), 172. They ignore the year and refraction: azimuth and elevation are within
-0.5° of the almanac's in any year from 1950 to 2050 for a sun that is not near the zenith (tests compare).
+Declination and equation of time are Fourier series over the day of the year: Spencer 1971, "Fourier series representation of
+the position of the sun", Search 2(5), 172. They ignore the year and refraction. Azimuth and elevation are within 0.5° of the
+almanac's in any year from 1950 to 2050, unless the sun is near the zenith (tested).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from valerie.scene.graph.naming import SUN_PATH
 
 AZIMUTH: Final = f"{SUN_PATH}.azimuth"
 ELEVATION: Final = f"{SUN_PATH}.elevation"
-#: Paths of the notation by two angles.
+#: Paths of the sun's two angles.
 ANGLES: Final = (AZIMUTH, ELEVATION)
 
 
 class ClockParameter(NamedTuple):
-    """One parameter of the notation by time and place, below the path of the sun; ``default`` applies if it is missing."""
+    """One parameter, below the sun's path, of the notation by time and place; ``default`` applies if it is missing."""
 
     name: str
     type: ParameterType
@@ -50,13 +50,13 @@ class ClockParameter(NamedTuple):
         )
 
 
-#: By default an equinox in the middle of Europe, on standard time.
+#: The defaults are an equinox in central Europe, on standard time.
 CLOCK: Final = (
-    ClockParameter("time_of_day", ParameterType.FLOAT, "h", 0.0, 24.0, 12.0, "of the clock: in place of the angles"),
+    ClockParameter("time_of_day", ParameterType.FLOAT, "h", 0.0, 24.0, 12.0, "clock time; replaces the angles"),
     ClockParameter("day_of_year", ParameterType.INT, "d", 1, 366, 80, "1 is the first of January"),
     ClockParameter("latitude", ParameterType.FLOAT, "deg", -90.0, 90.0, 50.0, "north of the equator"),
     ClockParameter("longitude", ParameterType.FLOAT, "deg", -180.0, 180.0, 10.0, "east of Greenwich"),
-    ClockParameter("utc_offset", ParameterType.FLOAT, "h", -12.0, 14.0, 1.0, "of the clock, east positive"),
+    ClockParameter("utc_offset", ParameterType.FLOAT, "h", -12.0, 14.0, 1.0, "hours that the clock is ahead of UTC"),
 )  # fmt: skip
 CLOCK_PATHS: Final = tuple(row.path for row in CLOCK)
 
@@ -71,16 +71,16 @@ class SunAngles(NamedTuple):
 def sun_angles(
     *, time_of_day: float, day_of_year: float, latitude: float, longitude: float, utc_offset: float
 ) -> SunAngles:
-    """Return the place of the sun in the sky, without refraction.
+    """Return the sun's position in the sky, without refraction.
 
     Args:
-        time_of_day: hours of the clock.
+        time_of_day: clock time, hours.
         day_of_year: 1 on the first of January.
         latitude, longitude: degrees, north and east positive.
         utc_offset: hours that the clock is ahead of UTC.
     """
     universal = time_of_day - utc_offset
-    # The series count the days of a year of 365 from its first midnight.
+    # The series count days of a 365-day year from its first midnight.
     day = 2.0 * math.pi * (day_of_year - 1.0 + (universal - 12.0) / 24.0) / 365.0
     declination = (
         0.006918
@@ -110,12 +110,12 @@ def sun_angles(
 
 
 def angles_of(clock: Mapping[str, Value]) -> dict[str, Value]:
-    """Return the two angles of a sun by time and place: path to degrees.
+    """Return the sun's two angles for a time and place: path to degrees.
 
     They are rounded to a millionth of a degree, so that the last bits of a sine change no digest.
 
     Args:
-        clock: path to value of the notation by time and place; missing values take their defaults.
+        clock: path to value of the time and place; missing values take their defaults.
     """
     values = {row.name: float(clock.get(row.path, row.default)) for row in CLOCK}
     azimuth, elevation = sun_angles(**values)
@@ -126,11 +126,11 @@ def require_one_notation(paths: frozenset[str] | set[str], *, field: str = "") -
     """Refuse a sun that is given in both notations.
 
     Args:
-        paths: of the parameters that are given.
-        field: of the error; the first angle by default.
+        paths: paths of the given parameters.
+        field: field of the error; by default the first angle.
 
     Raises:
-        InvalidInput: an angle of the sun, and a time or place, are among them.
+        InvalidInput: the paths contain an angle of the sun as well as a time or place.
     """
     angles, clock = sorted(paths.intersection(ANGLES)), sorted(paths.intersection(CLOCK_PATHS))
     if angles and clock:

@@ -1,4 +1,4 @@
-"""Effects of rain on a road: its wet share, the depth of the water, the friction of tyres."""
+"""Effects of rain on a road: wet share of the surface, depth of the water, friction of tyres."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FRICTION: Final = (0.85, 0.65, 0.55, 0.5)
 
 
 def wetness(rain: float) -> float:
-    """Return the share of upward surfaces that water covers at ``rain`` mm/h, 0 dry … 1 wet; from 2 mm/h on nearly 1."""
+    """Return the share of upward surfaces that water covers at ``rain`` mm/h, 0 dry … 1 wet; above 0.9 from 2 mm/h on."""
     return float(1 - np.exp(-rain / 0.8))
 
 
@@ -37,6 +37,7 @@ def road_friction(rain: float) -> float:
     """Return the peak coefficient of friction between new tyres and the road at 50 km/h in ``rain`` mm/h, 0.85 when dry.
 
     Bosch Automotive Handbook, "Coefficients of static friction for pneumatic tires on various surfaces": dry 0.85, wet
-    (0.2 mm of water) 0.65, heavy rain (1 mm) 0.55, puddles (2 mm) 0.5; linear in between. It is metadata: no picture shows it.
+    (0.2 mm of water) 0.65, heavy rain (1 mm) 0.55, puddles (2 mm) 0.5; linear in between. It is metadata and does not affect
+    pictures.
     """
     return float(np.interp(water_mm(rain), _FRICTION_MM, _FRICTION))

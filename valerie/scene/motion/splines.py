@@ -1,4 +1,4 @@
-"""Cubic splines through keyframes at given times: C¹, local, and exactly at rest where the keyframes rest.
+"""Cubic splines through keyframes at uneven times: C¹, local, and exactly at rest while the keyframes rest.
 
 Between the keyframes k and k + 1, a time h apart, a value is the cubic Hermite polynomial of the values and tangents at
 both ends. The tangent at a keyframe is that of the parabola through it and its neighbours, the Catmull–Rom tangent for uneven
@@ -6,8 +6,8 @@ times::
 
     d_k = (h_k δ_{k−1} + h_{k−1} δ_k) / (h_{k−1} + h_k)    δ_k = (p_{k+1} − p_k) / h_k
 
-and the first and last keyframe take the tangent of the same parabola as their neighbour, so that movement at a constant
-acceleration is reproduced exactly. Before the first keyframe and after the last the value rests.
+The first and the last keyframe take the tangent of their neighbour's parabola, so that movement at constant acceleration is
+reproduced exactly. Before the first keyframe and after the last, the value is constant.
 
 Sources: E. Catmull and R. Rom, "A class of local interpolating splines", Computer Aided Geometric Design, 1974, 317-326;
 C. de Boor, "A Practical Guide to Splines", 1978, chapter IV (the same as Bessel's interpolation).
@@ -28,7 +28,7 @@ class Spline:
     Attributes:
         times: (K,) seconds, ascending, at least one.
         values: (K,).
-        tangents: (K − 1, 2), per second, at the beginning and the end of each stretch between two keyframes.
+        tangents: (K − 1, 2), per second, at the start and the end of each stretch between two keyframes.
     """
 
     times: tuple[float, ...]
@@ -56,7 +56,7 @@ class Spline:
 
         Args:
             time: seconds.
-            stretch: whose polynomial is taken, as at its end; None: the one that holds the time.
+            stretch: the stretch whose polynomial to use, e.g. at its end; None for the stretch that contains the time.
         """
         stretch = stretch_at(self.times, time) if stretch is None else stretch
         if stretch is None:
@@ -73,7 +73,7 @@ class Spline:
 
 
 def stretch_at(times: Sequence[float], time: float) -> int | None:
-    """Return the index of the stretch that holds a time, with its beginning and without its end; None outside all of them.
+    """Return the index of the stretch that contains a time, its start included and its end excluded; None outside them.
 
     The last keyframe itself belongs to no stretch.
     """
@@ -82,13 +82,13 @@ def stretch_at(times: Sequence[float], time: float) -> int | None:
 
 
 def smooth(times: Sequence[float], values: Sequence[float], resting: Sequence[bool]) -> Spline:
-    """Return the spline that the module describes.
+    """Return the spline of the module's docstring.
 
     Args:
         times: (K,) seconds, ascending.
         values: (K,).
-        resting: (K − 1,) whether nothing may move in a stretch: its values are equal, and both ends have tangent 0, also on the
-            side of the neighbouring stretch.
+        resting: (K − 1,) True for a stretch at rest: its values are equal, and both ends have tangent 0, also on the side of
+            the neighbouring stretch.
     """
     rises, steps = _rises(times, values)
     count = len(times)
@@ -107,13 +107,13 @@ def smooth(times: Sequence[float], values: Sequence[float], resting: Sequence[bo
 
 
 def linear(times: Sequence[float], values: Sequence[float]) -> Spline:
-    """Return straight lines between the keyframes; the velocity jumps at each of them."""
+    """Return straight lines between the keyframes. The velocity jumps at each keyframe."""
     rises, _ = _rises(times, values)
     return Spline(tuple(times), tuple(values), tuple((rise, rise) for rise in rises))
 
 
 def unwrapped(degrees: Sequence[float]) -> tuple[float, ...]:
-    """Unwrap angles so that each follows its predecessor by the shorter turn; half a turn is counter-clockwise (upwards)."""
+    """Unwrap angles so that each follows its predecessor by the shorter turn. Half a turn goes counter-clockwise (upwards)."""
     angles = [float(degrees[0])]
     for angle in degrees[1:]:
         turn = (angle - angles[-1] + 180.0) % 360.0 - 180.0

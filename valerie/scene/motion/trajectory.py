@@ -1,11 +1,11 @@
-"""Trajectories: the places of things over time, by keyframes (paper, table 1: T(t) of vehicles, humans and sensors).
+"""Trajectories: poses over time by keyframes (paper, table 1: T(t) of vehicles, humans and sensors).
 
-A trajectory moves one thing: a movable node, or a camera. Its keyframes give values of its parameters at times in seconds;
-splines join them (`valerie.scene.motion.splines`). Each value of a keyframe is itself a parameter,
+A trajectory moves its target: a movable node, or a camera. Its keyframes give values of the target's parameters at times in
+seconds, and splines join them (`valerie.scene.motion.splines`). Each value of a keyframe is itself a parameter,
 ``person-1.trajectory.key-2.pos.x``, and so is the start, ``person-1.trajectory.start``.
 
-A scene at a moment is an assignment like any other: `Motion.at` replaces the trajectory's parameters by values of that moment.
-Moments that look alike therefore share their products.
+A moment is an ordinary assignment: `Motion.at` replaces the trajectory's parameters by the values of that moment. Equal moments
+therefore share their products.
 """
 
 from __future__ import annotations
@@ -29,39 +29,39 @@ from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
 
 #: Path of the time of a variant's first frame, a parameter of every run with time.
 TIME_PATH: Final = f"{ROOT}.time"
-#: Name of the time in a keyframe and below its path.
+#: Name of the time in a keyframe, and below the keyframe's path.
 TIME: Final = "time"
 #: Times lie within this many seconds of 0.
 MAX_TIME_S: Final = 86_400.0
 #: Metres that a pedestrian walks in one gait cycle of two steps, unless the trajectory gives another length: the mean of adults
 #: (J. Perry, "Gait Analysis: Normal and Pathological Function", 1992).
 STRIDE_M: Final = 1.41
-#: Below this speed (m/s) a thing stands, and faces the direction of its last movement.
+#: Speed in m/s below which a target stands, and faces the direction of its last movement.
 _STANDING: Final = 1e-6
 #: Decimals of computed values (a micrometre, a millionth of a degree), so that all machines get the same scene.
 _DECIMALS: Final = 6
-#: Shares of a stretch at which its first and last direction is read.
+#: Shares of a stretch at which its first and its last direction are evaluated.
 _AFTER, _BEFORE = 1e-4, 1.0 - 1e-4
 _GROUND: Final = ("pos.x", "pos.y")
 _FACING: Final = ("heading", "yaw")
 _GAIT: Final = "gait_phase"
-#: Nodes and weights of Gauss's quadrature on 0…1, for lengths of paths.
+#: Nodes and weights of Gaussian quadrature on 0…1, for path lengths.
 _NODES, _WEIGHTS = (
     0.5 * (part + shift) for part, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True)
 )
 
 
 class Trajectory(BaseModel):
-    """The place of one thing over time.
+    """The pose of one target over time.
 
     Attributes:
-        path: of the thing, e.g. ``scene.person-1`` or ``scene.camera-1``.
-        keyframes: in the order of time; each has ``time`` (s) and the same parameters of the thing, e.g. ``pos.x``, in
-            their declared units. Angles turn the shortest way.
+        path: the target's path, e.g. ``scene.person-1`` or ``scene.camera-1``.
+        keyframes: keyframes in order of time. Each has ``time`` (s) and the same parameters of the target, e.g. ``pos.x``, in
+            their declared units. Angles turn the shorter way.
         interpolation: ``smooth`` (continuous velocity) or ``linear``. Equal positions in two keyframes are a pause.
-        facing: ``path``: the heading (yaw of a camera) follows the direction of movement; ``kept``: it does not. By default,
-            things with a heading face their path and cameras do not. Keyframes that give the angle take precedence.
-        stride_m: metres walked in one gait cycle of two steps, where the thing has a ``gait_phase`` that no keyframe gives.
+        facing: ``path`` if the heading (yaw of a camera) follows the direction of movement, ``kept`` if not. By default,
+            targets with a heading face their path and cameras do not. Keyframes that give the angle take precedence.
+        stride_m: metres walked in one gait cycle of two steps, for a target with a ``gait_phase`` that no keyframe gives.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -79,7 +79,7 @@ class Trajectory(BaseModel):
 
     @property
     def start(self) -> str:
-        """Return the path of the parameter for the moment of the keyframes' time 0."""
+        """Return the path of the start: the moment at which the keyframes' time is 0."""
         return f"{self.path}.trajectory.start"
 
     def key(self, index: int, channel: str) -> str:
@@ -93,16 +93,16 @@ class Trajectory(BaseModel):
 
 
 def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition], *, field: str = "") -> None:
-    """Refuse a trajectory whose keyframes do not fit the parameters of the thing that it moves.
+    """Refuse a trajectory whose keyframes do not fit the parameters of its target.
 
     Args:
-        trajectory: to check.
+        trajectory: the trajectory to check.
         parameters: path to declaration, of the whole asset.
         field: of the trajectory, for errors.
 
     Raises:
-        UnknownName: a keyframe gives a parameter that is not declared for the thing.
-        InvalidInput: keyframes set different parameters, leave a range, or are not in the order of time.
+        UnknownName: a keyframe gives a parameter that the target does not declare.
+        InvalidInput: keyframes give different parameters, leave a range, or are not in order of time.
     """
     declared = _declared_of(trajectory, parameters)
     numbers = [
@@ -112,7 +112,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
     for index, keyframe in enumerate(trajectory.keyframes):
         place = f"{field}.keyframes.{index}"
         if TIME not in keyframe:
-            raise InvalidInput("a keyframe has a time", field=place, limit="time: 0 s")
+            raise InvalidInput("a keyframe needs a time", field=place, limit="time: 0 s")
         for name, value in keyframe.items():
             if name == TIME:
                 continue
@@ -121,7 +121,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
             declared[name].check(value, field=f"{place}.{name}")
         if set(keyframe) != set(trajectory.keyframes[0]):
             raise InvalidInput(
-                "all keyframes give the same parameters",
+                "all keyframes must give the same parameters",
                 field=place,
                 value=", ".join(keyframe),
                 limit=", ".join(trajectory.keyframes[0]),
@@ -131,14 +131,14 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
             raise InvalidInput("out of bounds", field=f"{place}.time", value=time, limit=f"±{MAX_TIME_S:g} s")
         if time <= last:
             raise InvalidInput(
-                "keyframes follow each other in time", field=f"{place}.time", value=time, limit=f"> {last:g} s"
+                "keyframes must be in order of time", field=f"{place}.time", value=time, limit=f"> {last:g} s"
             )
         last = time
     if not trajectory.channels:
-        raise InvalidInput("the keyframes give nothing but times", field=f"{field}.keyframes", limit="as pos.x: 2 m")
+        raise InvalidInput("the keyframes give only times", field=f"{field}.keyframes", limit="e.g. pos.x: 2 m")
     if trajectory.facing == "path" and not (set(_GROUND) <= set(trajectory.channels) and _facing(declared)):
         raise InvalidInput(
-            "what faces its path has pos.x and pos.y in its keyframes, and a heading or yaw of its own",
+            "facing the path needs pos.x and pos.y in the keyframes, and a heading or yaw to set",
             field=f"{field}.facing",
             value="path",
         )
@@ -148,13 +148,13 @@ class Motion:
     """All trajectories of a run.
 
     Args:
-        trajectories: at most one for each thing, each checked (`check_keyframes`).
+        trajectories: at most one per target, checked by `check_keyframes`.
         parameters: path to declaration, of the whole asset.
-        start: the moment of the first frame in seconds, unless a variant gives another.
+        start: the moment of the first frame, seconds, unless a variant gives another.
 
     Attributes:
         parameters: declarations of the time and of the values of all keyframes.
-        moved: path to the trajectory that its value follows; a variant cannot give such a value.
+        moved: path to the trajectory that sets its value. A variant cannot give such a value.
     """
 
     def __init__(
@@ -171,8 +171,7 @@ class Motion:
         """Return the assignment of one moment: path to value, without time and trajectories.
 
         Args:
-            assignment: of a variant.
-            elapsed: seconds since the variant's first frame.
+            assignment: a variant's assignment. elapsed: seconds since the variant's first frame.
             within: True to clip values to their declared ranges, for moments without a frame.
 
         Raises:
@@ -186,19 +185,18 @@ class Motion:
         return moment
 
     def owns(self, path: str) -> bool:
-        """Return True for the time and for the values of keyframes."""
+        """Return True for the paths of the time and of the values of keyframes."""
         return path in self._own
 
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:
-        """Return the moment that lies ``elapsed`` seconds after a variant's first frame."""
+        """Return the moment ``elapsed`` seconds after a variant's first frame."""
         return round(float(assignment.get(TIME_PATH, self._start)) + elapsed, _DECIMALS)
 
     def rejection(self, assignment: Mapping[str, Value], elapsed: Sequence[float]) -> str | None:
         """Return the reason why the movement of a variant is impossible; None if it is possible.
 
         Args:
-            assignment: of a variant.
-            elapsed: the moments to check, in seconds since the first frame.
+            assignment: a variant's assignment. elapsed: the moments to check, seconds since the first frame.
         """
         for thing in self._things:
             if not thing.in_order(assignment):
@@ -223,7 +221,7 @@ class _Thing:
         follows = trajectory.facing or ("kept" if facing == "yaw" else "path")
         self._faces = facing if moves and facing not in channels and follows == "path" else None
         self._walks = moves and _GAIT in self._declared and _GAIT not in channels
-        #: Paths that follow the trajectory. The parameter of the gait stays free: it is the phase at which the walk begins.
+        #: Paths that follow the trajectory. The gait's parameter remains free: it is the phase at which the walk begins.
         self.moved = tuple(f"{path}.{name}" for name in (*channels, *filter(None, (self._faces,))))
         self._angles = frozenset(name for name in channels if self._declared[name].type is ParameterType.ANGLE)
         self._keys = [
@@ -232,7 +230,7 @@ class _Thing:
         ]
 
     def _numbers(self, assignment: Mapping[str, Value]) -> tuple[tuple[float, ...], ...]:
-        """Return the times, then each channel, of the keyframes: the variant's values, else their own."""
+        """Return the keyframes' times, then each channel: the variant's values, else those of the keyframes."""
         get = assignment.get
         return tuple(tuple(float(get(path, value)) for path, value in row) for row in self._keys)
 
@@ -267,7 +265,7 @@ class _Thing:
             low, high = definition.minimum, definition.maximum
             if definition.type is ParameterType.ANGLE and low is not None and high is not None:
                 angle = wrap(float(value), low)
-                # Beyond both ends: the nearer one.
+                # Beyond both ends, take the nearer end.
                 within[path] = angle if angle <= high else (high if angle - high < low + TURN - angle else low)
             else:
                 within[path] = min(
@@ -288,20 +286,20 @@ class _Thing:
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """The splines of one thing in one variant, by channel; angles unwrapped, degrees."""
+    """The splines of one target in one variant, by channel; angles unwrapped, degrees."""
 
     times: tuple[float, ...]
     splines: Mapping[str, Spline]
 
     def direction(self, time: float) -> float | None:
-        """Return the heading of the movement over the ground in degrees; None where nothing ever moves.
+        """Return the heading of the movement over the ground, degrees; None if nothing ever moves.
 
         At rest, it is the heading of the last movement, else of the next one.
         """
         x, y = (self.splines[name] for name in _GROUND)
         heading = _heading(x.velocity(time), y.velocity(time))
         ended = max(bisect_right(self.times, time) - 1, 0)
-        # Just before an end and just after a beginning, since the velocity of a pause's neighbours may be 0 at the keyframe.
+        # Evaluate just before an end and just after a start, since the velocity next to a pause may be 0 at the keyframe.
         for stretch, share in ((k, _BEFORE if k < ended else _AFTER) for k in self._by_nearness(ended)):
             if heading is not None:
                 break
@@ -342,7 +340,7 @@ def _track(
         if interpolation == "linear":
             splines[name] = linear(times, row)
         else:
-            # A position rests only as a whole: in a bend, one coordinate may pause.
+            # A position rests only if all coordinates do: in a bend, one of them may pause.
             coordinates = position if name.startswith("pos.") else [row]
             resting = [
                 all(coordinate[k] == coordinate[k + 1] for coordinate in coordinates) for k in range(len(times) - 1)
@@ -359,7 +357,7 @@ def _heading(vx: float, vy: float) -> float | None:
 def _declared_of(
     trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]
 ) -> dict[str, ParameterDefinition]:
-    """Return the declarations of the moved thing's parameters, by attribute."""
+    """Return the declarations of the target's parameters, by attribute."""
     prefix = f"{trajectory.path}."
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 
@@ -371,11 +369,13 @@ def _facing(declared: Written) -> str | None:
 def _parameters(
     trajectories: Sequence[Trajectory], parameters: Mapping[str, ParameterDefinition], start: float
 ) -> Iterator[ParameterDefinition]:
-    yield _seconds(TIME_PATH, start, "of the first frame")
+    yield _seconds(TIME_PATH, start, "time of the first frame")
     for trajectory in trajectories:
-        yield _seconds(trajectory.start, 0.0, f"when the trajectory of {trajectory.name} begins")
+        yield _seconds(trajectory.start, 0.0, f"start of the trajectory of {trajectory.name}")
         for index, keyframe in enumerate(trajectory.keyframes):
-            yield _seconds(trajectory.key(index, TIME), keyframe[TIME], "of the keyframe, after the trajectory's start")
+            yield _seconds(
+                trajectory.key(index, TIME), keyframe[TIME], "time of the keyframe after the trajectory's start"
+            )
             for name in trajectory.channels:
                 channel = parameters[f"{trajectory.path}.{name}"]
                 path = trajectory.key(index, name)

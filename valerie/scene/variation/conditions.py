@@ -18,11 +18,11 @@ _DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
 
 
 class Conditions(NamedTuple):
-    """Metadata of a variant; None where the asset does not declare the parameters behind it.
+    """Metadata of a variant; None if the asset does not declare the parameters that determine it.
 
     Attributes:
-        sun_azimuth_deg: clockwise from north, also for a sun by time and place.
-        sun_elevation_deg: above the horizon.
+        sun_azimuth_deg: azimuth clockwise from north, also for a sun by time and place.
+        sun_elevation_deg: elevation above the horizon.
         road_friction: peak friction of new tyres on the road at 50 km/h (`valerie.scene.light.weather.road_friction`).
     """
 
@@ -36,7 +36,7 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
 
     Args:
         assignment: path to value; missing values take their defaults.
-        manifest: of the asset.
+        manifest: the asset's manifest.
 
     Raises:
         UnknownName, InvalidInput: as `valerie.scene.variation.variant.complete`.
@@ -45,7 +45,7 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
 
 
 def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the `Conditions` that differ between variants in which the parameters at these paths differ."""
+    """Return the names of the `Conditions` that vary with the parameters at these paths."""
     by_time = any(path in varied for path in CLOCK_PATHS)
     differs = {
         "sun_azimuth_deg": by_time or AZIMUTH in varied,
@@ -56,7 +56,7 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
 
 
 class _Itself:
-    """A manifest that equals only itself, since comparing two field by field costs more than the cached result saves."""
+    """A manifest that equals only itself, since comparing all fields would cost more than the cached result saves."""
 
     __slots__ = ("manifest",)
 
@@ -80,13 +80,13 @@ def _conditions(deciding: tuple[tuple[str, Value], ...], itself: _Itself) -> Con
 
 
 def with_sun_angles(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
-    """Return the assignment; if it gives the sun by time and place, with the two angles beside them."""
+    """Return the assignment, with the two angles added if it gives the sun by time and place."""
     angles = sun_by_time(assignment, manifest)
     return {**assignment, **dict(zip(ANGLES, angles or (), strict=False))}
 
 
 def sun_by_time(assignment: Mapping[str, Value], manifest: Manifest) -> SunAngles | None:
-    """Return the angles of a sun that is given by time and place; None if it is given by angles or not at all."""
+    """Return the angles of a sun by time and place; None if the assignment gives angles or no sun."""
     if not any(path in assignment for path in CLOCK_PATHS):
         return None
     values = complete({path: assignment[path] for path in _DECIDING if path in assignment}, manifest)

@@ -1,4 +1,4 @@
-"""All paths of an asset, and which of them its manifest declares."""
+"""All paths of an asset, with the declarations of its manifest."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class PathEntry:
 
     Attributes:
         path: e.g. ``scene.car-3.door-1.rot.z``.
-        type, unit: of its values.
-        minimum, maximum: the declared range where there is one, else the widest that makes sense; None: unbounded.
-        choices: of a CATEGORICAL path, as far as they are known.
+        type, unit: type and unit of its values.
+        minimum, maximum: the declared range, else the widest sensible range; None if unbounded.
+        choices: the known values of a CATEGORICAL path.
         value: current value, with every parameter at its default; degrees for angles.
         declared: whether specs may vary it.
         affects: the stage whose input it is.
@@ -43,7 +43,7 @@ class PathEntry:
 
 
 def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
-    """Return every path of an asset in the order of its scene graph, then cameras, sun, environment, sensor and trajectories."""
+    """Return every path of an asset: its scene graph in order, then cameras, sun, environment, sensor and trajectories."""
     scene = apply({}, asset)
     things = [
         *((path, Target.NODE) for path in scene.nodes),
@@ -67,12 +67,12 @@ def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iter
 
 
 def trajectory_parameters(manifest: Manifest) -> tuple[ParameterDefinition, ...]:
-    """Return the parameters of an asset's own trajectories, and the time; none where it has no trajectory."""
+    """Return the time and the parameters of an asset's own trajectories; empty if it has no trajectory."""
     return Motion(manifest.trajectories, manifest.by_path).parameters if manifest.trajectories else ()
 
 
 def declared_entry(definition: ParameterDefinition) -> PathEntry:
-    """Return a declared parameter as a path with its default."""
+    """Return the entry of a declared parameter, with its default as value."""
     return PathEntry(
         path=definition.path,
         type=definition.type,
@@ -94,7 +94,7 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         minimum, maximum = attribute.minimum, attribute.maximum
         choices = attribute.choices(scene, thing)
     if isinstance(value, float):
-        # It was computed from a matrix: 19.999999999999996 is 20.
+        # A value computed from a matrix may be 19.999999999999996 instead of 20.
         value = round(value, 9) if math.isfinite(value) else value
     return PathEntry(
         path=path,

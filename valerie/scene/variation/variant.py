@@ -1,6 +1,6 @@
-"""The scene of a variant, and the inputs of each of its products.
+"""The scene of a variant, and the inputs of its products.
 
-Both follow from the assignment in its canonical form: every declared parameter with its value or default, angles within one turn,
+Both follow from the assignment's canonical form: every declared parameter with its value or default, angles within one turn,
 and no parameter without visible effect, such as the pose of an absent person.
 """
 
@@ -28,10 +28,10 @@ class Inputs:
     """The inputs of each product of one camera's frame: path to canonical value, ready to be hashed.
 
     Attributes:
-        geometry: of the truth: poses, characters, the camera's pose and focal length.
-        background: of the background: all parameters of the scene that are not below a movable node.
-        layer: of the movable layer: all parameters of the scene.
-        sensor: of the picture: ``sensor.*``.
+        geometry: inputs of the truth: poses, characters, the camera's pose and focal length.
+        background: inputs of the background: all parameters of the scene that are not below a movable node.
+        layer: inputs of the movable layer: all parameters of the scene.
+        sensor: inputs of the picture: ``sensor.*``.
     """
 
     geometry: CanonicalJson
@@ -48,7 +48,7 @@ def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, V
         manifest: declares the paths.
 
     Raises:
-        UnknownName: the manifest does not declare a path, or a value is none of its choices.
+        UnknownName: the manifest does not declare a path, or a value is not one of the path's choices.
         InvalidInput: a value has the wrong type or is out of range, or the sun is given both by angles and by time.
     """
     prepared = _prepare(manifest)
@@ -61,7 +61,7 @@ def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, V
 
 
 def _set_sun(values: dict[str, Value], assignment: Mapping[str, Value], clock: tuple[str, ...]) -> None:
-    """Replace time and place by the two angles, so that both notations of a sun give the same inputs."""
+    """Replace time and place by the two angles, so that both notations of the sun give the same inputs."""
     notation = {path: values.pop(path) for path in clock}
     if not notation.keys().isdisjoint(assignment):
         require_one_notation(set(assignment))
@@ -71,10 +71,10 @@ def _set_sun(values: dict[str, Value], assignment: Mapping[str, Value], clock: t
 def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> Inputs:
     """Return the inputs of the products of the frame that ``camera`` takes.
 
-    Parameters of other cameras are inputs of none of them.
+    The parameters of other cameras are not among them.
 
     Raises:
-        UnknownName: there is no such camera; or as `complete`.
+        UnknownName: the manifest has no such camera; or as `complete`.
         InvalidInput: as `complete`.
     """
     values = complete(assignment, manifest)
@@ -84,7 +84,7 @@ def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> I
     except KeyError:
         manifest.require_camera(camera)
         raise
-    # Most values are defaults, whose text is prepared.
+    # Most values are defaults, whose text is precomputed.
     defaults, keys, texts = prepared.defaults, prepared.keys, prepared.texts
     entries = {
         path: texts[path] if value is defaults[path] else keys[path] + canonical_json(value)
@@ -104,7 +104,7 @@ def _object(entries: Mapping[str, bytes], paths: tuple[str, ...]) -> CanonicalJs
 
 
 def picture_paths_without_movables(manifest: Manifest, camera: str) -> frozenset[str]:
-    """Return the paths that change what ``camera`` sees of the scene without movables, or how a sensor shows it."""
+    """Return the paths that affect the picture of ``camera`` without movables, through the scene or the sensor."""
     prepared = _prepare(manifest)
     return frozenset((*prepared.cameras[camera].background, *prepared.sensor))
 
@@ -115,7 +115,7 @@ def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
     Equal canonical assignments give equal scenes. Nodes, materials and cameras that no parameter touches keep their identity.
 
     Raises:
-        UnknownName, InvalidInput: as `complete`; or the manifest declares something that the scene does not have.
+        UnknownName, InvalidInput: as `complete`; or the scene lacks something that the manifest declares.
     """
     manifest = asset.manifest
     defaults = _prepare(manifest).complete_defaults
@@ -139,7 +139,7 @@ def _default_scene(asset: SceneAsset) -> Scene:
 
 
 def _written(scene: Scene, values: Mapping[str, Value], things: set[str], manifest: Manifest) -> Scene:
-    """Write *all* values of the given things, so that the result depends on the values alone, not on the previous ones."""
+    """Write *all* values of ``things``, so that the result depends only on these values, not on the previous scene."""
     draft = Draft(scene)
     for path, value in values.items():
         thing, attribute = _prepare(manifest).attributes[path]
@@ -156,7 +156,7 @@ def _on_ground(pose: Pose, manifest: Manifest) -> Pose:
     return replace(pose, position=(x, y, ground_height(manifest, x, y)))
 
 
-#: Paths of parameters that hide something, and for each value the paths that become irrelevant.
+#: Paths of parameters that hide something, with the paths that each value makes irrelevant.
 _Switches = tuple[tuple[str, dict[Value, tuple[str, ...]]], ...]
 
 
@@ -171,18 +171,18 @@ class _CameraPaths:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """Everything that follows from a manifest alone, for hot loops.
+    """Everything that follows from the manifest, for hot loops.
 
     Attributes:
         defaults: declared path to default.
-        keys: declared path to the key of a JSON object, with its colon.
+        keys: declared path to its key in a JSON object, with the colon.
         texts: declared path to key and default in JSON.
         complete_defaults: the canonical form of the empty assignment.
         attributes: declared path to the path of its node, camera …, and its attribute.
-        switches: of parameters that hide something.
-        cameras: camera to the inputs of its products.
+        switches: the parameters that hide something.
+        cameras: camera to the paths of the inputs of its products.
         sensor: declared paths of the sensor.
-        clock: declared paths of the sun's notation by time and place; never part of a canonical form.
+        clock: declared paths of the sun's time and place, which are never part of a canonical form.
     """
 
     defaults: dict[str, Value]
@@ -234,7 +234,7 @@ def _camera_paths(manifest: Manifest, camera: str, attributes: Mapping[str, tupl
 def _switches(
     manifest: Manifest, attributes: Mapping[str, tuple[str, Attribute]]
 ) -> Iterator[tuple[str, dict[Value, tuple[str, ...]]]]:
-    """Yield the parameters that hide something. Those nearer to the root come first: a hidden switch hides those below it."""
+    """Yield the parameters that hide something, root first, since a hidden node hides those below it."""
     for path in sorted(attributes, key=lambda path: path.count(".")):
         thing, attribute = attributes[path]
         below = [other for other in attributes if other != path and other.startswith(f"{thing}.")]

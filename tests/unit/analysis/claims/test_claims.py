@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from valerie.analysis.claims.claims import Entry, Outcome, ledger_table, parse_claims, write_ledger
+from valerie.analysis.claims.claims import ClaimOutcome, LedgerEntry, ledger_table, parse_claims, write_ledger
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.plain import typed
@@ -41,12 +41,15 @@ COLOURS = {"factor": "person-1.character", "first": "yellow-shirt", "second": "b
 
 def test_a_difference_is_paired_and_judged_for_each_function(table):
     lower, equal = answers(table, difference={**COLOURS, "sign": "<"})
-    assert (lower.function, lower.outcome) == ("a-net", Outcome.REPRODUCED)
+    assert (lower.function, lower.outcome) == ("a-net", ClaimOutcome.REPRODUCED)
     assert lower.low < -0.2 < lower.high < 0
     assert lower.places == 120
-    assert equal.outcome is not Outcome.REPRODUCED
-    assert outcomes(table, difference={**COLOURS, "sign": ">"}, functions=["a-net"]) == [Outcome.NOT_REPRODUCED]
-    assert outcomes(table, difference={**COLOURS, "sign": "="}) == [Outcome.NOT_REPRODUCED, Outcome.REPRODUCED]
+    assert equal.outcome is not ClaimOutcome.REPRODUCED
+    assert outcomes(table, difference={**COLOURS, "sign": ">"}, functions=["a-net"]) == [ClaimOutcome.NOT_REPRODUCED]
+    assert outcomes(table, difference={**COLOURS, "sign": "="}) == [
+        ClaimOutcome.NOT_REPRODUCED,
+        ClaimOutcome.REPRODUCED,
+    ]
 
 
 def test_a_score_that_leaves_its_level_is_placed_on_the_axis_where_the_places_suffice(table, synthetic_table):
@@ -58,26 +61,26 @@ def test_a_score_that_leaves_its_level_is_placed_on_the_axis_where_the_places_su
     right = {"over": "occlusion_rate", "at": 0.36, "tolerance": 0.25}
     wrong = {"over": "occlusion_rate", "at": 0.7, "tolerance": 0.05}
     (entry,) = answers(large, departure=right)
-    assert entry.outcome is Outcome.REPRODUCED
+    assert entry.outcome is ClaimOutcome.REPRODUCED
     assert entry.low < 0.3 + 0.1 / 1.5 < entry.high
-    assert outcomes(large, departure=wrong) == [Outcome.NOT_REPRODUCED]
-    assert outcomes(table, departure=right, functions=["b-net"]) == [Outcome.UNDECIDED]
+    assert outcomes(large, departure=wrong) == [ClaimOutcome.NOT_REPRODUCED]
+    assert outcomes(table, departure=right, functions=["b-net"]) == [ClaimOutcome.UNDECIDED]
 
 
 def test_trends_follow_the_data(table):
     over = {"over": "occlusion_rate"}
-    assert outcomes(table, trend={**over, "shape": "falling"}, functions=["b-net"]) == [Outcome.REPRODUCED]
-    assert outcomes(table, trend={**over, "shape": "rising"}, functions=["b-net"]) == [Outcome.NOT_REPRODUCED]
+    assert outcomes(table, trend={**over, "shape": "falling"}, functions=["b-net"]) == [ClaimOutcome.REPRODUCED]
+    assert outcomes(table, trend={**over, "shape": "rising"}, functions=["b-net"]) == [ClaimOutcome.NOT_REPRODUCED]
     seen = "occlusion_rate < 0.25"
     level = outcomes(table, trend={**over, "shape": "level"}, where=seen, functions=["b-net"])
-    assert level == [Outcome.UNDECIDED]  # a level is shown by a narrow band alone
+    assert level == [ClaimOutcome.UNDECIDED]  # a level is shown by a narrow band alone
 
 
 def test_a_flip_names_the_two_frames(table):
     (entry,) = answers(table, flip={**COLOURS, "at_least": 0.15}, functions=["a-net"])
-    assert entry.outcome is Outcome.REPRODUCED
+    assert entry.outcome is ClaimOutcome.REPRODUCED
     assert len(set(entry.frames)) == 2
-    assert outcomes(table, flip={**COLOURS, "at_least": 0.6}, functions=["a-net"]) == [Outcome.NOT_REPRODUCED]
+    assert outcomes(table, flip={**COLOURS, "at_least": 0.6}, functions=["a-net"]) == [ClaimOutcome.NOT_REPRODUCED]
 
 
 def test_a_flip_reads_the_same_from_either_side(table):
@@ -102,12 +105,21 @@ def test_a_quantity_of_frames_is_computed_once_and_a_score_for_each_function(tab
     (entry,) = answers(table, quantity=share)
     assert entry.estimate == pytest.approx((table.numbers("occlusion_rate")[::2] > 0.05).mean(), abs=1e-12)
     assert len(answers(table, quantity={"of": "pacc", "low": 0.5})) == 2
-    assert outcomes(table, quantity={"of": "pacc", "high": 0.1}) == [Outcome.NOT_REPRODUCED] * 2
+    assert outcomes(table, quantity={"of": "pacc", "high": 0.1}) == [ClaimOutcome.NOT_REPRODUCED] * 2
 
 
 def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
-    assert outcomes(table, slip="85 % cannot have less than 85 %") == [Outcome.SLIP]
-    assert outcomes(table, untestable="the paper's networks are not to be had") == [Outcome.NOT_TESTABLE]
+    assert outcomes(table, slip="85 % cannot have less than 85 %") == [ClaimOutcome.SLIP]
+    assert outcomes(table, untestable="the paper's networks are not to be had") == [ClaimOutcome.NOT_TESTABLE]
+
+
+@pytest.mark.parametrize("test", [{"difference": {"sign": "<"}}, {"flip": {"at_least": 0.4}}])
+def test_a_claim_about_a_factor_that_the_run_does_not_vary_is_not_testable_here(table, test):
+    ((kind, rest),) = test.items()
+    (entry,) = answers(table, **{kind: {**COLOURS, "factor": "rain", **rest}})
+    assert entry.outcome is Outcome.NOT_TESTABLE
+    assert "does not vary rain; it varies " in entry.finding
+    assert "person-1.character" in entry.finding
 
 
 @pytest.mark.parametrize(
@@ -119,7 +131,6 @@ def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
             r"claims\.0\.functions",
         ),
         ({"difference": {**COLOURS, "first": "red", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.first"),
-        ({"difference": {**COLOURS, "factor": "rain", "sign": "<"}}, UnknownName, r"claims\.0\.difference\.factor"),
         ({"trend": {"over": "distans", "shape": "level"}}, UnknownName, "distance_m"),
         ({"where": "pac > 1", "trend": {"over": "distance_m", "shape": "level"}}, InvalidInput, r"claims\.0\.where"),
     ],
@@ -146,7 +157,7 @@ def test_a_claim_has_one_complete_test(claim):
 
 def test_a_ledger_survives_json_and_becomes_a_table(table):
     entries = answers(table, flip={**COLOURS, "at_least": 0.15})
-    assert typed(tuple[Entry, ...], list(map(asdict, entries))) == entries
+    assert typed(tuple[LedgerEntry, ...], list(map(asdict, entries))) == entries
     arrow = ledger_table(entries)
     assert arrow.num_rows == 2
     assert arrow["outcome"].to_pylist()[0] == "reproduced"

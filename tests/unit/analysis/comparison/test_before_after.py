@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from valerie.analysis.comparison.before_after import Comparison, compare
+from valerie.analysis.comparison.before_after import VersionComparison, compare
 from valerie.analysis.comparison.drawing import comparison_renderable, draw_comparison
 from valerie.analysis.comparison.wording import change_sentence
 from valerie.analysis.rows.pairing import aligned
@@ -59,7 +59,7 @@ def scores(tp: int, fp: int, road: int = 1000) -> CollectionScores:
 
 
 @pytest.fixture(scope="module")
-def comparison() -> Comparison:
+def comparison() -> VersionComparison:
     """The second version sees far persons better by 30 points and near ones worse by 20."""
     before = np.full(N, 0.6)
     after = np.where(DISTANCE >= 30, 0.9, 0.4)
@@ -69,7 +69,7 @@ def comparison() -> Comparison:
     )
 
 
-def test_every_group_has_both_averages_of_both_versions(comparison: Comparison) -> None:
+def test_every_group_has_both_averages_of_both_versions(comparison: VersionComparison) -> None:
     everyone = comparison.groups[0]
     assert (everyone.name, everyone.persons, everyone.frames) == ("all persons", N, N)
     old, new = everyone.sides
@@ -80,7 +80,7 @@ def test_every_group_has_both_averages_of_both_versions(comparison: Comparison) 
     assert (old.false_pixels, new.false_pixels) == (10 * N, 40 * N)
 
 
-def test_a_difference_is_paired_and_has_an_interval(comparison: Comparison) -> None:
+def test_a_difference_is_paired_and_has_an_interval(comparison: VersionComparison) -> None:
     far = next(group for group in comparison.groups if group.name == "far")
     (difference,) = far.differences
     assert difference.mean == pytest.approx(0.3)
@@ -90,7 +90,7 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: Comparison) -> N
     assert {"distance 10–20 m", "character black", "camera camera-1", "not occluded (≤ 5 %)"} <= set(names)
 
 
-def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: Comparison) -> None:
+def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: VersionComparison) -> None:
     changes = comparison.changes(1)
     better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
@@ -117,7 +117,7 @@ def test_one_version_cannot_be_compared() -> None:
         compare({"old": (table("old", np.full(N, 0.5)), scores(1, 1))})
 
 
-def test_the_table_shows_every_version_and_both_lists(comparison: Comparison) -> None:
+def test_the_table_shows_every_version_and_both_lists(comparison: VersionComparison) -> None:
     sink = StringIO()
     Console(file=sink, width=160, color_system=None).print(comparison_renderable(comparison))
     text = sink.getvalue()
@@ -127,7 +127,7 @@ def test_the_table_shows_every_version_and_both_lists(comparison: Comparison) ->
     assert text.count("  old ") >= len(comparison.groups)
 
 
-def test_the_picture_is_drawn(comparison: Comparison, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(comparison: VersionComparison, tmp_path: Path) -> None:
     draw_comparison(comparison, tmp_path / "pictures" / "comparison.png", title="old and new")
     with Image.open(tmp_path / "pictures" / "comparison.png") as image:
         pixels = np.asarray(image.convert("RGB"))
@@ -135,13 +135,13 @@ def test_the_picture_is_drawn(comparison: Comparison, tmp_path: Path) -> None:
     assert (pixels == [0x00, 0x72, 0xB2]).all(axis=2).any()  # the second version's colour
 
 
-def shown(comparison: Comparison) -> str:
+def shown(comparison: VersionComparison) -> str:
     sink = StringIO()
     Console(file=sink, width=200, color_system=None).print(comparison_renderable(comparison))
     return sink.getvalue()
 
 
-def classed(*numeric_classes: str) -> Comparison:
+def classed(*numeric_classes: str) -> VersionComparison:
     one = table("old", np.full(N, 0.5))
     versions = {"old": (one, scores(50, 1)), "new": (one, scores(50, 1))}
     return compare(versions, numeric_classes=numeric_classes)

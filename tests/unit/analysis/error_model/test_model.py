@@ -110,7 +110,7 @@ def test_too_few_places_are_refused_with_the_number_that_is_missing() -> None:
 def test_a_model_that_is_off_gets_no_file() -> None:
     weak = fit_error_models(table(50, persons=2), given=("distance_m",))
     assert not weak.models[0].usable
-    assert "more places would bring the error on new places to 2%" in weak.models[0].sentence
+    assert "more places would reduce the error on new places to 2%" in weak.models[0].sentence
     assert set(files_of(weak)) == {CARD, "error-model.png"}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from valerie.analysis.findings.refining import refined_spec
+from valerie.analysis.findings.refining import halved_spec
 from valerie.analysis.findings.region import Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
 from valerie.runs.document.documents import RunSpec
@@ -19,7 +19,7 @@ X, Y, COAT = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.cha
 def refine(document: dict[str, Any], region: dict[str, Any] | None = None, **more: Any) -> RunSpec:
     manifest = simple_manifest()
     resolved = resolve(parse({"name": "a", "asset": "simple", **document}), manifest)
-    spec = refined_spec(
+    spec = halved_spec(
         resolved.spec,
         resolved.space.blocks,
         resolved.space.definitions,

@@ -3,10 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tests.planted_tables import planted_finding
-from valerie.analysis.findings.findings import Findings, View
+from valerie.analysis.findings.findings import Findings, ScoredPerson
 from valerie.analysis.report.register import register, register_json, register_table
 
-LIT, DARK = View("r1.0.0.0", "default", "net", 24001, 0.9), View("r1.1.0.0", "default", "net", 24001, 0.1)
+LIT, DARK = (
+    ScoredPerson("r1.0.0.0", "default", "net", 24001, 0.9),
+    ScoredPerson("r1.1.0.0", "default", "net", 24001, 0.1),
+)
 LOWER = planted_finding(LIT, DARK)
 HIGHER = replace(LOWER, confirmed=False, effect=0.2, low=0.1, high=0.3, examples=((DARK, LIT),), places_needed=70)
 OTHERS = (replace(LOWER, function=""), replace(LOWER, steps=LOWER.steps * 2))

@@ -11,12 +11,16 @@ import yaml
 
 from valerie.analysis.analyze import analyze
 from valerie.analysis.findings.effects import level_means, strongest_pair
-from valerie.analysis.report.model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.report.model import Failure, Provenance, ReportInput
+from valerie.analysis.report.odd import odd_coverage
+from valerie.analysis.report.register import register
 from valerie.analysis.report.report import build_report, data_url
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, PooledClass
 from valerie.measures import measure_of
+from valerie.parameters.definitions import ParameterDefinition
 from valerie.perception.base import FunctionCard
+from valerie.runs.products.pictures import PictureKind
 from valerie.runs.resolving.spec import parse
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
@@ -58,9 +62,10 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.text).split())
 
 
-def picture(_frame, kind, *, sensor, function):
+def picture(_frame, kind, *, sensor, function, person=None):
     assert sensor == "default"
-    assert (function is None) == (kind is not PictureKind.PREDICTION)
+    assert (function is None) == (kind not in (PictureKind.OVERLAY, PictureKind.ERRORS))
+    assert (person is None) == (kind is not PictureKind.ERRORS)
     return PICTURE
 
 
@@ -172,7 +177,8 @@ def test_every_finding_is_listed_with_its_pair_of_pictures_and_its_spec(source, 
         assert finding.sentence in page.words
         assert finding.spec in page.preformatted
         for view in finding.examples[0] if finding.examples else ():
-            assert f"pACC {100 * view.pacc:.1f} % · frame {view.frame_id}" in page.words
+            assert f"pACC {100 * view.pacc:.1f} %" in page.words
+            assert f"frame {view.frame_id}" in page.words
     assert f"{findings.comparisons:,} comparisons searched" in page.words
 
 
@@ -315,3 +321,36 @@ def test_warnings_stand_before_everything_else(source):
     main = page[page.index("<main>") :]
     assert main.index(warning) < main.index("<section")
     assert Page(page).words.count(warning) == 1
+
+
+def test_the_register_names_condition_insufficiency_evidence_and_re_test(source, page):
+    entries = register(source.findings)
+    assert entries
+    for entry in entries:
+        assert f"{entry.id} {entry.triggering_condition} against {entry.reference_condition}" in page.words
+        assert entry.functional_insufficiency in page.words
+    assert "It is no statement of compliance." in page.words
+
+
+def test_the_domain_lists_levels_holes_pairs_and_what_was_held(source, html):
+    assert "Operational design domain" not in Page(html).words
+    declared = {"type": "FLOAT", "affects": "geometry", "minimum": 0, "unit": "m", "odd": "vulnerable road users"}
+    definitions = [
+        ParameterDefinition.model_validate({**declared, "path": "scene.person-1.pos.x", "maximum": 100, "default": 0}),
+        ParameterDefinition.model_validate({**declared, "path": "scene.person-1.pos.y", "maximum": 1000, "default": 0}),
+        ParameterDefinition.model_validate({**declared, "path": "scene.person-2.pos.x", "maximum": 9, "default": 4}),
+    ]
+    coverage = odd_coverage(definitions, source.table, {})
+    words = Page(build_report(dataclasses.replace(source, odd=coverage))).words
+    first, second = coverage.varied
+    assert first.holes
+    for one in (first, second):
+        shown = f"{len(one.levels) - len(one.holes)} of {len(one.levels)}"
+        assert f"vulnerable road users dynamic elements {one.parameter} {shown} {'; '.join(one.holes)}".strip() in words
+    (pair,) = coverage.pairs
+    complete = 0 if pair.holes else 1
+    assert f"Of 1 pairs of parameters, {complete} show every pair" in words
+    for one, other in pair.holes:
+        assert f"{one} with {other}" in words
+    assert "Held at one value: 1 parameters vulnerable road users person-2.pos.x 4 m" in words
+    assert "No parameter stands for zones, " in words

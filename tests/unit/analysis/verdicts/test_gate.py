@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from tests.planted_tables import X, drawn, planted_table, requirement
-from valerie.analysis.verdicts.gate import GateRun, gate, slice_text
+from valerie.analysis.verdicts.gate import GateRun, gate, places_before, slice_text
 from valerie.analysis.verdicts.junit import junit_xml
 from valerie.analysis.verdicts.verdicts import RequirementVerdict, judge_requirements
 from valerie.errors import Conflict, InvalidInput, UnknownName
@@ -214,3 +214,35 @@ def test_the_result_is_json_without_nan() -> None:
     document = gate(run({"old": before, "new": before}, verdicts=verdicts()), "old").to_json()
     text = json.dumps(document, allow_nan=False)
     assert json.loads(text)["passed"] is False
+
+
+def test_the_number_of_places_is_said_before_a_version_is_run() -> None:
+    before, after = planted()
+    both = run({"old": before, "new": after}, columns=DISTANCE)
+    need = places_before(both, function="old", effect=0.1)[0]
+    change = np.round(after * 1000) / 1000 - np.round(before * 1000) / 1000  # each variant is a place
+    assert need.deviation == pytest.approx(change.std(ddof=1), abs=1e-3)
+    assert need.slices["all"] == 200
+    assert need.slices["distance 20–30 m"] == need.slices["distance 10–20 m"] == 100
+    assert need.needed == places_for_gate(0.1, need.deviation, len(need.slices))
+    assert need.too_few == {name: places for name, places in need.slices.items() if places < (need.needed or 0)}
+    alone = run({"old": before}, columns=DISTANCE)
+    (told,) = places_before(alone, effect=0.01, deviation=0.2)
+    assert told.needed == places_for_gate(0.01, 0.2, len(told.slices))
+    assert told.too_few == told.slices
+    with pytest.raises(InvalidInput, match="--deviation"):
+        places_before(alone)
+
+
+def test_places_said_before_are_enough_for_the_gate() -> None:
+    """The gate finds a planted drop in at least 90 % of versions; one-sided 0.1 % of Binomial(200, 0.9) is 165."""
+    (need,) = places_before(run({"old": planted()[0]}), effect=0.05, deviation=0.1)
+    assert need.needed is not None
+    found = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        baseline = rng.uniform(0.4, 0.8, need.needed)
+        version = baseline + rng.normal(-0.05, 0.1, need.needed)
+        places = run({"old": baseline, "new": np.clip(version, 0, 1)})
+        found += "all" in gate(places, "old").versions[0].gate.worse
+    assert found >= 165

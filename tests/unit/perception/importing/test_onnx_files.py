@@ -63,7 +63,7 @@ def test_a_graph_in_two_parts_is_checked_as_an_engine_joins_it(check) -> None:
 def test_a_tensor_with_a_negative_length_is_refused(check) -> None:
     lying = numpy_helper.from_array(np.ones(4, np.float32), "w")
     lying.dims[:] = [-1, -(1 << 40)]
-    with pytest.raises(InvalidInput, match="states more than it holds"):
+    with pytest.raises(InvalidInput, match="stated size exceeds its data"):
         check(model(constants=(lying,)))
 
 
@@ -120,7 +120,7 @@ def test_a_tensor_that_states_more_than_it_holds_is_refused(check) -> None:
     lying = numpy_helper.from_array(np.ones(4, np.float32), "w")
     del lying.dims[:]
     lying.dims.extend([1 << 20, 1 << 20])
-    with pytest.raises(InvalidInput, match="states more than it holds; got w: 1048576 × 1048576; limit: 31 bytes"):
+    with pytest.raises(InvalidInput, match="stated size exceeds its data; got w: 1048576 × 1048576; limit: 31 bytes"):
         check(model(constants=(lying,)))
 
 

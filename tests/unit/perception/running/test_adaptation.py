@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.perception.documents.function import InputDocument
-from valerie.perception.running.adaptation import Plan, Size, plan
+from valerie.perception.running.adaptation import Adaptation, Size, plan
 
 SIZES = [(1, 1), (7, 90), (64, 64), (65, 64), (100, 203)]
 OUTSIDE = 200
@@ -23,7 +23,7 @@ def scene(height: int, width: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]
     return np.stack([labels, 255 - labels, labels // 2], axis=2), labels
 
 
-def through(steps: Plan, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def through(steps: Adaptation, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     pieces = steps.pieces(picture)
     assert {piece.shape for piece in pieces} == {(*steps.piece, 3)}
     return steps.joined([piece[..., 0] for piece in pieces])

@@ -43,7 +43,7 @@ def test_a_network_learns_a_few_frames(architecture: str, make_frames) -> None:
     model = train(
         settings(architecture=architecture, steps=40, batch=4),
         make_frames(4),
-        held_out=make_frames(2, street_seed=900),
+        held_out=make_frames(2, site_seed=900),
         progress=lambda p: losses.append(p.loss),
     )
     assert len(losses) == model.steps == 40
@@ -115,14 +115,14 @@ def test_half_precision_on_the_way_trains_too(make_frames) -> None:
 
 def test_figures_are_reported_on_the_way_when_asked(make_frames) -> None:
     reports: list[TrainingProgress] = []
-    held_out = make_frames(1, street_seed=900)
+    held_out = make_frames(1, site_seed=900)
     train(settings(validate_every=2), make_frames(3), held_out=held_out, progress=reports.append)
     assert [report.step for report in reports if report.figures is not None] == [2, 4]
 
 
 def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tmp_path: Path) -> None:
     frames = make_frames(3)
-    model = train(settings(steps=20), frames, held_out=make_frames(2, street_seed=900))
+    model = train(settings(steps=20), frames, held_out=make_frames(2, site_seed=900))
     path = tmp_path / "semantic-fpn-small.safetensors"
     path.write_bytes(model.to_bytes({"licence": "Apache-2.0"}))
     card = function_card("semantic-fpn-small", folder=tmp_path)
@@ -158,7 +158,7 @@ def test_running_variances_beyond_half_precision_are_kept(make_frames, tmp_path:
 
 
 def test_the_figures_of_a_function_that_reduces_frames_are_those_of_its_own_labels(make_frames, tmp_path: Path) -> None:
-    held_out = make_frames(3, street_seed=900)
+    held_out = make_frames(3, site_seed=900)
     model = train(settings(steps=20, batch=4, longest_side=64), make_frames(4), held_out=held_out)
     (tmp_path / "semantic-fpn-small.safetensors").write_bytes(model.to_bytes({}))
     function = load_function("semantic-fpn-small", folder=tmp_path, device="cpu")
@@ -174,7 +174,7 @@ def test_the_figures_of_a_function_that_reduces_frames_are_those_of_its_own_labe
     assert model.figures.person_pacc == pytest.approx(hits / persons, abs=3 / persons)
 
 
-def test_a_street_in_both_sets_is_refused(make_frames) -> None:
+def test_a_site_in_both_sets_is_refused(make_frames) -> None:
     with pytest.raises(InvalidInput, match="1000"):
         train(settings(), make_frames(2), held_out=make_frames(1))
 
@@ -192,7 +192,7 @@ def test_an_unknown_architecture_is_refused(make_frames) -> None:
 def test_a_batch_that_is_void_throughout_leaves_finite_weights(make_frames) -> None:
     from valerie.perception.training.frame_folder import TrainingFrame
 
-    void = [TrainingFrame(f.picture, f.train_ids * 0 + 255, f.street_seed) for f in make_frames(2)]
+    void = [TrainingFrame(f.picture, f.train_ids * 0 + 255, f.site_seed) for f in make_frames(2)]
     model = train(settings(steps=2), void)
     assert all(torch.isfinite(p).all() for p in model.network.parameters())
 
@@ -223,7 +223,7 @@ def test_batch_normalisation_keeps_its_statistics_on_request(make_frames, tmp_pa
 
     def trained(**changes: object) -> dict[str, torch.Tensor]:
         # validated on the way, which goes through evaluation mode and back
-        held_out = make_frames(1, street_seed=900)
+        held_out = make_frames(1, site_seed=900)
         model = train(settings(validate_every=2, **changes), make_frames(3), held_out=held_out, start_from=path)
         return model.network.state_dict()
 

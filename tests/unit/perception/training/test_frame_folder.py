@@ -10,19 +10,19 @@ from valerie.perception.training.frame_folder import INDEX_NAME, FrameFolder, Tr
 
 @pytest.fixture
 def folder(tmp_path, make_frames):
-    shards = [write_shard(tmp_path, seed, make_frames(3, street_seed=seed)) for seed in (1001, 1000)]
+    shards = [write_shard(tmp_path, seed, make_frames(3, site_seed=seed)) for seed in (1001, 1000)]
     write_index(tmp_path, shards, {"generator": "boxes"})
     return tmp_path
 
 
-def test_frames_come_back_as_they_were_written_in_order_of_streets(folder, make_frames) -> None:
+def test_frames_come_back_as_they_were_written_in_order_of_sites(folder, make_frames) -> None:
     stored = FrameFolder(folder)
-    expected = [*make_frames(3, street_seed=1000), *make_frames(3, street_seed=1001)]
+    expected = [*make_frames(3, site_seed=1000), *make_frames(3, site_seed=1001)]
     assert len(stored) == 6
     for got, wanted in zip(stored, expected, strict=True):
         np.testing.assert_array_equal(got.picture, wanted.picture)
         np.testing.assert_array_equal(got.train_ids, wanted.train_ids)
-        assert got.street_seed == wanted.street_seed
+        assert got.site_seed == wanted.site_seed
 
 
 def test_frames_of_different_sizes_live_in_one_shard(tmp_path, make_frames) -> None:
@@ -33,7 +33,7 @@ def test_frames_of_different_sizes_live_in_one_shard(tmp_path, make_frames) -> N
 
 def test_a_folder_can_be_indexed_from_the_end_and_sliced(folder) -> None:
     stored = FrameFolder(folder)
-    assert stored[-1].street_seed == 1001
+    assert stored[-1].site_seed == 1001
     assert len(stored[1:3]) == 2
     with pytest.raises(IndexError):
         stored[6]
@@ -42,7 +42,7 @@ def test_a_folder_can_be_indexed_from_the_end_and_sliced(folder) -> None:
 def test_the_seeds_are_known_without_reading_frames(folder) -> None:
     for shard in folder.glob("*.safetensors"):
         shard.unlink()
-    assert FrameFolder(folder).street_seeds == {1000, 1001}
+    assert FrameFolder(folder).site_seeds == {1000, 1001}
 
 
 def test_the_digest_stands_for_the_pixels(tmp_path, make_frames) -> None:
@@ -60,18 +60,18 @@ def test_an_intact_folder_verifies(folder) -> None:
 
 
 def test_a_changed_shard_is_detected(folder) -> None:
-    path = folder / "street-001001.safetensors"
+    path = folder / "site-001001.safetensors"
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(CorruptArtifact, match="street-001001"):
+    with pytest.raises(CorruptArtifact, match="site-001001"):
         FrameFolder(folder).verify()
 
 
 def test_a_cut_shard_is_reported_when_read(folder) -> None:
-    path = folder / "street-001000.safetensors"
+    path = folder / "site-001000.safetensors"
     path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(CorruptArtifact, match="street-001000"):
+    with pytest.raises(CorruptArtifact, match="site-001000"):
         FrameFolder(folder)[0]
 
 
@@ -98,9 +98,9 @@ def test_an_index_that_leads_outside_the_folder_is_refused(folder, file: str) ->
         FrameFolder(folder)
 
 
-def test_a_frame_of_another_street_is_refused(tmp_path, make_frames) -> None:
-    with pytest.raises(InvalidInput, match="another street"):
-        write_shard(tmp_path, 1000, make_frames(1, street_seed=1001))
+def test_a_frame_of_another_site_is_refused(tmp_path, make_frames) -> None:
+    with pytest.raises(InvalidInput, match="another site"):
+        write_shard(tmp_path, 1000, make_frames(1, site_seed=1001))
 
 
 def test_maps_that_do_not_fit_are_refused() -> None:

@@ -259,7 +259,7 @@ def test_a_stop_rule_ends_the_study_and_widens_the_interval_for_its_looks(pipeli
     study = begin(pipeline, stop={"width": 0.9})
     ended = pursue(pipeline, study)
     assert ended.state is StudyState.FINISHED
-    assert "0.9 was asked for" in (ended.reason or "")
+    assert "0.9 was requested" in (ended.reason or "")
     assert ended.result is not None
     free: Any = ended.result.numbers["assumption_free"]
     assert free["level"] == pytest.approx(1 - 0.05 / 3)

@@ -24,7 +24,7 @@ from rocrate.rocrate import ROCrate
 
 from tests.planted_tables import planted_finding
 from tests.world.blank import Pipeline, completed_run
-from valerie.analysis.findings.findings import View
+from valerie.analysis.findings.findings import ScoredPerson
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.run_artifacts import SUMMARY
 from valerie.pipeline.evidence import manifest as limits
@@ -45,7 +45,7 @@ def name_frames(pipeline: Pipeline, run_id: str) -> None:
     """Let the findings of a run name two of its frames: the blank engine gives no cause for a finding."""
     key = run_key(run_id, SUMMARY)
     summary = json.loads(pipeline.context.store.get(key))
-    views = [View(f"{run_id}.{place}", "default", "blank", 24001, 0.0) for place in ("5.1.0", "3.0.0")]
+    views = [ScoredPerson(f"{run_id}.{place}", "default", "blank", 24001, 0.0) for place in ("5.1.0", "3.0.0")]
     summary["findings"]["items"] = [asdict(planted_finding(*views))]
     pipeline.context.store.put(key, json.dumps(summary).encode(), replace=True)
 
@@ -100,11 +100,12 @@ def test_the_folder_holds_the_run_and_exactly_the_frames_that_findings_name(
 ) -> None:
     pipeline, run_id = run
     named = ("3.0.0", "5.1.0")
-    frames = {f"frames/{place}/sensor-0-{kind}.png" for place in named for kind in ("picture", "truth", "prediction-0")}
+    kinds = ("picture", "truth", "prediction-0", "close-up-0-24001")
+    frames = {f"frames/{place}/sensor-0-{kind}.png" for place in named for kind in kinds}
     documents = {
         "spec.json", "run.json", "pins.json", "frames.json", "summary.json", "environment.json", "report.html",
         "evaluations.parquet", "evaluations.csv", "ro-crate-metadata.json", "manifest.json", "manifest.dsse.json",
-        "register.json", "register.csv",
+        "register.json", "register.csv", "odd.json", "odd.csv",
     }  # fmt: skip
     assert files(exported).keys() == frames | documents
     place = named[1]
@@ -342,7 +343,7 @@ def test_frames_can_be_made_again_from_the_folder_alone(run: tuple[Pipeline, str
     replayed = replay(folder, 99, settings)
     assert {picture.file for picture in replayed} == {name for name in files(folder) if name.endswith(".png")}
     assert {picture.verdict for picture in replayed} == {"equal"}
-    assert len(replay(folder, 1, settings)) == 3
+    assert len(replay(folder, 1, settings)) == 4
     picture = next(folder.rglob("*-picture.png"))
     shutil.copy(picture.with_name("sensor-0-truth.png"), picture)
     differing = {one.file for one in replay(folder, 99, settings) if one.verdict == "differs"}

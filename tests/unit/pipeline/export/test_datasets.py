@@ -1,8 +1,10 @@
+import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from cityscapesscripts.evaluation.evalPanopticSemanticLabeling import pq_compute_single_core
@@ -74,6 +76,56 @@ def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pip
     assert (tmp_path / "set" / one["picture"]).is_file()
     assert (tmp_path / "set" / one["label_ids"]).is_file()
     assert not (tmp_path / "set/coco").exists()
+
+
+def test_croissant_describes_every_file_and_every_column(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    folder = tmp_path / "set"
+    export_run(pipeline.context, run_id, folder, ExportSettings(predictions=("blank",), polygons=True))
+    document = json.loads((folder / "croissant.json").read_text())
+    files = {one["@id"]: one for one in document["distribution"] if one["@type"] == "cr:FileObject"}
+    sets = [one for one in document["distribution"] if one["@type"] == "cr:FileSet"]
+    for path, one in files.items():
+        assert one["contentUrl"] == path
+        assert one["sha256"] == hashlib.sha256((folder / path).read_bytes()).hexdigest()
+    described = {*files, *(str(path.relative_to(folder)) for one in sets for path in folder.glob(one["includes"]))}
+    present = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert described == present - {"croissant.json"}
+    kinds = {"sc:Integer": pa.types.is_integer, "sc:Float": pa.types.is_floating, "sc:Boolean": pa.types.is_boolean}
+    for records in document["recordSet"]:
+        table = records["field"][0]["source"]["fileObject"]["@id"]
+        schema = pq.read_schema(folder / table)
+        assert [one["source"]["extract"]["column"] for one in records["field"]] == schema.names
+        for one, kind in zip(records["field"], schema.types, strict=True):
+            assert one["description"]
+            assert one.get("repeated", False) == pa.types.is_list(kind)
+            assert kinds.get(one["dataType"], lambda _: True)(kind.value_type if pa.types.is_list(kind) else kind)
+    assert [records["@id"] for records in document["recordSet"]] == ["persons", "evaluations"]
+
+
+def test_croissant_uses_only_terms_that_its_context_defines(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    export_run(pipeline.context, run_id, tmp_path / "set")
+    document = json.loads((tmp_path / "set/croissant.json").read_text())
+    # Of schema.org's vocabulary, which is the context's default.
+    of_schema = {
+        "name", "description", "version", "datePublished", "license", "distribution", "contentUrl", "encodingFormat",
+        "sha256",
+    }  # fmt: skip
+
+    def keys(part: object) -> Iterator[str]:
+        if isinstance(part, dict):
+            for key, value in part.items():
+                yield key
+                yield from keys(value)
+        elif isinstance(part, list):
+            for value in part:
+                yield from keys(value)
+
+    context = document.pop("@context")
+    used = {key for key in keys(document) if not key.startswith("@")}
+    assert used - context.keys() == of_schema
+    assert document["conformsTo"] == "http://mlcommons.org/croissant/1.0"
 
 
 def test_coco_documents_name_files_that_are_there(run: tuple[Pipeline, str], tmp_path: Path) -> None:

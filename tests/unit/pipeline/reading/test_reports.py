@@ -33,9 +33,10 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     (function,) = found.functions
     assert function.slices[0].pairs == 24  # the second person of each frame stands outside
     assert [one.text for one in found.conclusions] == ["Everybody is seen."]
-    html = report_with(pipeline.context, here, claims=CLAIMS, other=there)
+    report = report_with(pipeline.context, here, claims=CLAIMS, other=there)
+    assert [entry.says for entry in report.ledger] == ["Everybody is seen."]
     for words in ("Beside dark (blank)", "A paper: claims beside this run", "89.27", "24 frames show the same scenes"):
-        assert words in html.replace("\u00a0", " ")
+        assert words in report.html.replace("\u00a0", " ")
 
 
 def test_another_street_and_a_running_run_are_refused(pipeline: Pipeline) -> None:

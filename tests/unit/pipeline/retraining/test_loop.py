@@ -17,9 +17,10 @@ from valerie.perception.training.frame_folder import SEEDS, FrameFolder
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.references import open_reference, pinned_network
-from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
+from valerie.pipeline.retraining.loop import register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.runs.products.pins import FunctionPin
+from valerie.runs.study.retraining import RetrainSettings
 from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"
@@ -46,15 +47,15 @@ def pin(drawn: tuple[Context, str], digest: str, kind: str | None = None) -> Fun
     return pins.functions["semantic-fpn-small"].model_copy(update={"digest": digest, "kind": kind})
 
 
-def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(drawn: tuple[Context, str]) -> None:
+def test_a_weakness_names_the_region_the_weights_and_sites_that_nobody_saw(drawn: tuple[Context, str]) -> None:
     weakness = find_weakness(*drawn, FAR, "semantic-fpn-small")
     assert 0 < weakness.selected < weakness.evaluated
     bound = weakness.region.bounds["distance_m"]
     assert bound.holds(40.0)
     assert not bound.holds(18.0)
     assert weakness.file == function_path("semantic-fpn-small")
-    streets = weakness.document.provenance["frames-street-seeds"]
-    assert weakness.first_seed() == int(streets.split("-")[-1]) + 1
+    sites = weakness.document.provenance["frames-street-seeds"]
+    assert weakness.first_seed() == int(sites.split("-")[-1]) + 1
     assert weakness.first_seed() in SEEDS["train"]
     assert (weakness.reference, weakness.next_name) == ("semantic-fpn-small", "semantic-fpn-small-retrained")
     ours = replace(weakness, function="my-net")
@@ -115,10 +116,10 @@ def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: t
     assert folder != training_folder(other, settings, "name")
 
 
-def test_an_asset_without_seeds_has_no_fresh_streets(tmp_path: Path) -> None:
+def test_an_asset_without_seeds_has_no_fresh_sites(tmp_path: Path) -> None:
     world = DrawnWorld(settings_of(tmp_path))
     run_id = world.work(spec("boxes", functions=["semantic-fpn-small"]))
-    with pytest.raises(InvalidInput, match="fresh streets"):
+    with pytest.raises(InvalidInput, match="fresh sites"):
         find_weakness(world.context, run_id, FAR, "semantic-fpn-small")
 
 
@@ -128,7 +129,7 @@ def test_an_asset_without_seeds_has_no_fresh_streets(tmp_path: Path) -> None:
 def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Context, str], tmp_path: Path) -> None:
     weakness = find_weakness(*drawn, FAR, "semantic-fpn-small")
     settings = RetrainSettings(
-        frames=2, streets=1, width=320, height=180, steps=2, batch=2, held_out_frames=0, broad_share=0.5
+        frames=2, sites=1, width=320, height=180, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
     retrained = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
     header = read_header(retrained.file)
@@ -139,7 +140,7 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     assert json.loads(header.provenance["retrained-region"]) == weakness.region.model_dump(mode="json")
     frames = FrameFolder(tmp_path / "work" / "frames")
     assert len(frames) == retrained.frames == 2
-    assert frames.street_seeds == {weakness.first_seed()}
+    assert frames.site_seeds == {weakness.first_seed()}
     assert retrained.drawn >= 2
     assert int(frames.listing.provenance["scenes-drawn"]) == retrained.drawn
     assert retrained.curve == tmp_path / "work" / "curve.png"

@@ -6,7 +6,7 @@ import pytest
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import Target
+from valerie.pipeline.retraining.targets import TargetRegion
 from valerie.pipeline.retraining.training_frames import Draws, FrameSettings, frames_of
 from valerie.pipeline.retraining.training_scenes import REVISION, draw_scene
 from valerie.rendering.base import View
@@ -21,8 +21,8 @@ def region(**bounds: Bound) -> Region:
 def test_what_is_known_before_drawing_is_read_from_the_scene_itself() -> None:
     crowd = crowd_asset(simple_asset())
     drawn = [draw_scene(crowd, np.random.default_rng(seed)) for seed in range(60)]
-    low_sun = Target(Region(bounds={"scene.sun-1.elevation": Range(low=0, high=30)}))
-    near = Target(region(distance_m=Range(low=0, high=12)))
+    low_sun = TargetRegion(Region(bounds={"scene.sun-1.elevation": Range(low=0, high=30)}))
+    near = TargetRegion(region(distance_m=Range(low=0, high=12)))
     agreed = 0
     for one in drawn:
         camera = one.scene.cameras[one.camera].position
@@ -45,14 +45,14 @@ def test_a_scene_without_persons_is_in_no_region() -> None:
             for path in crowd.manifest.persons
         )
     )
-    assert not Target(Region()).possible(empty)
+    assert not TargetRegion(Region()).possible(empty)
 
 
 def test_one_person_must_meet_all_bounds_of_persons() -> None:
     crowd = crowd_asset(simple_asset())
     look = crowd.manifest.definition("scene.person-1.character").choices[0]
     bounds: dict[str, Bound] = {"heading": Arc(start=0, width=60), "character": Choices(names=(look,))}
-    target = Target(Region(bounds=bounds))
+    target = TargetRegion(Region(bounds=bounds))
     assert target.as_made == 0.5
     drawn = [draw_scene(crowd, np.random.default_rng(seed)) for seed in range(150)]
     hits = sum(target.possible(one) for one in drawn)
@@ -68,9 +68,9 @@ def test_broad_frames_are_spread_evenly_and_none_are_targeted_without_a_region()
 
 
 def test_seeds_may_begin_later_but_not_in_another_split() -> None:
-    assert list(FrameSettings(streets=2, first_seed=5000).seeds()) == [5000, 5001]
+    assert list(FrameSettings(sites=2, first_seed=5000).seeds()) == [5000, 5001]
     with pytest.raises(InvalidInput, match="first_seed"):
-        FrameSettings(streets=2, first_seed=950).seeds()
+        FrameSettings(sites=2, first_seed=950).seeds()
 
 
 @pytest.mark.gl
@@ -79,14 +79,14 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
 
     asset = simple_asset()
     bounds = region(distance_m=Range(low=4, high=14), occlusion_rate=Range(low=0.0, high=0.3))
-    settings = FrameSettings(per_street=3, width=96, height=54, region=bounds)
+    settings = FrameSettings(per_site=3, width=96, height=54, region=bounds)
     draws = Draws()
     frames = list(frames_of(asset, 1000, settings, draws))
     assert len(frames) == 3
     assert draws.count >= 3
     # The oracle: which draws lie in the region, by measuring them all.
     crowd, view_size = crowd_asset(asset), (96, 54)
-    truth_pass, target, hits = TruthPass(), Target(bounds), 0
+    truth_pass, target, hits = TruthPass(), TargetRegion(bounds), 0
     for attempt in range(20):
         drawn = draw_scene(crowd, np.random.default_rng([REVISION, 1000, 0, attempt]))
         view = View(drawn.camera, *view_size)
@@ -108,6 +108,6 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
 
 @pytest.mark.gl
 def test_a_region_that_no_scene_shows_is_told() -> None:
-    settings = FrameSettings(per_street=1, width=96, height=54, region=region(distance_m=Range(low=500, high=600)))
-    with pytest.raises(InvalidInput, match=r"street 1000 .*distance_m 500 … 600"):
+    settings = FrameSettings(per_site=1, width=96, height=54, region=region(distance_m=Range(low=500, high=600)))
+    with pytest.raises(InvalidInput, match=r"site 1000 .*distance_m 500 … 600"):
         next(frames_of(simple_asset(), 1000, settings, most_draws=30))

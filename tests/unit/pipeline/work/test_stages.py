@@ -12,8 +12,8 @@ from tests.world.boxes import spec
 from valerie.db import sweeping
 from valerie.db.engine import writing
 from valerie.db.products import Finished, Job
-from valerie.pipeline.work.stages import run_stage
-from valerie.runs.products.states import Stage, stage_of
+from valerie.pipeline.work.stages import make_products, serve_queue
+from valerie.runs.products.states import ProductKind, Stage, stage_of
 
 
 def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[..., Pipeline]) -> None:
@@ -42,7 +42,7 @@ def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[...
             beating.set()
             assert publishing.wait(30)
 
-    run_stage(pipeline.context, Maker(), digests)
+    make_products(pipeline.context, Maker(), digests)
     states = {product.digest: product.state for product in pipeline.products()}
     assert {states[digest] for digest in digests} == {"done"}
 
@@ -50,7 +50,9 @@ def test_a_batch_is_published_while_its_heartbeat_writes(pipelines: Callable[...
 def test_a_product_that_ends_its_process_every_time_costs_its_neighbours_nothing(pipeline: Pipeline) -> None:
     pipeline.submit(spec(xs=4, ys=1))
     pipeline.loop.tick(everything=True)
-    digests = [ready.digest for ready in pipeline.broker.ready if stage_of(ready.route) is Stage.RENDER]
+    layers = [ready for ready in pipeline.broker.ready if ready.kind is ProductKind.LAYER]
+    digests = [layer.digest for layer in layers]
+    route = layers[0].route
 
     class Maker:
         def make(self, job: Job) -> Finished:
@@ -58,12 +60,12 @@ def test_a_product_that_ends_its_process_every_time_costs_its_neighbours_nothing
                 raise KeyboardInterrupt  # nothing of the process goes on
             return Finished(job.digest, bytes=1, pixels=1, cpu_seconds=0.0)
 
-    for _ in range(2 * pipeline.settings.max_attempts):
+    for _ in range(20 * pipeline.settings.max_attempts):
         try:
-            run_stage(pipeline.context, Maker(), digests)
+            serve_queue(pipeline.context, Maker(), route)
         except KeyboardInterrupt:
             # Redelivered at once, the message meets products that the dead process still holds; then their leases end.
-            run_stage(pipeline.context, Maker(), digests)
+            serve_queue(pipeline.context, Maker(), route)
             with writing(pipeline.context.engine) as connection:
                 attempts = pipeline.settings.max_attempts
                 sweeping.take_back_expired(connection, now=1e12, max_attempts=attempts)

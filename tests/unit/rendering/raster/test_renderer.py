@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.unit.rendering.scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.rendering.raster.upload.context import process_context
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.transforms import Pose, camera_transform
@@ -126,6 +126,8 @@ def test_open_ground_receives_the_whole_sky_however_far_it_reaches(
     # Light of the overcast sky (Moon and Spencer 1942) on a tilted plane.
     up = math.cos(math.radians(tilt))
     share = (3 / 7) * (0.5 + 0.5 * up) + (4 / 7) * _moon_spencer(up)
+    # The 32 directions give the light of the open sky within 0.4 % at this tilt. A cell of the map of the sky's visibility
+    # whose centre lies below the tilted ground costs one direction: 3 % of the light at most, and 1.6 % between two places.
     assert pixels.mean() == pytest.approx(0.04 * share * sky.sky_irradiance.mean(), rel=0.05)
     assert pixels.std() < 0.02 * pixels.mean()
 
@@ -343,8 +345,9 @@ def test_a_mirrored_node_faces_outwards(truth_pass: TruthPass) -> None:
     scene, view = replace(asset.base, nodes=nodes), View("camera-1", 160, 90)
     classes, _, depth = trace(triangles_of(scene), scene.cameras["camera-1"], view)
     truth = truth_pass.truth(scene, view)
-    assert (truth.class_map != classes).mean() < 0.005
-    car = (classes == 26) & (truth.class_map == 26) & ~near_edges(classes)
+    car = (classes == 26) & ~near_edges(classes)
+    assert (truth.class_map[car] == 26).all()
+    # A body turned inside out would show its far side, metres behind.
     np.testing.assert_allclose(truth.depth[car], depth[car], rtol=1e-3)
 
 
@@ -393,6 +396,7 @@ def test_a_roughness_map_changes_the_highlight_where_it_is_smooth(raster: Raster
     # Away from the edge between them, which coarser mip levels blur.
     left, right = np.s_[24:, :24], np.s_[24:, 40:]
     assert smooth[left].max() > 1.5 * rough[left].max()
+    # Two steps of float16, 2⁻¹⁰ each: the map's 102 / 255 and the material's 0.4 are the same roughness.
     np.testing.assert_allclose(mapped[left], smooth[left], rtol=2e-3)
     np.testing.assert_array_equal(mapped[right], rough[right])
 
@@ -481,6 +485,7 @@ def test_labels_and_depth_of_a_pane_are_its_own(truth_pass: TruthPass) -> None:
     truth = truth_pass.truth(pane_scene(0.5), View("camera-1", 48, 32))
     assert (truth.class_map == 26).all()
     assert (truth.instance_map == 26001).all()
+    # The wall stands metres behind.
     np.testing.assert_allclose(truth.depth, 4.0, atol=0.01)
 
 
@@ -498,6 +503,7 @@ def test_a_pane_casts_no_shadow(raster: RasterRenderer) -> None:
         scene = Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.0, math.radians(89.0)))
         return raster.full(scene, View("camera-1", 96, 64)).pixels[..., 1].astype(np.float64)
 
+    # At this height the sun gives most of the light, and an opaque pane takes all of it.
     assert ground_under_a_pane(0.0)[32:].min() < 0.7 * ground_under_a_pane(0.5)[32:].min()
 
 

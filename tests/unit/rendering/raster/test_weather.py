@@ -7,8 +7,8 @@ import pytest
 
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.gl.tiles import widened
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.raster.tiles import widened
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.graph.transforms import camera_transform

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.world.boxes import traffic
-from valerie.runs.forecasting.costs import Basis, Cost, CostKey, CostTable
+from valerie.runs.forecasting.costs import Cost, CostBasis, CostKey, CostTable
 from valerie.runs.forecasting.forecast import Plan, plan
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import Pins
@@ -125,8 +125,8 @@ def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: 
         costs=CostTable({CostKey(ProductKind.LAYER, "raster", 960, 540): Cost(2.0, 1000.0)}),
     )
     basis = {(one.kind, one.maker): one.basis for one in recorded.products}
-    assert basis[ProductKind.LAYER, "raster"] is Basis.RECORDED
-    assert basis[ProductKind.TRUTH, ""] is Basis.SHIPPED
+    assert basis[ProductKind.LAYER, "raster"] is CostBasis.RECORDED
+    assert basis[ProductKind.TRUTH, ""] is CostBasis.SHIPPED
     (layer,) = (one for one in recorded.products if one.kind is ProductKind.LAYER)
     assert (layer.cpu_seconds, layer.bytes) == (2.0 * layer.needed, 1000 * layer.needed)
     assert "recorded here: layer raster" in recorded.cost_basis
@@ -140,7 +140,7 @@ def test_an_engine_of_ones_own_is_guessed_to_be_the_dearest() -> None:
     known = [
         table.cost(CostKey(ProductKind.BACKGROUND, name, 960, 540))[0] for name in ("raster", "pyrender", "cycles")
     ]
-    assert basis is Basis.GUESSED
+    assert basis is CostBasis.GUESSED
     assert own == max(known)
 
 
@@ -158,7 +158,7 @@ def test_shipped_costs_grow_with_pixels_and_are_all_positive() -> None:
                         ("prediction", FUNCTIONS[0]), ("prediction", FUNCTIONS[1])):  # fmt: skip
         small, basis = table.cost(CostKey(ProductKind(kind), maker, 480, 270))
         large, _ = table.cost(CostKey(ProductKind(kind), maker, 1920, 1080))
-        assert basis is Basis.SHIPPED
+        assert basis is CostBasis.SHIPPED
         assert 0 < small.cpu_seconds < large.cpu_seconds
         assert 0 < small.bytes < large.bytes
 
@@ -191,8 +191,8 @@ def test_what_few_products_cost_is_believed_only_where_the_shipped_table_is_sile
     few = {known: Cost(99.0, 9.0), own: Cost(7.0, 9.0)}
     table = CostTable({}, few)
     assert table.cost(known) == CostTable().cost(known)
-    assert table.cost(own) == (Cost(7.0, 9.0), Basis.RECORDED)
-    assert CostTable(few).cost(known) == (Cost(99.0, 9.0), Basis.RECORDED)
+    assert table.cost(own) == (Cost(7.0, 9.0), CostBasis.RECORDED)
+    assert CostTable(few).cost(known) == (Cost(99.0, 9.0), CostBasis.RECORDED)
 
 
 def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: Manifest, pins: Pins) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInputs
+from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
 from valerie.runs.forecasting.forecast import plan
 from valerie.runs.resolving.spec import ResolvedRun, parse, resolve
@@ -328,3 +329,28 @@ def test_a_billion_variants_resolve_where_they_are_allowed(street: Manifest) -> 
 def test_a_step_of_a_billionth_metre_in_a_sampled_design_is_too_fine_as_well(street: Manifest) -> None:
     found = problems(street, design="sobol", count=4, vary=[["person-1.pos.x", "HOMOGENEOUS", 0, 20, 1e-9]])
     assert list(found) == ["vary.0.step"]
+
+
+def test_a_spec_may_say_what_a_parameter_stands_for_and_where_its_range_comes_from(street: Manifest) -> None:
+    declared = {"path": Y, "type": "FLOAT", "from": "5 m", "to": "35 m"}
+    plain, told = (
+        resolved(street, parameters={"y": one})
+        for one in (declared, declared | {"odd": "special structures", "source": "section 6.1"})
+    )
+    of_asset, of_spec = (
+        next(definition for definition in run.definitions if definition.path == Y) for run in (plain, told)
+    )
+    assert (of_asset.odd, of_asset.source) == (street.by_path[Y].odd, street.by_path[Y].source)
+    assert (of_spec.odd, of_spec.source, of_spec.maximum) == ("special structures", "section 6.1", 35.0)
+    assert plain.spec.digest != told.spec.digest
+
+
+def test_specs_from_before_these_fields_keep_their_digest(street: Manifest) -> None:
+    declared = {"path": Y, "type": "FLOAT"}
+    plain = resolved(street, parameters={"y": declared})
+    assert plain.spec.digest == resolved(street, parameters={"y": declared | {"odd": None, "source": ""}}).spec.digest
+    # As the release 0.1.0 wrote it.
+    document = plain.spec.model_dump(mode="json")
+    del document["infer_backgrounds"], document["parameters"][0]["odd"], document["parameters"][0]["source"]
+    document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in plain.spec.sensors]
+    assert plain.spec.digest == digest("run-spec", document)

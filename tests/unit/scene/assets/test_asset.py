@@ -65,7 +65,7 @@ class TestAPackOfAnotherDistribution:
         points = {"valerie.assets": {"lost": "no_such_module"}}
         monkeypatch.syspath_prepend(str(write_package(tmp_path / "other", "lost", modules={}, entry_points=points)))
         monkeypatch.setenv("VALERIE_PLUGINS", "lost")
-        with pytest.raises(MissingDependency, match="asset 'lost' needs what is not installed"):
+        with pytest.raises(MissingDependency, match="asset 'lost' is not installed"):
             asset_manifest("lost")
 
     @pytest.mark.parametrize("seed", [-1, "seven", 1.5])

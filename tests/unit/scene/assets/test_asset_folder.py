@@ -163,7 +163,7 @@ def test_cloth_that_two_persons_share_cannot_vary_for_one(folder: Path) -> None:
         for path, node in base.nodes.items()
     }
     save_gltf(Scene(nodes, base.materials, base.textures, base.cameras, base.sun), folder / "simple.glb")
-    with pytest.raises(InvalidInput, match="one of its own"):
+    with pytest.raises(InvalidInput, match="give it a separate one"):
         load_asset(str(folder))
 
 
@@ -180,9 +180,27 @@ def test_a_texture_beside_the_file_belongs_to_the_digest(folder: Path) -> None:
 
 def test_the_digest_covers_the_manifest_the_files_and_the_revision_of_their_reader(folder: Path) -> None:
     manifest, found = asset_manifest(str(folder))
-    document = manifest.model_dump(mode="json")
+    document = manifest.model_dump(mode="json", exclude={"parameters": {"__all__": {"odd", "source"}}})
     hashes = {"simple.glb": hashlib.sha256((folder / "simple.glb").read_bytes()).hexdigest()}
     assert found == digest("asset-files", document, hashes, REVISION)
+
+
+def test_the_meaning_of_a_parameter_in_a_domain_changes_no_scene(folder: Path) -> None:
+    _, before = asset_manifest(str(folder))
+    parameters = simple_asset().manifest.model_dump(mode="json")["parameters"]
+    parameters[0] |= {"odd": "vulnerable road users", "source": "a survey"}
+    write_manifest(folder, parameters=parameters)
+    manifest, after = asset_manifest(str(folder))
+    assert (manifest.parameters[0].odd, manifest.parameters[0].source) == ("vulnerable road users", "a survey")
+    assert after == before
+
+
+def test_an_unknown_attribute_of_a_domain_is_refused_with_near_matches(folder: Path) -> None:
+    parameters = simple_asset().manifest.model_dump(mode="json")["parameters"]
+    parameters[0] |= {"odd": "rain"}
+    write_manifest(folder, parameters=parameters)
+    with pytest.raises(InvalidInputs, match=r"parameters\.0\.odd.*'rain'.*rainfall"):
+        asset_manifest(str(folder))
 
 
 def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera(folder: Path) -> None:
@@ -222,7 +240,7 @@ def test_one_file_placed_twice_has_materials_of_its_own_each_time(folder: Path) 
 
 def test_a_placed_camera_that_a_file_has_too_is_refused(folder: Path) -> None:
     write_manifest(folder, placed_cameras=[{"name": "camera-1", "position": [0, 0, 1.5]}])
-    with pytest.raises(InvalidInput, match="a camera of this name is in a file"):
+    with pytest.raises(InvalidInput, match="a file already has a camera with this name"):
         load_asset(str(folder))
 
 

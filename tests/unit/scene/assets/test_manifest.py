@@ -76,8 +76,8 @@ def test_a_contradiction_names_its_field(changes: dict[str, Any], words: str) ->
         ({"path": "scene.person-1.pos.z", "minimum": 0, "maximum": 1, "default": 0}, "ground"),
         ({"path": "scene.person-1.scale", "affects": "light", "default": 1}, "affects"),
         ({"path": "scene.person-1.scale", "type": "ANGLE", "default": 1}, "type"),
-        ({"path": "scene.sun-1.elevation", "minimum": -10, "maximum": 95, "default": 3}, "wider"),
-        ({"path": "scene.camera-1.focal_length_mm", "default": 50}, "wider"),
+        ({"path": "scene.sun-1.elevation", "minimum": -10, "maximum": 95, "default": 3}, "too wide"),
+        ({"path": "scene.camera-1.focal_length_mm", "default": 50}, "too wide"),
     ],
 )
 def test_a_parameter_that_its_attribute_does_not_allow_is_refused(parameter: dict[str, Any], words: str) -> None:

@@ -53,7 +53,7 @@ def test_an_unknown_class_is_an_error_and_named(tmp_path: Path) -> None:
 
 def test_a_plain_name_without_class_is_named(tmp_path: Path) -> None:
     found = only(asset_findings(written(tmp_path, renamed("building-1", "Cube"))), "no-class")
-    assert (found.where, found.value, found.limit) == ("scene.Cube", "Cube", "as building-3")
+    assert (found.where, found.value, found.limit) == ("scene.Cube", "Cube", "e.g. building-3")
 
 
 def test_no_person_is_an_error(tmp_path: Path) -> None:

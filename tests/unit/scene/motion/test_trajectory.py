@@ -156,16 +156,16 @@ def test_parameters_of_keyframes_have_type_unit_and_range_of_the_moved_parameter
 @pytest.mark.parametrize(
     ("change", "error", "text"),
     [
-        ({"path": "scene.building-1"}, UnknownName, "thing that can move"),
+        ({"path": "scene.building-1"}, UnknownName, "node or camera that can move"),
         ({"path": "scene.person-9"}, UnknownName, "person-1"),
         ({"keyframes": [{"time": 0, "pos.w": 1}]}, UnknownName, "pos.w"),
         ({"keyframes": [{"time": 0, "character": 1}]}, UnknownName, "character"),
-        ({"keyframes": [{"pos.x": 1}]}, InvalidInput, "a keyframe has a time"),
-        ({"keyframes": [{"time": 0}]}, InvalidInput, "nothing but times"),
+        ({"keyframes": [{"pos.x": 1}]}, InvalidInput, "a keyframe needs a time"),
+        ({"keyframes": [{"time": 0}]}, InvalidInput, "give only times"),
         ({"keyframes": [{"time": 0, "pos.x": 99}]}, InvalidInput, "outside the declared range"),
-        ({"keyframes": [{"time": 1, "pos.x": 1}, {"time": 1, "pos.x": 2}]}, InvalidInput, "follow each other"),
+        ({"keyframes": [{"time": 1, "pos.x": 1}, {"time": 1, "pos.x": 2}]}, InvalidInput, "must be in order of time"),
         ({"keyframes": [{"time": 1, "pos.x": 1}, {"time": 2, "pos.y": 2}]}, InvalidInput, "the same parameters"),
-        ({"keyframes": [{"time": 1, "pos.x": 1}, {"time": 2, "pos.x": 2}], "facing": "path"}, InvalidInput, "faces its path"),
+        ({"keyframes": [{"time": 1, "pos.x": 1}, {"time": 2, "pos.x": 2}], "facing": "path"}, InvalidInput, "facing the path"),
     ],
 )  # fmt: skip
 def test_a_trajectory_that_the_asset_has_no_room_for_is_refused(

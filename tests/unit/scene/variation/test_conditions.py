@@ -87,5 +87,5 @@ def test_a_manifest_with_time_but_without_angles_is_refused() -> None:
     manifest = simple_manifest().model_dump()
     clock = {"path": TIME, "type": "FLOAT", "unit": "h", "minimum": 0, "maximum": 24, "default": 12, "affects": "light"}
     without = [p for p in manifest["parameters"] if p["path"] != AZIMUTH]
-    with pytest.raises(InvalidInput, match="declares its two angles too"):
+    with pytest.raises(InvalidInput, match="needs its two angles too"):
         Manifest.model_validate(manifest | {"parameters": [*without, clock]})

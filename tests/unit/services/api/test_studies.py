@@ -9,6 +9,8 @@ import httpx
 import pytest
 
 from tests.world.world import settings_of
+from valerie.cli.folder import Folder
+from valerie.client import Client
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 
@@ -72,6 +74,18 @@ def test_a_study_is_planned_listed_reported_and_stopped(fresh: httpx.Client, tmp
     assert fresh.post(f"/v1/studies/{study}/stop").json()["state"] == "stopped"
     assert fresh.post(f"/v1/studies/{study}/resume").status_code == 409
     assert fresh.post("/v1/studies/s0/stop").status_code == 404
+
+
+def test_the_data_folder_answers_as_its_server_does(fresh: httpx.Client, tmp_path: Path) -> None:
+    study = begun_study(fresh, tmp_path / "data")
+    context = open_context(settings_of(tmp_path / "data"))
+    folder = Folder(context, up="valerie up")
+    with Client(str(fresh.base_url)) as client:
+        assert folder.study(study) == client.study(study)
+        assert folder.studies() == list(client.studies())
+        assert folder.study_report(study) == client.study_report(study)
+        assert folder.runs() == list(client.runs())
+    context.engine.dispose()
 
 
 def test_studies_answer_304_while_nothing_changes(fresh: httpx.Client, tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Checkpoints of other programs: read without running them, recognised by their tensors' names, converted to ours."""
+"""Checkpoints of other programs: read without running code, recognised by the names of their tensors, converted to ours."""

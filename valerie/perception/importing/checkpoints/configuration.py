@@ -7,7 +7,7 @@ from typing import Final
 
 from valerie.plain import ForeignEntries
 
-#: Entries with the text: of mmcv and of mmengine.
+#: Entries that contain the text, of mmcv and of mmengine.
 _PLACES: Final = ("meta.config", "meta.cfg")
 _MAX_TEXT: Final = 1_000_000
 _MAX_DEPTH: Final = 12
@@ -17,10 +17,10 @@ def config_values(entries: ForeignEntries) -> ForeignEntries:
     """Return the literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``.
 
     Args:
-        entries: beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
+        entries: entries beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
 
     Returns:
-        The values; none if there is no configuration, or one that cannot be parsed.
+        The values; empty without a configuration, or if it cannot be parsed.
     """
     text = next((entries[place] for place in _PLACES if place in entries), None)
     if not isinstance(text, str) or len(text) > _MAX_TEXT:
@@ -52,4 +52,4 @@ def _collect(node: ast.expr, name: str, into: ForeignEntries, depth: int) -> Non
     try:
         into[name] = ast.literal_eval(node)
     except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
-        return  # a list of dictionaries or an expression: no setting that is looked up
+        return  # a list of dictionaries or an expression, which no caller needs

@@ -51,9 +51,9 @@ class ImportedNetwork:
 
     Attributes:
         architecture: a name in `valerie.perception.networks.architectures`.
-        classes: in the order of the logits' channels.
-        units: of the pictures that the network expects.
-        tensors: by our names, float32 or float16 as in the checkpoint.
+        classes: names in the order of the logits' channels.
+        units: format of the pictures that the network expects.
+        tensors: tensors by our names, float32 or float16 as in the checkpoint.
         provenance: origin, check, and assumptions about facts that the file does not state.
     """
 
@@ -78,7 +78,7 @@ class ImportedNetwork:
         return safetensors_bytes(self.tensors, entries)
 
     def document_fields(self) -> Written:
-        """Return the entries of a `valerie.perception.documents.function.FunctionDocument` that the checkpoint decides."""
+        """Return the entries of a `valerie.perception.documents.function.FunctionDocument` that follow from the checkpoint."""
         return {
             "kind": "network",
             "architecture": self.architecture,
@@ -102,8 +102,8 @@ def import_checkpoint(
 
     Args:
         path: a file of torch.save, a pickle of numpy arrays, or safetensors.
-        architecture: the choice where several have the same tensors; None: the one that the file states, else the first.
-        classes: names in the order of the channels; None: those that the file states, else the 19 of Cityscapes if there
+        architecture: choice among architectures with the same tensors; None: the one that the file states, or the first.
+        classes: names in the order of the channels; None: those that the file states, or the 19 of Cityscapes if there
             are 19.
         max_bytes: larger files are refused unread.
 
@@ -121,7 +121,7 @@ def import_checkpoint(
 def convert(
     stored: StoredCheckpoint, *, field: str, architecture: str | None = None, classes: Sequence[str] | None = None
 ) -> ImportedNetwork:
-    """Convert a checkpoint that was read already; see `import_checkpoint`."""
+    """Convert a stored checkpoint; see `import_checkpoint`."""
     if architecture is not None and architecture not in ARCHITECTURES:
         raise UnknownName("architecture", architecture, ARCHITECTURES, field="architecture")
     if stored.entries.get("format") in (FORMAT, FUNCTION_FORMAT):
@@ -290,7 +290,7 @@ def _units_of(layout: Layout, stored: StoredCheckpoint, config: Written, field: 
             order = "bgr" if config.get(f"{place}.{flag}") is False else usual.channel_order
             return _units(config[f"{place}.mean"], config[f"{place}.std"], usual.scale, order, field), True
     if "pixel_mean" in stored.tensors and "pixel_std" in stored.tensors:
-        # By their digits: 123.675 as float32 is not 123.675 as float64.
+        # Converted by their digits: 123.675 as float32 is not 123.675 as float64.
         mean, std = ([float(str(x)) for x in stored.tensors[f"pixel_{name}"].ravel()] for name in ("mean", "std"))
         return _units(mean, std, usual.scale, usual.channel_order, field), True
     return usual, False
@@ -318,7 +318,7 @@ def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
     """Return the tensors as float32, or float16 if stored so; batch counters are left out.
 
     Raises:
-        InvalidInput: a tensor holds whole numbers or values that are not finite.
+        InvalidInput: a tensor contains integers or values that are not finite.
     """
     floating: Arrays = {}
     for name, array in tensors.items():
@@ -335,7 +335,7 @@ def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
 
 
 def _self_check(imported: ImportedNetwork, field: str) -> None:
-    """Check that the network takes the tensors and answers finite logits for a fixed picture.
+    """Check that the network accepts the tensors and returns finite logits for a fixed picture.
 
     Raises:
         InvalidInput: names the failed check.

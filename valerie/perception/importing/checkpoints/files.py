@@ -21,7 +21,7 @@ from valerie.plain import ForeignEntries
 
 #: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
-#: Largest pickle inside an archive: it holds names and shapes, no numbers.
+#: Largest pickle inside an archive: it contains names and shapes, no numbers.
 _MAX_INNER_PICKLE: Final = 64 * 2**20
 _MAX_ENTRIES: Final = 100_000
 _MAX_SAFETENSORS_HEADER: Final = 100_000_000
@@ -53,8 +53,8 @@ class StoredCheckpoint:
 def read_stored_checkpoint(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
     """Read a checkpoint without running anything in it.
 
-    Weights take no more memory than the file is long (bfloat16: twice that). A hostile pickle may take more memory and time: call
-    this in a process with bounds, as `valerie.pipeline.functions.import_child` is.
+    Weights need no more memory than the size of the file (bfloat16: twice that). A hostile pickle may need more memory and
+    time: call this in a bounded process such as `valerie.pipeline.functions.import_child`.
 
     Raises:
         NotFound: no such file.
@@ -128,7 +128,7 @@ def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
 
 
 def _require_plain_archive(entries: list[zipfile.ZipInfo], size: int, field: str) -> None:
-    """Refuse archives that torch.save never writes, and those that could grow when they are read."""
+    """Refuse archives that torch.save never writes, and those that could expand when they are read."""
     if len(entries) > _MAX_ENTRIES:
         raise InvalidInput("too many entries", field=field, value=len(entries), limit=_MAX_ENTRIES)
     for entry in entries:
@@ -224,7 +224,7 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
 def _flattened(values: Mapping[Any, Any]) -> ForeignEntries:
     """Return text, numbers and lists of nested dictionaries by dotted name.
 
-    Each dictionary is entered once: a pickle may hold one in many places, and a few of those make endless names.
+    Each dictionary is entered once: a pickle may refer to one in many places, which would make exponentially many names.
     """
     flat: ForeignEntries = {}
     seen = {id(values)}

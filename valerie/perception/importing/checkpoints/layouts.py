@@ -1,7 +1,7 @@
-"""Layouts: names that public programs give to the tensors of our networks, and the pictures that they expect.
+"""Layouts: the names of our networks' tensors in public programs, and the pictures that these expect.
 
-Each layout maps the modules of our networks to those of the origin; tensors follow their modules. The tests prove each mapping
-with names and logits that the origin's own code produced.
+Each layout maps the modules of our networks to those of the origin; tensors follow their modules. The tests check each
+mapping with names and logits that the origin's own code produced.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PictureUnits:
     Attributes:
         mean, std: per channel in ``channel_order``, in the unit of ``scale``.
         scale: ``1/255`` or ``1``.
-        channel_order: of the network's input.
+        channel_order: channel order of the network's input.
     """
 
     mean: tuple[float, float, float]
@@ -48,15 +48,15 @@ class Layout:
     """The format in which another program stores one of our networks.
 
     Attributes:
-        name: in messages and on cards.
+        name: name in messages and on cards.
         source: repository whose code the layout follows.
         modules: our module name to theirs.
-        architectures: of the program, in the order in which they are tried. Several may have the same tensors; then the
-            file's settings decide, else the first is taken.
-        ignored: prefixes of names that are no part of the network (heads for training, optional heads).
-        units: of the picture, unless the file states others.
-        licence: of the program; weights may have another.
-        reorder: puts channels into our order if the origin concatenates maps in another one.
+        architectures: architectures of the program, in the order in which they are tried. Of several with the same tensors,
+            the file's settings choose one; without settings, the first is taken.
+        ignored: prefixes of names outside the network (heads for training, optional heads).
+        units: format of the picture, unless the file states another.
+        licence: licence of the program; weights may have another.
+        reorder: puts channels into our order if the origin concatenates maps in another order.
     """
 
     name: str
@@ -87,7 +87,7 @@ def _numbered(pattern: str, to: str, count: int) -> Iterator[tuple[str, str]]:
 
 
 def _blocks() -> Iterator[tuple[int, str]]:
-    """Yield stage and block of the deepest ResNet; shallower ones have fewer."""
+    """Yield the stages and blocks of the deepest ResNet; shallower ones have fewer."""
     return ((stage, f"layer{stage + 1}.{block}") for stage, count in enumerate((3, 4, 23, 3)) for block in range(count))
 
 

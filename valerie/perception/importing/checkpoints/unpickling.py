@@ -1,8 +1,8 @@
 """Read the pickles of checkpoints without running anything that they name.
 
 A pickle is a program: it names functions and the arguments to call them with. This module replaces every function that a
-checkpoint of numbers needs by a stand-in that only keeps its arguments, and refuses a file that names any other. numpy's and
-torch's own unpickling never runs, since its C code trusts the sizes that a file states.
+checkpoint of numbers needs with a stand-in that only keeps its arguments, and refuses a file that names any other. numpy's
+and torch's own unpickling never runs, since its C code trusts the sizes that a file states.
 
 Nothing here bounds memory or time; `valerie.pipeline.functions.import_child` does.
 """
@@ -42,7 +42,7 @@ STORAGE_DTYPES: Final[Mapping[str, np.dtype[Any]]] = MappingProxyType(
 
 
 class _Refused(Exception):
-    """Something that checkpoints of numbers do not hold."""
+    """Raised for content that checkpoints of numbers do not have."""
 
 
 class _Fixed:
@@ -77,8 +77,8 @@ class Storage(_Fixed):
 
     Attributes:
         kind: torch's name, e.g. ``FloatStorage``.
-        count: of numbers, as the pickle states.
-        numbers: (count,) after `fill`, else None; bfloat16 as float32.
+        count: number of numbers, by the pickle.
+        numbers: (count,) after `fill`, None before; bfloat16 as float32.
     """
 
     def __init__(self, kind: str, count: int) -> None:
@@ -176,18 +176,18 @@ def load_plain(stream: IO[bytes], *, field: str, storage: Callable[[Any], Storag
     """Return the objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`Array`).
 
     Args:
-        stream: positioned at the pickle's first byte; after the call, just behind its last.
+        stream: positioned at the pickle's first byte; after the call, just after its last.
         field: the file's name, for messages.
         storage: returns the storage of a persistent id; None if the file has no such ids.
 
     Raises:
-        InvalidInput: not a pickle, a damaged one, or one that names or does what checkpoints of numbers do not.
+        InvalidInput: not a pickle, a damaged one, or one with names or actions that checkpoints of numbers do not have.
     """
     try:
         return _Unpickler(stream, storage).load()
     except _Refused as refused:
-        raise InvalidInput(f"not a checkpoint of numbers alone: it holds {refused}", field=field) from None
-    except Exception as error:  # a damaged or hostile pickle may fail in any way; all of them mean the same to a user
+        raise InvalidInput(f"not a checkpoint of numbers only: it contains {refused}", field=field) from None
+    except Exception as error:  # a damaged or hostile pickle may fail in any way; to a user all mean the same
         raise InvalidInput(f"not a readable pickle ({type(error).__name__}: {error})", field=field) from None
 
 
@@ -298,7 +298,7 @@ _STAND_INS: Final[Mapping[tuple[str, str], Any]] = MappingProxyType(
         ("torch._utils", "_rebuild_tensor"): _Call(Tensor),
         ("torch._utils", "_rebuild_tensor_v2"): _Call(Tensor),
         ("torch._utils", "_rebuild_parameter"): _Call(_parameter),
-        # mmengine's training log, which lies beside the weights and refers to its methods by getattr
+        # mmengine's training log, which is stored beside the weights and refers to its methods by getattr
         ("mmengine.logging.history_buffer", "HistoryBuffer"): Inert,
         ("builtins", "getattr"): Inert,
         ("__builtin__", "getattr"): Inert,

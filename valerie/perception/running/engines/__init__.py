@@ -1,1 +1,1 @@
-"""Engines that run networks: torch (the reference), OpenVINO and onnxruntime, each in a file of its own."""
+"""Engines that run networks: torch (the reference), OpenVINO and onnxruntime, one file each."""

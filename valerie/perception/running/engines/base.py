@@ -14,11 +14,11 @@ from valerie.perception.running.adaptation import Size
 Compiled = TypeVar("Compiled")
 
 
-class Engine(Protocol):
+class InferenceEngine(Protocol):
     """A network that is ready to run.
 
     The engine does everything between 8-bit pixels and ids: channel order, normalisation, network, upsampling of the logits,
-    largest class. So no full-size logits ever leave it.
+    largest class. So full-size logits never leave it.
     """
 
     @property
@@ -33,7 +33,7 @@ class Engine(Protocol):
 
     @property
     def numeric_class(self) -> str:
-        """Everything that may change the last bits of a result: engine, version, device, precision, kernels, threads or batch."""
+        """Everything that may change the last bits of a result: engine, version, device, precision, kernels, threads, batch."""
         ...
 
     @property
@@ -42,11 +42,11 @@ class Engine(Protocol):
         ...
 
     def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return the network's answer to one piece (h, w, 3) uint8, to compare engines.
+        """Return the network's output for one piece (h, w, 3) uint8, to compare engines.
 
         Returns:
-            Logits or probabilities (C, rows, columns) float32 in the network's resolution. A network that answers labels, or
-            has one class, may give ids (h, w) instead.
+            Logits or probabilities (C, rows, columns) float32 in the network's resolution. A network that returns labels, or
+            has one class, may return ids (h, w) instead.
         """
         ...
 
@@ -55,10 +55,10 @@ class Engine(Protocol):
 
         Args:
             pieces: (n, h, w, 3) uint8 sRGB, n at most `batch_size`.
-            labels: height and width of the answer.
+            labels: height and width of the result.
 
         Returns:
-            (n, height, width) uint8; 255 is void.
+                (n, height, width) uint8; 255 is void.
         """
         ...
 
@@ -66,14 +66,14 @@ class Engine(Protocol):
 
 
 class Recent(Generic[Compiled]):
-    """Networks compiled for the last few sizes; a run uses one or two, and each holds the weights once more."""
+    """Networks compiled for the last few sizes; a run uses one or two, and each has its own copy of the weights."""
 
     def __init__(self, compile_for: Callable[[Size, Size], Compiled], *, keep: int = 2) -> None:
         self._compile = compile_for
         self._held: LRUCache[tuple[Size, Size], Compiled] = LRUCache(keep)
 
     def get(self, piece: Size, labels: Size) -> Compiled:
-        """Return the network for pieces and answers of these sizes; it is compiled if need be."""
+        """Return the network for pieces and label maps of these sizes, compiled if necessary."""
         key = (piece, labels)
         if key not in self._held:
             while len(self._held) >= self._held.maxsize:  # before compiling, since each holds the weights

@@ -1,7 +1,7 @@
-"""Complete an ONNX network to one graph: 8-bit pictures of one size in, logits or ids of classes out.
+"""Completion of an ONNX network to one graph: 8-bit pictures of one size in, logits or ids of classes out.
 
-Both ONNX engines run the same graph, so they differ in kernels alone. The graph adds channel order, normalisation and memory
-layout before the network. Logits of several classes leave it in the network's own resolution (see `upsampled_ids`).
+Both ONNX engines run the same graph, so they differ only in kernels. The graph adds channel order, normalisation and memory
+layout before the network. Logits of several classes are returned in the network's own resolution (see `upsampled_ids`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from valerie.perception.running.adaptation import Size
 #: Names of the whole graph's input and output.
 PICTURES: Final = "valerie.pictures"
 ANSWER: Final = "valerie.answer"
-#: First version whose Resize states where pixel centres lie.
+#: First version whose Resize states the position of pixel centres.
 MIN_OPSET: Final = 11
 
 _FLOATS: Final = (TensorProto.FLOAT, TensorProto.FLOAT16)
@@ -38,15 +38,16 @@ def whole_graph(
     """Surround a network with the steps from pixels to its input and from its output to labels.
 
     Args:
-        model: one input, (1, 3, h, w) or (1, h, w, 3); changed in place.
+        model: network with one input, (1, 3, h, w) or (1, h, w, 3); changed in place.
         source, answer: input and output of the document.
         piece: height and width of the pictures.
-        labels: height and width of the answer.
+        labels: height and width of the label map.
         output: name of the output with the result; empty: the first.
 
     Returns:
-        `PICTURES` (1, h, w, 3) uint8 to `ANSWER`: for several classes their logits or probabilities (1, C, rows, columns) float32
-        in the network's resolution; for one class, or a network that answers labels, ids (1, height, width) uint8.
+        A graph from `PICTURES` (1, h, w, 3) uint8 to `ANSWER`: for several classes their logits or probabilities (1, C, rows,
+        columns) float32 in the network's resolution; for one class, or a network that returns labels, ids (1, height, width)
+        uint8.
 
     Raises:
         InvalidInput: the network has another number of inputs or classes, or another size, than the document.
@@ -70,7 +71,7 @@ def whole_graph(
     graph.input.append(helper.make_tensor_value_info(PICTURES, TensorProto.UINT8, [1, *piece, 3]))
     del graph.output[:]
     graph.output.append(_answer_info(answer, labels))
-    # The exporter's sizes of inner values may refer to the input that is gone.
+    # The exporter's sizes of inner values may refer to the removed input.
     del graph.value_info[:]
     return model
 

@@ -35,9 +35,8 @@ def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: b
 
     Args:
         logits: (N, C, h, w), C at most 255.
-        height: of the result.
-        width: of the result.
-        align_corners: the outermost pixel centres coincide; if False, pixel centres lie at halves.
+        height, width: size of the result.
+        align_corners: True if the outermost pixel centres coincide; otherwise pixel centres are at halves.
 
     Returns:
         (N, height, width) uint8; of equal logits the smaller channel wins.
@@ -68,11 +67,10 @@ def label_maps(
     the padding is cut off: pixel (0, 0) stays pixel (0, 0).
 
     Args:
-        network: answers logits in its own resolution; its ``align_corners`` says how they are resampled.
+        network: returns logits in its own resolution; its ``align_corners`` determines how they are resampled.
         pictures: (N, H, W, 3) uint8 sRGB on the network's device.
-        mean: (3,) float32 on that device.
-        std: (3,) float32 on that device.
-        labels: height and width of the result, for pictures that were resampled from it to sides that need no padding.
+        mean, std: (3,) float32 on that device.
+        labels: height and width of the result, for pictures that were resampled from that size and need no padding.
 
     Returns:
         (N, H, W) uint8 train ids; of equal logits the smaller train id wins.

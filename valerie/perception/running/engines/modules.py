@@ -16,7 +16,7 @@ def open_module(document: FunctionDocument, payload: Path) -> nn.Module:
 
     Returns:
         A module from (N, 3, H, W) float32, normalised and in the document's channel order, to logits (N, classes, h, w). Its
-        attribute ``align_corners``, if it has one, says how to upsample them.
+        attribute ``align_corners``, if present, determines how to upsample them.
 
     Raises:
         InvalidInput, UnknownName: document and payload do not fit each other.

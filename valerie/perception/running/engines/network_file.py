@@ -20,10 +20,10 @@ from valerie.perception.running.engines.upsampling import upsampled_ids
 
 
 class NetworkFile:
-    """An ONNX network whose graph is built for pieces of any size.
+    """An ONNX network whose graph can be built for pieces of any size.
 
     Args:
-        document: of kind ``onnx``, ``network`` or ``huggingface``.
+        document: document of kind ``onnx``, ``network`` or ``huggingface``.
         payload: its file.
 
     Raises:
@@ -44,7 +44,7 @@ class NetworkFile:
         """Return the whole graph (see `whole_graph`) for these sizes, serialised.
 
         Raises:
-            InvalidInput: the network is not that of the document, or does not take pieces of this size.
+            InvalidInput: the network does not fit the document or does not accept pieces of this size.
         """
         model = whole_graph(
             onnx.load_from_string(self._network(piece)),
@@ -58,10 +58,10 @@ class NetworkFile:
         return graph
 
     def ids(self, answer: NDArray[Any], labels: Size) -> NDArray[np.uint8]:
-        """Return the ids (height, width) of the graph's answer to one piece, without its first axis.
+        """Return the ids (height, width) from the graph's output for one piece, without its first axis.
 
         Raises:
-            InvalidInput: the network answers another number of classes than the document lists.
+            InvalidInput: the network returns another number of classes than the document lists.
         """
         if answer.dtype == np.uint8:
             return answer

@@ -19,12 +19,12 @@ from valerie.perception.running.engines.processor import instruction_set
 
 
 class OnnxRuntimeEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
     Args:
-        document: of the function.
+        document: document of the function.
         payload: its file.
-        threads: of this engine.
+        threads: CPU threads of this engine.
 
     Raises:
         InvalidInput, UnknownName: see `NetworkFile`.
@@ -68,7 +68,7 @@ class OnnxRuntimeEngine:
         options.intra_op_num_threads = self._threads
         options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        # Memory of a frame is freed: a waiting worker holds the weights alone.
+        # Memory of a frame is freed, so that a waiting worker holds only the weights.
         options.enable_cpu_mem_arena = False
         # Waiting threads sleep: the machine is shared.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")

@@ -1,7 +1,7 @@
 """Networks in OpenVINO: the fast engine on processors.
 
-OpenVINO chooses bf16 by itself on processors that have it. Here the precision is set and read back from the compiled model; any
-other one is refused.
+OpenVINO chooses bf16 by default on processors that have it. Here the precision is set and read back from the compiled model;
+any other is refused.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _DEVICE: Final = "CPU"
 
 
 class OpenVinoEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
     Args:
-        document: of the function; states the precision.
+        document: document of the function; states the precision.
         payload: its file.
-        threads: of this engine.
+        threads: CPU threads of this engine.
 
     Raises:
         MissingDependency: this processor does not compute in that precision.
@@ -95,7 +95,7 @@ def _settings(precision: str, threads: int) -> Keywords:
         hint.performance_mode(): hint.PerformanceMode.LATENCY,
         properties.inference_num_threads(): threads,
         properties.num_streams(): 1,
-        # Several workers share a machine; pinned to the same cores, they would wait for each other.
+        # Several workers share a machine; if pinned to the same cores, they would wait for each other.
         hint.enable_cpu_pinning(): False,
     }
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-#: Name and flag in Linux of each instruction set; the newest of a processor decides.
+#: Name and Linux flag of each instruction set; the newest of a processor counts.
 _NEWEST_FIRST: Final = (
     ("amx", "amx_bf16"),
     ("avx512-bf16", "avx512_bf16"),
@@ -33,7 +33,7 @@ def multiplies_bf16() -> bool:
 
 
 def flags() -> frozenset[str]:
-    """Return the flags of the first processor as Linux lists them; none on other systems."""
+    """Return the flags of the first processor that Linux lists; empty on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
     except OSError:

@@ -24,16 +24,16 @@ _GPU_BATCH_BYTES: Final = 12 << 30
 
 
 class TorchEngine:
-    """See `valerie.perception.running.engines.base.Engine`.
+    """See `valerie.perception.running.engines.base.InferenceEngine`.
 
-    torch chooses kernels by instruction set and number of threads, on a GPU by the batch. All of these are part of the numeric
-    class, and a GPU's batch is always full, so that a label never depends on the other pictures.
+    torch chooses kernels by instruction set and number of threads, and on a GPU by the batch. All of these are part of the
+    numeric class, and a GPU's batch is always full, so that a label never depends on the other pictures.
 
     Args:
         module: see `valerie.perception.running.engines.modules.open_module`; the engine owns it from now on.
-        document: of the function.
-        threads: torch's threads *of this process*.
-        device: ``auto`` takes a GPU if there is one; ``cpu``; ``cuda`` or ``cuda:1``.
+        document: document of the function.
+        threads: torch's CPU threads *in this process*.
+        device: ``auto`` uses a GPU if there is one; ``cpu``; ``cuda`` or ``cuda:1``.
 
     Raises:
         MissingDependency: no such device, or it has no such precision.
@@ -66,7 +66,7 @@ class TorchEngine:
             gpu = re.sub(r"[^a-z0-9]+", "-", torch.cuda.get_device_name(self._device).lower()).strip("-")
             return f"torch-{version}-cuda{torch.version.cuda}-{gpu}-{self.precision}-b{self.batch_size}"
         kernels = torch.backends.cpu.get_cpu_capability().lower().replace(" ", "-")
-        if self.precision != "fp32":  # torch's own name does not distinguish the instructions that decide here
+        if self.precision != "fp32":  # torch's own name does not distinguish the instructions that matter here
             kernels = f"{kernels}-{instruction_set()}"
         return f"torch-{version}-cpu-{self.precision}-{kernels}-t{torch.get_num_threads()}"
 

@@ -1,8 +1,8 @@
 """The class of every pixel from logits of a coarser grid, without logits at full size.
 
-Bilinear interpolation mixes the four logits around a pixel with weights that are not negative. Where one class is the largest in
-all four, it is the largest in every mixture, so only pixels between different classes have to be interpolated. In pictures of
-streets that is one in nine.
+Bilinear interpolation mixes the four logits around a pixel with non-negative weights. Where one class is the largest in all
+four, it is the largest in every mixture, so only pixels between different classes have to be interpolated: one in nine in
+pictures of streets.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.perception.running.adaptation import Size
 
-#: Interpolated logits at once, so that they stay in the processor's cache.
+#: Number of logits that are interpolated at once, so that they stay in the processor's cache.
 _AT_ONCE: Final = 1 << 17
 
 
@@ -23,8 +23,8 @@ def upsampled_ids(logits: NDArray[np.float32], size: Size, *, align_corners: boo
 
     Args:
         logits: (C, h, w), C at most 255.
-        size: of the result.
-        align_corners: the outermost pixel centres coincide; if False, pixel centres lie at halves.
+        size: size of the result.
+        align_corners: True if the outermost pixel centres coincide; otherwise pixel centres are at halves.
 
     Returns:
         (height, width) uint8; of equal logits the smaller channel wins.
@@ -54,7 +54,7 @@ def upsampled_ids(logits: NDArray[np.float32], size: Size, *, align_corners: boo
 
 
 class _Axis:
-    """The samples between which each pixel of one axis lies, and the weight of the second."""
+    """The two samples around each pixel of one axis, and the weight of the second."""
 
     def __init__(self, samples: int, pixels: int, align_corners: bool) -> None:
         if align_corners:
@@ -67,7 +67,7 @@ class _Axis:
 
 
 def _largest(logits: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the first of the largest channels (C, n); channel by channel, since that is ten times as fast as argmax."""
+    """Return the first of the largest channels of (C, n) logits; ten times as fast as argmax, since channel by channel."""
     best = logits[0].copy()
     ids = np.zeros(best.shape, np.uint8)
     for channel in range(1, len(logits)):
@@ -77,7 +77,7 @@ def _largest(logits: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _between_classes(ids: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return where a sample, the next in its row, and the two below them are not all of one class."""
+    """Return (h, w) bool, True where a sample, the next in its row and the two below are not all of one class."""
     different = np.zeros(ids.shape, np.bool_)
     different[:-1] = ids[:-1] != ids[1:]
     different[:, :-1] |= different[:, 1:] | (ids[:, :-1] != ids[:, 1:])
@@ -85,7 +85,7 @@ def _between_classes(ids: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _mixed(first: NDArray[np.float32], second: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the mixture of two arrays; it takes the place of the first."""
+    """Return the mixture of two arrays, in the memory of the first."""
     first *= 1.0 - weight
     second *= weight
     first += second

@@ -85,13 +85,7 @@ class StudyKeeper:
     def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> None:
         """Start the run of an accepted batch. The idempotency key finds a run that a killed process has started."""
         pursuit = self._pursuit(study, batches)
-        points = pursuit.points(batch.number)
-        parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
-        parent = parents[-1] if parents else None
-        # A repeated point is the same variant under another random seed.
-        again = pursuit.repeats(batch.number)
-        seed = study.document.spec.seed + (batch.number if again else 0)
-        spec = pursuit.study.spec(points, batch.number, parent=parent, seed=seed)
+        spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
         run_id = submit(self._context, spec, idempotency_key=f"study/{study.id}/{batch.number}")
         with writing(self._context.engine) as connection:
             studies.set_run(connection, study.id, batch.number, run_id)
@@ -120,7 +114,8 @@ class StudyKeeper:
         stored = resolve_stored(run, self._context.settings)
         with reading(self._context.engine) as connection:
             rows = (person.row for person in evaluated_persons(connection, stored))
-            outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected)
+            price = studies.price(connection, run.id)
+            outcomes = resolved.outcomes(rows, len(batch.points), batch.rejected, price)
         with writing(self._context.engine) as connection:
             studies.end(connection, study.id, batch.number, outcomes)
         return True
@@ -230,6 +225,11 @@ def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
     return pursuit
 
 
+def parent_of(batches: Sequence[BatchRow], number: int) -> str | None:
+    """Return the id of the run before that of a batch; None for the first run."""
+    return next((batch.run_id for batch in reversed(batches[:number]) if batch.run_id is not None), None)
+
+
 def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
     """Return the number of variants left in the budget; rejected ones do not count."""
     return max(study.document.budget.variants - sum(batch.legal for batch in batches), 0)
@@ -237,7 +237,9 @@ def left(study: StudyRow, batches: Sequence[BatchRow]) -> int:
 
 def basis_digest(study: StudyRow, basis: Sequence[BatchRow]) -> str:
     """Return the digest of everything that a proposal depends on."""
-    outcomes = [None if batch.outcomes is None else batch.outcomes.model_dump(mode="json") for batch in basis]
+    outcomes = [
+        None if batch.outcomes is None else batch.outcomes.model_dump(mode="json", exclude_none=True) for batch in basis
+    ]
     return digest("study-basis", [study.document.digest, outcomes])
 
 

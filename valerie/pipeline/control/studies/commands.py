@@ -15,7 +15,7 @@ from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.plan import plan_run
-from valerie.pipeline.control.studies.advancing import basis_digest, known, left
+from valerie.pipeline.control.studies.advancing import basis_digest, known, left, parent_of
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
 from valerie.runs.forecasting.forecast import Plan
@@ -58,10 +58,10 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
-    resolved = resolve_document(context, document)
-    proposal = Pursuit(resolved).ask((), document.batch)
-    legal = int(np.count_nonzero(resolved.domain.legal(proposal.points)))
-    spec = resolved.spec(proposal.points, 0, parent=None, seed=document.spec.seed)
+    pursuit = Pursuit(resolve_document(context, document))
+    proposal = pursuit.ask((), document.batch)
+    legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
+    spec = pursuit.spec(0, parent=None)
     plan = plan_run(context, spec)
     return NextBatch(0, proposal.reason, legal, len(proposal) - legal, False, None, spec, plan)
 
@@ -103,11 +103,9 @@ def next_batch(context: Context, study_id: str) -> NextBatch:
     if batch is None:
         waits = "it proposes the next one soon" if study.state is StudyState.RUNNING else study.reason
         raise Conflict(f"no batch of study {study_id} is open: it is {study.state}, {waits}")
-    resolved = resolve_row(context, study)
-    parents = [other.run_id for other in batches[: batch.number] if other.run_id is not None]
-    spec = resolved.spec(
-        np.array(batch.points), batch.number, parent=parents[-1] if parents else None, seed=study.document.spec.seed
-    )
+    pursuit = Pursuit(resolve_row(context, study))
+    pursuit.follow(batches)
+    spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
     return NextBatch(
         batch.number,
         batch.reason,

@@ -18,8 +18,9 @@ from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
 from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.pictures import PictureKind
 from valerie.studies.pursuit import Pursuit
-from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
+from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report, duration
 from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
@@ -51,7 +52,7 @@ def report(context: Context, study_id: str) -> str:
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
             sentences=() if result is None else result.sentences,
             boundary=pursuit.boundary(),
-            pictures=tuple(_pictures(context, pursuit, batches)),
+            pictures=tuple(decisive_pictures(context, pursuit, batches)),
             batches=tuple(_shown(batch, pursuit.study) for batch in batches),
             totals=_totals(batches, pursuit.study),
             measure=study.document.measure,
@@ -74,7 +75,7 @@ def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
         rejected=len(batch.rejected),
         failed=failed if ended else "",
         undefined=undefined if ended else "",
-        cost="" if batch.cpu_seconds is None else _duration(batch.cpu_seconds),
+        cost="" if batch.cpu_seconds is None else duration(batch.cpu_seconds),
     )
 
 
@@ -94,10 +95,11 @@ def _totals(batches: Sequence[BatchRow], resolved: ResolvedStudy) -> tuple[str, 
         sum(failed for failed, _ in counts),
         sum(undefined for _, undefined in counts),
     )
-    return (*(f"{number:,}" for number in numbers), _duration(sum(batch.cpu_seconds or 0.0 for batch in batches)))
+    return (*(f"{number:,}" for number in numbers), duration(sum(batch.cpu_seconds or 0.0 for batch in batches)))
 
 
-def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
+def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -> Iterator[ShownPicture]:
+    """Yield the frames of the decisive variants of a study, where they can be painted."""
     study = pursuit.study
     for number, index, title in pursuit.decisive() or _extremes(study, batches):
         batch = batches[number]
@@ -110,7 +112,9 @@ def _pictures(context: Context, pursuit: Pursuit, batches: Sequence[BatchRow]) -
             key = FrameKey(batch.run_id, index, camera)
             for function, score in zip(functions, scores, strict=True):
                 try:
-                    picture = jpeg(paint_picture(context, find_picture(context, key, kind="errors", function=function)))
+                    picture = jpeg(
+                        paint_picture(context, find_picture(context, key, kind=PictureKind.ERRORS, function=function))
+                    )
                 except ValerieError as error:
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
@@ -142,7 +146,3 @@ def _named(study: ResolvedStudy, values: Mapping[str, Value]) -> str:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         parts.append(f"{definition.name} {text} {definition.unit}".rstrip())
     return ", ".join(parts)
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 3600:.2f} h"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from valerie.db.engine import reading
 from valerie.db.studies import StudyRow
-from valerie.errors import Conflict
+from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.study.document import StudyDocument
+from valerie.runs.document.documents import RunSpec
+from valerie.runs.study.document import CascadeGoal, StudyDocument
 from valerie.studies.resolved import ResolvedStudy, resolve_study
 
 
@@ -20,6 +21,12 @@ def resolve_document(context: Context, document: StudyDocument) -> ResolvedStudy
     """
     with reading(context.engine) as connection:
         names = registry.names(connection, registry.known(connection, document.spec.functions))
+    if isinstance(document.goal, CascadeGoal):
+        costly = document.spec.model_copy(update={"renderer": document.goal.renderer})
+        try:
+            resolve_new(RunSpec.model_validate(costly.model_dump()), context.settings, registered=names)
+        except InvalidInput as problem:
+            raise InvalidInput(f"by the costly engine: {problem}", field="goal.renderer") from None
     return resolve_study(document, resolve_new(document.spec, context.settings, registered=names))
 
 

@@ -27,7 +27,7 @@ def convert(bpy: Any, source: str, target: str) -> list[str]:
         notes.append(
             f"scripts of the file are not run ({bpy.app.autoexec_fail_message}): values that they would set are as saved, or 0"
         )
-    notes += [f"linked file {library.filepath} belongs to it" for library in bpy.data.libraries]
+    notes += [f"the file links {library.filepath}, which is converted with it" for library in bpy.data.libraries]
     notes += drop_images(bpy, os.path.dirname(os.path.realpath(source)))  # noqa: PTH120
     notes += procedural_materials(bpy)
     bpy.ops.export_scene.gltf(
@@ -48,14 +48,14 @@ def convert(bpy: Any, source: str, target: str) -> list[str]:
 
 
 def drop_images(bpy: Any, folder: str) -> list[str]:
-    """Remove images that lie outside a folder or are missing, and return a sentence for each."""
+    """Remove images that are missing or outside a folder, and return a sentence for each."""
     notes = []
     for image in list(bpy.data.images):
         if image.source not in {"FILE", "TILED"} or image.packed_file is not None:
             continue
         path = os.path.realpath(bpy.path.abspath(image.filepath))
         if os.path.commonpath([path, folder]) != folder:
-            notes.append(f"image {image.name} is left out: {image.filepath} lies outside the file's folder; pack it")
+            notes.append(f"image {image.name} is left out: {image.filepath} is outside the file's folder; pack it")
         elif image.source == "FILE" and not os.path.isfile(path):  # noqa: PTH113
             notes.append(f"image {image.name} is left out: {image.filepath} is missing")
         else:

@@ -79,8 +79,8 @@ class Light:
         """Light the scene with the sun, and with Blender's sky or a panorama."""
         strength = max(light["sun"])
         lamp = self._sun.data
-        # Energy 0 turns the sun off. A hidden lamp would return at another place in Cycles' order, with other noise.
-        # The radiance of a white Lambertian surface that faces the lamp is the energy divided by π.
+        # Energy 0 turns the sun off. Hiding the lamp and showing it again would change its place in Cycles' order, and with it
+        # the noise. The radiance of a white Lambertian surface that faces the lamp is the energy divided by π.
         lamp.energy = math.pi * strength
         lamp.color = [value / strength for value in light["sun"]] if strength > 0 else (1.0, 1.0, 1.0)
         lamp.angle = light["angular_diameter"]

@@ -54,7 +54,7 @@ class Materials:
         material = self._data.materials.new(header["key"])
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
-        # The haze in front of a surface is an emission too, but no light source to sample.
+        # The haze in front of a surface is an emission too, but not a light source to sample.
         material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) and not header["lens"] else "NONE"
         nodes = Nodes(material.node_tree)
         principled = nodes.add("ShaderNodeBsdfPrincipled")
@@ -117,7 +117,7 @@ class Materials:
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
         if header["transmission"]:
-            # Surfaces behind the pane bring their own haze, over the whole distance.
+            # Surfaces behind the pane add their own haze, over the whole distance.
             pane = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
         if not header["double_sided"]:

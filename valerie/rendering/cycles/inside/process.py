@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tie between both programs and the process that started them."""
+"""Ending a program of this package with the process that started it."""
 
 from __future__ import annotations
 

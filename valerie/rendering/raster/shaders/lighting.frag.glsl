@@ -37,7 +37,7 @@ uniform vec3 toward_sun;
 uniform vec3 sun;
 uniform vec3 haze;
 uniform vec3 ground;
-uniform vec3 below;                 // radiance of the street's ground
+uniform vec3 below;                 // radiance of the scene's ground
 uniform vec3 extinction;            // per metre
 uniform float sun_angle;            // angular radius of the disc, radians
 uniform float shadow_distance;      // metres along the optical axis; shadows fade out before it

@@ -16,7 +16,7 @@ from valerie.perception.importing.checkpoints.conversion import convert, import_
 from valerie.perception.importing.checkpoints.files import StoredCheckpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS
 from valerie.perception.importing.function_file import read_header, read_tensors
-from valerie.perception.importing.network_weights import load_payload, tensor_shapes
+from valerie.perception.importing.network_weights import filled_network, tensor_shapes
 from valerie.perception.shipped import function_path
 
 CITYSCAPES = CLASS_LISTS["cityscapes"]
@@ -235,7 +235,7 @@ def test_a_payload_comes_back_as_the_same_network(fpn, tmp_path: Path) -> None:
     assert (again.architecture, again.classes, again.units) == (imported.architecture, imported.classes, imported.units)
     assert again.provenance == imported.provenance
     assert again.payload() == imported.payload()
-    network = load_payload(path, again.architecture, len(again.classes))
+    network = filled_network(again.architecture, read_tensors(path), len(again.classes))
     np.testing.assert_array_equal(network.state_dict()["predictor.weight"].numpy(), fpn["decode_head.conv_seg.weight"])
 
 

@@ -1,0 +1,157 @@
+// A spec as a form: general fields, and each of the asset's parameters varied, constant or left alone.
+import { limits, reach } from "./completion.js";
+import { h, put } from "./dom.js";
+import { short } from "./format.js";
+
+const DESIGNS = ["grid", "sobol", "latin_hypercube", "halton", "random"];
+const DRAWN = new Set(["sobol", "latin_hypercube", "halton", "random"]);
+const WAYS = { HOMOGENEOUS: "Steps", UNIFORM: "Range", GAUSSIAN: "Normal", CHOICE: "Choices", constant: "Constant" };
+const INPUTS = {
+  HOMOGENEOUS: [["minimum", "from"], ["maximum", "to"], ["step", "step"]],
+  UNIFORM: [["minimum", "from"], ["maximum", "to"], ["count", "count"]],
+  GAUSSIAN: [["mean", "mean"], ["standard_deviation", "sigma"], ["count", "count"]],
+};
+
+// What somebody typed: a number where it is one, else text such as "5 m".
+const read = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text)) ? Number(text) : text.trim());
+const fieldChange = (field, value) => ({ kind: "field", field, value });
+const names = (parameter) => new Set([parameter.name, parameter.path]);
+
+export function specForm({ change, catalog }) {
+  const general = h("div", { class: "fields" });
+  const rows = h("div", { class: "parameters" });
+  const found = h("ul", { class: "found", "aria-label": "Parameters of the asset" });
+  const search = h("input", { type: "search", id: "parameter-search", placeholder: "person-1, sun, rain …", on: { input: () => offer() } });
+  const blocks = h("p", { class: "note", hidden: true }, "This spec has several blocks. Its parameters are edited as text.");
+  const adding = h("div", { class: "stack adding" }, h("label", { for: "parameter-search" }, "Add a parameter"), search, found);
+  const element = h("div", { class: "spec-form" },
+    h("section", { class: "card" }, h("h2", {}, "Run"), general),
+    h("section", { class: "card" }, h("h2", {}, "Parameters"), blocks, rows, adding));
+  let shown = null; // the draft and the asset
+  let edited = null; // the field in which somebody types; it must not be replaced meanwhile
+  let later = null; // what is to be shown when that ends
+  let used = new Set();
+
+  const offer = () => {
+    const text = search.value.trim().toLowerCase();
+    const all = shown?.asset?.parameters ?? [];
+    const fits = text ? all.filter((one) => !used.has(one.path) && `${one.name} ${one.description}`.toLowerCase().includes(text)).slice(0, 12) : [];
+    found.replaceChildren(...fits.map((one) => h("li", {},
+      h("button", { type: "button", on: { click: () => add(one) } }, h("strong", {}, one.name), h("span", { class: "soft small" }, limits(one))))));
+  };
+  const add = (parameter) => {
+    search.value = "";
+    offer();
+    change([{ kind: "parameter", parameter: parameter.name, ...begun(parameter, parameter.choices.length || parameter.type === "BOOL" ? "CHOICE" : "HOMOGENEOUS") }]);
+  };
+
+  element.addEventListener("input", ({ target }) => { if (target.type === "text") edited = target; });
+  element.addEventListener("change", () => { edited = later = null; }, { capture: true }); // its answer comes
+  element.addEventListener("focusout", () => { edited = null; setTimeout(() => { if (later) form.show(...later); }); });
+
+  const form = {
+    element,
+    // The draft, the asset that it names (null if unknown), and problems by place.
+    show(draft, asset, problems) {
+      later = edited ? [draft, asset, problems] : null;
+      if (later) return;
+      shown = { draft, asset };
+      const focused = document.activeElement?.id;
+      const { fields } = draft;
+      put(general, [fields, asset?.digest, catalog, [...problems]], generalFields(fields, asset, catalog, change, problems));
+      const entries = draft.several_blocks ? [] : entriesOf(draft, asset);
+      used = new Set(entries.map((one) => one.parameter?.path));
+      put(rows, [entries, [...problems]], entries.map((one) => parameterRow(one, change, problems)));
+      rows.hidden = adding.hidden = draft.several_blocks;
+      blocks.hidden = !draft.several_blocks;
+      offer();
+      if (focused && document.activeElement?.id !== focused) element.querySelector(`#${CSS.escape(focused)}`)?.focus({ preventScroll: true });
+    },
+  };
+  return form;
+}
+
+// Varied and constant parameters, with what the asset declares of each.
+function entriesOf(draft, asset) {
+  const declared = draft.fields.parameters ?? [];
+  const own = new Map((Array.isArray(declared) ? declared.map((one) => (Array.isArray(one) ? [one[0], one[1]] : [one.name, one.path ?? one.scene_graph_ref])) : Object.entries(declared).map(([name, one]) => [name, one?.path ?? one?.scene_graph_ref])));
+  const of = (name) => asset?.parameters.find((one) => names(one).has(name) || names(one).has(own.get(name)));
+  const varied = draft.vary.map(({ place, document }) => ({ name: document.parameter, place, way: document.distribution, document, parameter: of(document.parameter) }));
+  const constants = Object.entries(draft.fields.constants ?? {}).map(([name, value]) => ({ name, place: `constants.${name}`, way: "constant", document: { value }, parameter: of(name) }));
+  return [...varied, ...constants];
+}
+
+// A first distribution of a parameter.
+function begun(parameter, way) {
+  if (way === "constant") return { constant: parameter.default };
+  const { first, last, step } = reach(parameter);
+  if (way === "HOMOGENEOUS") return { vary: { distribution: way, minimum: first, maximum: last, step } };
+  if (way === "UNIFORM") return { vary: { distribution: way, minimum: first, maximum: last, count: 5 } };
+  if (way === "GAUSSIAN") return { vary: { distribution: way, mean: parameter.default, standard_deviation: step, count: 5 } };
+  return { vary: { distribution: way, values: parameter.type === "BOOL" ? [true, false] : parameter.choices.length ? parameter.choices : [first, last] } };
+}
+
+function parameterRow({ name, place, way, document: entry, parameter }, change, problems) {
+  const id = (part) => `p-${name}-${part}`;
+  const set = (treatment) => change([{ kind: "parameter", parameter: name, ...treatment }]);
+  // Kept in the entry, too: the next change may come before the answer to this one.
+  const vary = (more) => set({ vary: { ...Object.assign(entry, more), parameter: undefined } });
+  const wrong = [...problems].filter(([field]) => field === place || field.startsWith(`${place}.`)).map(([, text]) => text);
+  const mark = wrong.length ? { "aria-invalid": "true", "aria-describedby": id("problem") } : {};
+  const input = (key, label, value, take, more = {}) => h("label", { for: id(key) }, label,
+    h("input", { type: "text", id: id(key), value: value ?? "", ...mark, ...more, on: { change: (event) => take(read(event.target.value)) } }));
+  const choices = parameter?.type === "BOOL" ? [true, false] : parameter?.choices ?? [];
+  const ways = choices.length ? ["CHOICE", "constant"] : Object.keys(WAYS);
+  let inputs;
+  if (INPUTS[way]) inputs = INPUTS[way].map(([key, label]) => input(key, label, entry[key], (value) => vary({ [key]: value })));
+  else if (way === "CHOICE" && choices.length) {
+    inputs = h("fieldset", {}, h("legend", { class: "hidden" }, `Choices of ${name}`), choices.map((one) => h("label", { class: "inline" },
+      h("input", { type: "checkbox", id: id(one), checked: (entry.values ?? []).includes(one), on: { change: (event) => vary({ values: choices.filter((other) => (other === one ? event.target.checked : (entry.values ?? []).includes(other))) }) } }), String(one))));
+  } else if (way === "CHOICE") inputs = input("values", "values", (entry.values ?? []).join(", "), () => {}, { on: { change: (event) => vary({ values: event.target.value.split(",").map(read).filter((one) => one !== null) }) } });
+  else if (choices.length) inputs = h("label", { for: id("value") }, "value", h("select", { id: id("value"), ...mark, on: { change: (event) => set({ constant: choices[event.target.selectedIndex] }) } }, choices.map((one) => h("option", { selected: one === entry.value }, String(one)))));
+  else inputs = input("value", "value", entry.value, (value) => set({ constant: value }));
+  return h("div", { class: `parameter${wrong.length ? " wrong" : ""}`, role: "group", "aria-label": name },
+    h("div", { class: "parameter-name" }, h("strong", {}, short(name)), parameter ? h("span", { class: "soft small", title: parameter.description || null }, choices.length ? parameter.type.toLowerCase() : limits(parameter)) : null),
+    h("label", { for: id("way") }, h("span", { class: "hidden" }, `How ${name} is treated`),
+      h("select", { id: id("way"), on: { change: (event) => set(begun(parameter ?? { default: 0, choices: [] }, event.target.value)) } }, ways.map((one) => h("option", { value: one, selected: one === way }, WAYS[one])))),
+    h("div", { class: "values" }, inputs),
+    h("button", { type: "button", class: "quiet", "aria-label": `Leave ${name} at its default`, on: { click: () => set({}) } }, "✕"),
+    wrong.length ? h("p", { class: "problem small", id: id("problem") }, wrong.join("; ")) : null);
+}
+
+function generalFields(fields, asset, catalog, change, problems) {
+  const problem = (name) => [...problems].filter(([field]) => field === name || field.startsWith(`${name}.`)).map(([, text]) => text);
+  const field = (name, label, control) => {
+    const wrong = problem(name);
+    if (wrong.length) { control.setAttribute("aria-invalid", "true"); control.setAttribute("aria-describedby", `f-${name}-problem`); }
+    return h("div", { class: `field${wrong.length ? " wrong" : ""}` }, h("label", { for: `f-${name}` }, label), control, wrong.length ? h("p", { class: "problem small", id: `f-${name}-problem` }, wrong.join("; ")) : null);
+  };
+  const text = (name, more = {}) => h("input", { type: "text", id: `f-${name}`, value: fields[name] ?? "", ...more, on: { change: (event) => change([fieldChange(name, more.inputmode ? read(event.target.value) : event.target.value || null)]) } });
+  const select = (name, options, usual) => {
+    const value = typeof fields[name] === "object" && fields[name] ? fields[name].name : fields[name] ?? usual;
+    const written = typeof fields[name] === "object" && fields[name] !== null;
+    return h("select", { id: `f-${name}`, disabled: written, title: written ? "has arguments: edited as text" : null, on: { change: (event) => change([fieldChange(name, event.target.value)]) } },
+      [...new Set([value, ...options].filter(Boolean))].map((one) => h("option", { value: one, selected: one === value }, one)));
+  };
+  const several = (name, options, chosen, whole) => h("fieldset", { id: `f-${name}`, class: "several" }, h("legend", {}, name[0].toUpperCase() + name.slice(1)), options.map((one) => h("label", { class: "inline" },
+    h("input", { type: "checkbox", id: `f-${name}-${one}`, checked: chosen.includes(one), on: { change: (event) => {
+      const next = options.filter((other) => (other === one ? event.target.checked : chosen.includes(other)));
+      chosen = next;
+      change([fieldChange(name, whole && next.length === options.length ? null : next)]);
+    } } }), one)), problem(name).map((wrong) => h("p", { class: "problem small" }, wrong)));
+  const cameras = asset?.cameras ?? [];
+  const functions = Array.isArray(fields.functions) ? fields.functions : [];
+  const size = { width: 960, height: 540, ...(typeof fields.resolution === "object" ? fields.resolution : {}) };
+  const pixels = (name) => field(`resolution.${name}`, name === "width" ? "Width" : "Height", h("input", { type: "text", inputmode: "numeric", id: `f-resolution.${name}`, value: size[name],
+    on: { change: (event) => change([fieldChange("resolution", Object.assign(size, { [name]: read(event.target.value) }))]) } }));
+  const design = fields.design ?? "grid";
+  return [
+    h("div", { class: "grid" }, field("name", "Name", text("name")), field("asset", "Asset", select("asset", catalog.assets)), field("renderer", "Render engine", select("renderer", catalog.engines, "raster"))),
+    h("div", { class: "grid" }, pixels("width"), pixels("height"),
+      field("design", "Design", select("design", DESIGNS, "grid")),
+      DRAWN.has(design) || fields.count ? field("count", "Variants", text("count", { inputmode: "numeric" })) : null,
+      field("seed", "Seed", text("seed", { inputmode: "numeric", placeholder: "0" }))),
+    cameras.length ? several("cameras", cameras, fields.cameras ?? cameras, true) : null,
+    catalog.functions.length || functions.length ? several("functions", [...new Set([...catalog.functions, ...functions])], functions) : null,
+  ].filter(Boolean);
+}

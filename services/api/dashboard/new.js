@@ -1,0 +1,215 @@
+// A new run: one document as text and as a form, with its plan and pictures of its variants while it is written.
+import { get, post, postSpec } from "./api.js";
+import { confirm, h, put, toast } from "./dom.js";
+import { bytes, count, duration, plural, value } from "./format.js";
+import { editor } from "./editor.js";
+import { specForm } from "./form.js";
+
+const TYPING = 350; // a pause in typing, milliseconds
+const LOOKING = 700; // a longer one, before pictures are rendered
+const KEPT = "valerie-draft"; // of this tab, so that a look at another page loses nothing
+
+export async function newView({ main, parameters, signal }) {
+  const [schema, assets, engines, functions] = await Promise.all(["/v1/schema", "/v1/assets", "/v1/renderers", "/v1/functions"].map((path) => get(path, { signal })));
+  const catalog = { assets: assets.filter((one) => !one.problem).map((one) => one.name), engines: engines.map((one) => one.name), functions: [...new Set(functions.map((one) => one.name))] };
+  const details = new Map(); // of assets, by name
+  const assetOf = async (reference) => {
+    const name = typeof reference === "string" ? reference : reference?.name;
+    if (typeof name !== "string" || !catalog.assets.includes(name)) return null;
+    if (!details.has(name)) details.set(name, await get(`/v1/assets/${encodeURIComponent(name)}`, { signal }));
+    return details.get(name);
+  };
+
+  const parent = parameters.get("parent");
+  const origin = parent ?? parameters.get("run");
+  let asset = null;
+  let draft = null;
+  let sure = false; // the plan of this very text has no problem
+  let round = null; // the present round of questions; a newer one ends it
+  let pending = []; // changes of the form that the text does not have yet
+  let timer = null;
+
+  const problems = h("div", { id: "problems", class: "slot", "aria-live": "polite" });
+  const planned = h("div", { "aria-live": "polite" });
+  const pictures = previewSection({ signal });
+  const submit = h("button", { type: "button", class: "primary", disabled: true, on: { click: () => send() } }, "Submit run");
+  const text = editor({
+    label: "Spec as YAML",
+    known: () => ({ schema, names: { ...catalog, cameras: asset?.cameras ?? [], parameters: asset?.parameters ?? [] } }),
+    changed: () => { sure = false; submit.disabled = true; round?.abort(); later(); },
+  });
+  const form = specForm({ catalog, change: (changes) => refresh(changes) });
+
+  const later = () => { clearTimeout(timer); timer = setTimeout(() => refresh(), TYPING); };
+  const keep = () => sessionStorage.setItem(KEPT, text.text);
+  const refresh = async (changes = []) => {
+    clearTimeout(timer);
+    round?.abort();
+    pending.push(...changes);
+    const sent = pending.length;
+    const mine = round = new AbortController();
+    const options = { signal: AbortSignal.any([signal, mine.signal]) };
+    sure = false;
+    submit.disabled = true;
+    try {
+      draft = await post("/v1/draft", { text: text.text, changes: pending }, options);
+      pending = pending.slice(sent);
+      text.text = draft.text;
+      keep();
+      asset = await assetOf(draft.fields.asset).catch(() => null);
+      const plan = await postSpec("/v1/plan", draft.text, options);
+      show([], plan);
+      sure = true;
+      submit.disabled = false;
+      pictures.soon(draft, plan);
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      pending = [];
+      keep();
+      show(error.errors?.length ? error.errors : [{ field: "", message: error.message }], null);
+    }
+  };
+  const show = (list, plan) => {
+    const wrong = list.map((one) => ({ ...one, line: lineOf(one, draft) }));
+    text.mark(new Map(wrong.filter((one) => one.line).map((one) => [one.line, one.message])));
+    if (draft) form.show(draft, asset, new Map(wrong.map((one) => [one.field, one.limit ? `${one.message}; ${one.limit}` : one.message])));
+    put(problems, wrong, wrong.length ? h("ul", { class: "note bad problems" }, wrong.map((one) => h("li", {},
+      one.line ? h("button", { type: "button", class: "link", on: { click: () => text.goTo(one.line) } }, `Line ${one.line}`) : null,
+      one.field ? h("code", {}, one.field) : null, ` ${one.message}`, one.limit ? h("span", { class: "soft" }, ` · ${one.limit}`) : null))) : null);
+    put(planned, [plan, wrong.length], planSection(plan));
+    if (!plan) pictures.stale();
+  };
+  const send = async () => {
+    if (!sure) return;
+    submit.disabled = true;
+    try {
+      const run = await postSpec("/v1/runs", text.text, { signal, headers: { "Idempotency-Key": key } });
+      sessionStorage.removeItem(KEPT);
+      toast("The run is submitted.");
+      location.hash = `#/runs/${run.id}`;
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      submit.disabled = false;
+      show(error.errors?.length ? error.errors : [{ field: "", message: error.message }], null);
+    }
+  };
+  // A second click, or one after a lost answer, makes no second run.
+  const key = `page-${Array.from(crypto.getRandomValues(new Uint8Array(12)), (one) => one.toString(16).padStart(2, "0")).join("")}`;
+  const restart = async () => {
+    if (!(await confirm({ title: "Start over?", text: "What is written here is lost.", action: "Start over", danger: true }))) return;
+    text.text = first(catalog);
+    await refresh();
+  };
+
+  text.text = origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
+  const title = parent ? "Edit and rerun" : origin ? "Clone a run" : "New run";
+  main.replaceChildren(
+    h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
+      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submit)),
+      parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null),
+    h("div", { class: "draft" },
+      form.element,
+      h("div", { class: "drafted" },
+        h("section", { class: "card" }, h("div", { class: "head" }, h("h2", {}, h("label", { for: "spec" }, "Document")), h("span", { class: "soft small" }, "Ctrl + Space completes")), text.element, problems),
+        h("section", { class: "card", "aria-label": "Plan" }, h("h2", {}, "Plan"), planned),
+        pictures.element)));
+  await refresh(parent ? [{ kind: "field", field: "parent_run", value: parent }, { kind: "field", field: "iteration", value: await roundOf(parent, signal) }] : []);
+  return title;
+}
+
+const roundOf = async (id, signal) => (await get(`/v1/runs/${encodeURIComponent(id)}`, { signal })).iteration + 1;
+
+// A document to begin with.
+const first = ({ assets, functions }) => `name: new-run\nasset: ${assets[0] ?? "…"}\nresolution: {width: 960, height: 540}\nfunctions: [${functions.slice(0, 2).join(", ")}]\n`;
+
+// The line of a problem: of the longest place that leads to its field, or the one that its message names.
+function lineOf({ field, message }, draft) {
+  const named = /line (\d+)/.exec(message);
+  if (named) return Number(named[1]);
+  for (let place = field; place; place = place.includes(".") ? place.slice(0, place.lastIndexOf(".")) : "") {
+    if (draft?.lines[place]) return draft.lines[place];
+  }
+  return null;
+}
+
+function planSection(plan) {
+  if (!plan) return h("p", { class: "soft" }, "The plan appears when the document has no problem.");
+  const about = plan.estimated ? "about " : "";
+  const rejected = Object.entries(plan.rejected).sort((a, b) => b[1] - a[1]);
+  const facts = [
+    ["Variants", `${about}${count(plan.accepted)}`], ["Frames", `${about}${count(plan.frames)}`], ["Evaluations", `${about}${count(plan.evaluations)}`],
+    ["Time on one core", `about ${duration(Math.max(1, Math.round(plan.cpu_seconds)))}`], ["Disk", `about ${bytes(plan.bytes)}`],
+  ];
+  return [
+    h("dl", { class: "facts plan" }, facts.map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text)))),
+    plan.warnings.map((one) => h("p", { class: "note wait small" }, one)),
+    rejected.length ? h("details", { class: "more" }, h("summary", {}, `${plural(plan.variants - plan.accepted, "variant")} rejected`), h("ul", {}, rejected.slice(0, 20).map(([reason, n]) => h("li", {}, reason, h("span", { class: "soft number" }, ` · ${count(n)}`))))) : null,
+    plan.notes.length ? h("details", { class: "more" }, h("summary", {}, plural(plan.notes.length, "assumption")), h("ul", {}, plan.notes.map((one) => h("li", {}, one)))) : null,
+    h("p", { class: "small soft under" }, `Costs: ${plan.cost_basis}. What is stored already is not computed again.`),
+  ];
+}
+
+// The first, the last and a random variant, rendered small.
+function previewSection({ signal }) {
+  const figures = h("div", { class: "previews", "aria-busy": "false" });
+  const state = h("p", { class: "small soft", role: "status" });
+  const camera = h("select", { id: "preview-camera", on: { change: () => ask() } });
+  const another = h("button", { type: "button", on: { click: () => { chance = Math.random(); ask(); } } }, "Another random variant");
+  const element = h("section", { class: "card", "aria-label": "Preview" }, h("div", { class: "head" }, h("h2", {}, "Preview"), h("label", { class: "inline", for: "preview-camera" }, "Camera ", camera), another), figures, state);
+  let chance = Math.random();
+  let timer = null;
+  let wanted = null; // the document and its plan
+  let asking = false;
+  let cameras = null;
+
+  const ask = async () => {
+    clearTimeout(timer);
+    if (!wanted || asking || signal.aborted) return; // the present request asks again when it ends
+    asking = true;
+    const { text, plan, varied } = wanted;
+    const looked = `${text} ${camera.value} ${chance}`;
+    const indexes = [...new Set([0, Math.floor(chance * plan.variants), plan.variants - 1])];
+    figures.setAttribute("aria-busy", "true");
+    state.textContent = figures.children.length ? "Rendering …" : "Rendering … The first picture of an asset takes some seconds.";
+    try {
+      const query = new URLSearchParams([...indexes.map((one) => ["variant", one]), ["accepted", true], ...(camera.value ? [["camera", camera.value]] : [])]);
+      const answer = await postSpec(`/v1/preview?${query}`, text, { signal });
+      figures.replaceChildren(...answer.map((one) => figure(one, plan.units, varied)));
+      state.textContent = "Rendered by the engine raster at a small size, through the first sensor.";
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      state.textContent = error.message;
+    } finally {
+      asking = false;
+      figures.setAttribute("aria-busy", "false");
+      if (wanted && looked !== `${wanted.text} ${camera.value} ${chance}`) ask();
+    }
+  };
+  return {
+    element,
+    soon({ text, vary, several_blocks: several }, plan) {
+      wanted = { text, plan, varied: several ? null : new Set(vary.map((one) => one.document.parameter)) };
+      const names = plan.cameras.join(" ");
+      if (names !== cameras) {
+        cameras = names;
+        const before = camera.value;
+        camera.replaceChildren(...plan.cameras.map((one) => h("option", { selected: one === before }, one)));
+      }
+      clearTimeout(timer);
+      timer = setTimeout(ask, LOOKING);
+    },
+    stale() { wanted = null; clearTimeout(timer); figures.setAttribute("aria-busy", "true"); },
+  };
+}
+
+// A picture with the values of the varied parameters, or of all where ``varied`` is null.
+function figure({ variant, picture }, units, varied) {
+  const values = Object.entries(variant.values).filter(([name]) => varied?.has(name) ?? true).map(([name, one]) => `${name} ${value(one)}${units[name] ? ` ${units[name]}` : ""}`).join(", ");
+  const image = picture ? h("img", { alt: `Variant ${variant.index}: ${values}` }) : h("div", { class: "rejected small" }, `rejected: ${variant.rejection}`);
+  if (picture) {
+    const address = URL.createObjectURL(new Blob([Uint8Array.from(atob(picture), (one) => one.charCodeAt(0))], { type: "image/png" }));
+    image.addEventListener("load", () => URL.revokeObjectURL(address));
+    image.src = address;
+  }
+  return h("figure", {}, image, h("figcaption", { class: "small soft" }, h("strong", {}, `Variant ${count(variant.index)}`), values ? ` · ${values}` : ""));
+}

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from valerie.rendering.base import View
+from valerie.rendering.raster.gl.tiles import TILE, TileGrid, widened
+
+#: Sides that are no multiples of a tile: the last column and row are cut off.
+GRID = TileGrid(View("camera-1", 5 * TILE + 3, 3 * TILE + 1))
+
+
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 1))
+def test_spans_cover_the_pixels_of_the_tiles_once_and_no_others(seed: int, share: float) -> None:
+    mask = np.random.default_rng(seed).random(GRID.shape) < share
+    painted = np.zeros((GRID.height, GRID.width), int)
+    for x0, y0, x1, y1 in GRID.spans(mask):
+        painted[y0:y1, x0:x1] += 1
+    assert painted.max() <= 1
+    np.testing.assert_array_equal(painted == 1, GRID.pixels(mask, (0, 0, GRID.width, GRID.height)))
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    x=st.integers(0, GRID.width - 1),
+    y=st.integers(0, GRID.height - 1),
+    width=st.integers(1, GRID.width),
+    height=st.integers(1, GRID.height),
+)
+def test_the_tiles_that_hold_a_true_pixel_are_found_wherever_the_part_begins(
+    seed: int, x: int, y: int, width: int, height: int
+) -> None:
+    part = np.random.default_rng(seed).random((min(height, GRID.height - y), min(width, GRID.width - x))) < 0.05
+    expected = GRID.none()
+    for row, column in np.argwhere(part):
+        expected[(y + row) // TILE, (x + column) // TILE] = True
+    np.testing.assert_array_equal(GRID.holding(part, x, y), expected)
+
+
+def test_an_area_touches_every_tile_that_it_shares_a_pixel_with() -> None:
+    assert GRID.touching((TILE - 1, 0, 2, 1)).sum() == 2
+    assert GRID.touching((0, 0, TILE, TILE)).sum() == 1
+    assert GRID.touching((0, 0, GRID.width, GRID.height)).all()
+    assert not GRID.touching((3, 3, 0, 5)).any()
+
+
+def test_the_area_around_a_mask_ends_with_the_image() -> None:
+    mask = GRID.none()
+    mask[-1, -1] = True
+    assert GRID.around(mask) == (5 * TILE, 3 * TILE, 3, 1)
+
+
+def test_values_are_reduced_tile_by_tile_even_at_the_cut_off_border() -> None:
+    values = np.arange(GRID.height * GRID.width, dtype=np.float32).reshape(GRID.height, GRID.width)
+    least, largest = (TileGrid.reduced(values, largest=flag) for flag in (False, True))
+    assert least.shape == largest.shape == GRID.shape
+    assert least[1, 1] == values[TILE, TILE]
+    assert largest[-1, -1] == values[-1, -1]
+    assert largest[0, 0] == values[TILE - 1, TILE - 1]
+
+
+@pytest.mark.parametrize("by", [0, 1, 2])
+def test_a_mask_spreads_by_the_same_distance_in_all_directions(by: int) -> None:
+    mask = np.zeros((7, 7), np.bool_)
+    mask[3, 3] = True
+    wide = widened(mask, by)
+    rows, columns = np.nonzero(wide)
+    assert wide.sum() == (2 * by + 1) ** 2
+    assert rows.min() == columns.min() == 3 - by
+    assert not widened(np.zeros((7, 7), np.bool_), by).any()

@@ -1,0 +1,131 @@
+"""Shadow maps: their views, and the depth ranges and sky visibility derived from them."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.unit.rendering.scene_rays import blocked, triangles_of
+from valerie.rendering.base import View
+from valerie.rendering.projection import LightView
+from valerie.rendering.raster.light.shadows import (
+    LARGEST_PENUMBRA,
+    ShadowMap,
+    Shadows,
+    even_directions,
+    nearest_directions,
+    static_view,
+)
+from valerie.rendering.raster.upload.context import process_context
+from valerie.rendering.raster.upload.drawing import table_texture
+from valerie.rendering.raster.upload.static_geometry import StaticGeometry
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
+from valerie.testing.assets import simple_asset
+
+SUN = np.array([0.3, 0.5, 0.8]) / math.sqrt(0.98)
+
+
+def street(length: float) -> StaticGeometry:
+    low, high = np.array([-10.0, 0.0, 0.0]), np.array([10.0, length, 12.0])
+    return cast("StaticGeometry", SimpleNamespace(low=low, high=high, core_low=low, core_high=high))
+
+
+def along_the_street(x: float, focal: float) -> Camera:
+    return Camera("scene.camera", camera_transform((x, 1.0, 5.0), 0, 0, 0), focal_length_mm=focal)
+
+
+def test_cameras_that_see_all_of_a_street_share_its_shadow_map() -> None:
+    views = [
+        static_view(street(100.0), along_the_street(x, 24.0), View("camera", 1920, 1080), SUN) for x in (-4.0, 0.0, 5.0)
+    ]
+    assert len({view.key for view in views}) == 1
+
+
+def test_a_camera_that_sees_a_small_part_has_a_finer_map_of_its_own() -> None:
+    geometry, view = street(1000.0), View("camera", 1920, 1080)
+    near = static_view(geometry, along_the_street(0.0, 24.0), view, SUN)
+    shared = static_view(geometry, away(), view, SUN)
+    assert near.extent[:2].max() < shared.extent[:2].max() / 1.5
+
+
+def away() -> Camera:
+    """Return a camera that sees nothing of the street."""
+    return Camera("scene.camera", camera_transform((0.0, -50.0, 5.0), 180, 0, 0), focal_length_mm=24.0)
+
+
+@pytest.mark.gl
+def test_the_sky_is_open_to_the_places_of_a_street_from_which_rays_reach_it() -> None:
+    scene, context = simple_asset().base, process_context()
+    scene = replace(scene, nodes={path: node for path, node in scene.nodes.items() if not node.movable})
+    with context.current() as gl:
+        prepared = context.scenes.prepare(scene)
+        table, statics = table_texture(gl, prepared.table()), prepared.statics
+        shadows = Shadows(context)
+        maps = shadows.sky(statics, table)
+        shadows.release()
+        maps.release()
+        table.release()
+    sample = statics.geometry.sample
+    triangles, places = triangles_of(scene), sample.points + 0.12 * sample.normals
+    # Texels are about 15 cm wide. Places whose neighbours at that distance see the same are not at the edge of a shadow.
+    beside = [np.zeros(3), *(0.15 * np.vstack([np.eye(3), -np.eye(3)]))]
+    expected = np.stack(
+        [[~blocked(triangles, places + step, direction) for direction in maps.directions] for step in beside]
+    ).transpose(0, 2, 1)
+    sure = (expected == expected[0]).all(axis=0)
+    assert 0.2 < expected[0].mean() < 0.9
+    assert sure.mean() > 0.4
+    # Things that are thinner than a texel, such as the car's door, may stand between the centres of two.
+    assert (maps.openness == expected[0])[sure].mean() > 0.999
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.01, 1))
+def test_a_direction_is_shared_by_those_around_it(x: float, y: float, z: float) -> None:
+    ray = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
+    nearest, shares = nearest_directions(32)
+    p = ray[:2] / np.abs(ray).sum()
+    side = nearest.shape[0]
+    column, row = (min(int((0.5 + 0.5 * at) * side), side - 1) for at in (p[0] + p[1], p[0] - p[1]))
+    which, share = nearest[row, column], shares[row, column] / 255.0
+    # Four shares of 8 bits, each rounded by half a step.
+    assert share.sum() == pytest.approx(1.0, abs=2 / 255)
+    # Up to the width of a texel, the nearest direction has the largest weight, and all four are near.
+    cosines = even_directions(32) @ ray
+    assert cosines[which[0]] > cosines.max() - 0.02
+    assert (np.diff(share) <= 0).all()
+    assert (cosines[which] > math.cos(math.radians(75))).all()
+
+
+@pytest.mark.gl
+def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel() -> None:
+    # Texels of 3 and of 10 cm.
+    side, extent = 128, np.array([3.84, 12.8, 50.0])
+    depths = np.ones((side, side), np.float32)
+    context = process_context()
+    with context.current() as gl:
+        shadow = ShadowMap(gl, LightView(np.eye(3), np.zeros(3), extent), side)
+        shadow.target.use()
+        shadow.target.clear()
+        for x, y, width, height, depth in ((10, 20, 5, 3, 0.25), (50, 60, 60, 60, 0.5), (127, 0, 1, 128, 0.75)):
+            shadow.target.use((x, y, width, height))
+            shadow.target.clear(depth)
+            depths[y : y + height, x : x + width] = depth
+        shadow.survey()
+        assert shadow.casters is not None
+        ranges = np.frombuffer(shadow.casters.read(), np.float32).reshape(*shadow.casters.size[::-1], 2)
+        shadow.release()
+    across, up = np.ceil(LARGEST_PENUMBRA / extent[:2] * side).astype(int)
+    around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
+    per_texel = np.kron(ranges.transpose(2, 0, 1), np.ones((1, 8, 8), np.float32))
+    assert (per_texel[0] <= cv2.erode(depths, around) + 1e-6).all()
+    assert (per_texel[1] >= cv2.dilate(depths, around) - 1e-6).all()
+    # The bounds are no wider than a few blocks: most of the map is empty, and the middle of a caster is full.
+    assert (per_texel[0] == 1).mean() > 0.25
+    assert per_texel[1, 90, 80] == pytest.approx(0.5, abs=1e-6)

@@ -1,0 +1,107 @@
+"""Run a part of the paper's experiment and keep its results in ``docs/experiment/``.
+
+``make paper-part``, ``make paper-light`` and ``make paper-cycles`` call this. What stays the same is not made again, so an
+interrupted command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import subprocess
+import sys
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import yaml
+from PIL import Image
+
+from tools.contact_sheet import captioned, contact_sheet
+from valerie.analysis.report.panels import make_panel
+from valerie.analysis.report.plots import static_figure
+from valerie.analysis.rows.frame_counts import settings
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.trends.trends import find_trends
+from valerie.analysis.wording import setting_labels
+from valerie.measures import measure_of
+
+ROOT: Final = Path(__file__).parents[1]
+KEPT: Final = ROOT / "docs" / "experiment"
+CLAIMS: Final = str(ROOT / "examples" / "claims" / "paper.yaml")
+SPECS: Final = ROOT / "examples"
+#: Reports, and specs that are made here.
+MADE: Final = ROOT / "var"
+
+
+def keep_part() -> None:
+    """Run two of eight headings; keep the report and the rows."""
+    page = MADE / "paper-part.html"
+    _keep_rows(_run(SPECS / "paper-part.yaml", page), "paper-part")
+    (KEPT / "paper-part.html.xz").write_bytes(lzma.compress(page.read_bytes(), preset=9))
+
+
+def keep_light() -> None:
+    """Run a part with the light on each person; keep the rows and pACC over light as a picture. The report stays in ``var/``."""
+    _keep_rows(_run(SPECS / "paper-light.yaml", MADE / "paper-light.html"), "paper-light")
+    draw_light(KEPT / "paper-light.parquet", ROOT / "docs" / "images" / "paper-light.png")
+
+
+def draw_light(rows: Path, picture: Path) -> None:
+    """Draw pACC over irradiance, shadow and contrast, a column per function."""
+    table = EvaluationTable.from_parquet(rows)
+    trends = find_trends(table, seed=0, axes=[measure_of(name) for name in ("irradiance", "shadow_share", "contrast")])
+    tiles = []
+    for axis in dict.fromkeys(trend.column for trend in trends.items):
+        for (function, sensor), title in setting_labels(settings(table)).items():
+            panel = make_panel(table, trends, axis, function, sensor, seed=0)
+            drawn = (
+                Image.open(BytesIO(static_figure(panel))).convert("RGB").resize((640, 380), Image.Resampling.LANCZOS)
+            )
+            tiles.append(captioned(drawn, drawn.size, f"{title}, {panel.total:,} persons"))
+    contact_sheet(tiles, columns=2).save(picture, optimize=True)
+
+
+def keep_cycles() -> None:
+    """Run a part by both engines; keep the rows of both, and what holds in both. The report stays in ``var/``."""
+    spec = yaml.safe_load((SPECS / "paper-cycles.yaml").read_text())
+    raster_spec = MADE / "paper-cycles-raster.yaml"
+    MADE.mkdir(exist_ok=True)
+    raster_spec.write_text(yaml.safe_dump({**spec, "name": raster_spec.stem, "renderer": "raster"}, sort_keys=False))
+    raster = _run(raster_spec, MADE / "paper-cycles-raster.html")
+    cycles = _run(SPECS / "paper-cycles.yaml", MADE / "paper-cycles.html")
+    _keep_rows(raster, "paper-cycles-raster")
+    _keep_rows(cycles, "paper-cycles")
+    _valerie("compare", raster, cycles, "--claims", CLAIMS, "-o", str(KEPT / "paper-cycles.json"))
+    _valerie("report", raster, "--claims", CLAIMS, "--beside", cycles, "-o", str(MADE / "paper-cycles.html"))
+
+
+def _run(spec: Path, page: Path) -> str:
+    """Run a spec with the paper's claims, write its report to ``page``, and return the run's id."""
+    command = (*_VALERIE, "run", str(spec), "--claims", CLAIMS, "--report", str(page), "--json")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        started = json.loads(process.stdout.readline())
+        for line in process.stdout:
+            sys.stdout.write(line)
+    if process.returncode:
+        raise SystemExit(process.returncode)
+    return str(started["run"])
+
+
+def _keep_rows(run: str, name: str) -> None:
+    KEPT.mkdir(exist_ok=True)
+    _valerie("rows", run, "-o", str(KEPT / f"{name}.parquet"))
+
+
+def _valerie(*words: str) -> None:
+    status = subprocess.run((*_VALERIE, *words), check=False).returncode
+    if status:
+        raise SystemExit(status)
+
+
+_VALERIE: Final = (sys.executable, "-m", "valerie")
+_PARTS: Final = {"part": keep_part, "light": keep_light, "cycles": keep_cycles}
+
+if __name__ == "__main__":
+    _PARTS[sys.argv[1]]()

@@ -1,0 +1,44 @@
+"""What the street's parameters stand for in an operational design domain, and where their ranges come from."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from valerie.parameters.definitions import ParameterDefinition
+from valerie.parameters.odd import OddAttribute
+from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
+
+
+class Meaning(NamedTuple):
+    """An attribute, and the source of the range."""
+
+    odd: OddAttribute
+    source: str = ""
+
+
+_STREET: Final = "the generated street, wider than the paper's positions (section 6.1)"
+#: By path, or by the class of the thing at the path.
+_MEANINGS: Final = {
+    f"{SUN_PATH}.elevation": Meaning(OddAttribute.ILLUMINATION, "from night to noon in the middle of Europe"),
+    f"{ENVIRONMENT_PATH}.rain": Meaning(OddAttribute.RAINFALL, "ISO 34503: up to the end of heavy rain"),
+    f"{ENVIRONMENT_PATH}.visibility": Meaning(OddAttribute.PARTICULATES, "fog; the largest value is clear air"),
+    f"{ENVIRONMENT_PATH}.turbidity": Meaning(OddAttribute.PARTICULATES, "clear air to haze"),
+    f"{ENVIRONMENT_PATH}.cloud_cover": Meaning(OddAttribute.CLOUDINESS, "all that is possible"),
+    f"{ENVIRONMENT_PATH}.street_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "all that is possible"),
+    f"{ENVIRONMENT_PATH}.car_lamps": Meaning(OddAttribute.ARTIFICIAL_ILLUMINATION, "all that is possible"),
+    "sun": Meaning(OddAttribute.ILLUMINATION),
+    "person": Meaning(OddAttribute.VULNERABLE_ROAD_USERS),
+    "bicycle": Meaning(OddAttribute.NON_MOTOR_VEHICLES),
+    **dict.fromkeys(("car", "truck", "bus", "motorcycle"), Meaning(OddAttribute.MOTOR_VEHICLES)),
+    "building": Meaning(OddAttribute.BASIC_STRUCTURES),
+}
+
+
+def with_meaning(definition: ParameterDefinition) -> ParameterDefinition:
+    """Return a declaration with its attribute and source; cameras and sensors are no part of a domain."""
+    thing = definition.path.removeprefix(f"{ROOT}.").partition("-")[0]
+    meaning = _MEANINGS.get(definition.path) or _MEANINGS.get(thing)
+    if meaning is None:
+        return definition
+    source = meaning.source or (_STREET if ".pos." in definition.path else "")
+    return definition.model_copy(update={"odd": meaning.odd, "source": source})

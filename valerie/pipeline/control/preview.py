@@ -1,0 +1,176 @@
+"""Pictures of a spec's variants before it is submitted, rendered by a child process that is bounded in time and memory."""
+
+from __future__ import annotations
+
+import base64
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from threading import Lock
+from typing import Final
+
+from pydantic import ValidationError
+
+from valerie.db.engine import reading
+from valerie.errors import InvalidInput, MissingDependency, RenderingError, TransientError, UnknownName
+from valerie.parent import Wire, module_command, module_environment
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.functions import registry
+from valerie.pipeline.work.preview import HEADER, PreviewAnswer, PreviewFrame, PreviewJob
+from valerie.runs.forecasting.forecast import PlannedVariant, planned_variants
+from valerie.runs.resolving.sensors import focal_length_mm, setting_of
+from valerie.runs.resolving.spec import ResolvedRun, RunSpec
+
+#: Longer side of a picture, pixels.
+SIDE: Final = 480
+#: Distance from an index up to which an accepted variant is looked for.
+_NEAR: Final = 500
+#: Longest time for all pictures of a request: loading an asset takes ten seconds on a busy machine.
+_SECONDS: Final = 90.0
+#: Longest time that a request waits for another one.
+_PATIENCE_SECONDS: Final = 20.0
+_COMMAND: Final = tuple(module_command("valerie.pipeline.work.preview"))
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """A variant before it is run.
+
+    Attributes:
+        variant: its values, and why it would be rejected.
+        picture: PNG; None for a rejected variant.
+    """
+
+    variant: PlannedVariant
+    picture: bytes | None
+
+
+class Previews:
+    """Renders previews one after the other. The child process is started when it is needed, and again after its end."""
+
+    def __init__(self, context: Context, *, command: Sequence[str] = _COMMAND, seconds: float = _SECONDS) -> None:
+        """Prepare; no process is started.
+
+        Args:
+            context: of this process.
+            command: of the child.
+            seconds: longest time of one request.
+        """
+        self._context, self._command, self._seconds = context, command, seconds
+        self._child: subprocess.Popen[bytes] | None = None
+        self._lock = Lock()
+
+    def render(
+        self, spec: RunSpec, variants: Sequence[int], *, camera: str | None = None, accepted: bool = False
+    ) -> list[Preview]:
+        """Return pictures of variants by the first sensor of a spec, at the first moment of a sequence.
+
+        Args:
+            spec: of a run; nothing is stored.
+            variants: their indexes.
+            camera: None takes the first of the spec.
+            accepted: True takes the nearest accepted variant for a rejected one, where one is near.
+
+        Raises:
+            InvalidInput: the spec, an index or the camera, with field, value and limit.
+            MissingDependency: this machine cannot render.
+            TransientError: another request takes long, or the child ended.
+            RenderingError: the engine refuses the scene.
+        """
+        with reading(self._context.engine) as connection:
+            names = registry.names(connection, registry.known(connection, spec.functions))
+        resolved = resolve_new(spec, self._context.settings, registered=names)
+        if camera is None:
+            camera = resolved.cameras[0]
+        elif camera not in resolved.cameras:
+            raise UnknownName("camera of the spec", camera, resolved.cameras, field="camera")
+        for index in variants:
+            if not 0 <= index < resolved.space.size:
+                raise InvalidInput(
+                    "no such variant", field="variant", value=index, limit=f"0…{resolved.space.size - 1}"
+                )
+        if accepted:
+            variants = list(dict.fromkeys(_nearest_accepted(resolved, index) for index in variants))
+        planned = planned_variants(resolved, variants)
+        legal = [variant.index for variant in planned if variant.rejection is None]
+        pictures = dict(zip(legal, self._pictures(_job(self._context, resolved, camera, legal)), strict=True))
+        return [Preview(variant, pictures.get(variant.index)) for variant in planned]
+
+    def close(self) -> None:
+        """End the child."""
+        with self._lock:
+            self._end()
+
+    def _pictures(self, job: PreviewJob) -> list[bytes]:
+        if not job.frames:
+            return []
+        if not self._lock.acquire(timeout=_PATIENCE_SECONDS):
+            raise TransientError("another preview is being rendered; try again in a moment")
+        try:
+            answer = self._asked(job)
+        finally:
+            self._lock.release()
+        if answer.engine_missing:
+            raise MissingDependency(f"this server cannot render previews: {answer.error}")
+        if answer.error is not None:
+            raise RenderingError(f"preview: {answer.error}")
+        return [base64.b64decode(one) for one in answer.pictures]
+
+    def _asked(self, job: PreviewJob) -> PreviewAnswer:
+        """Return the child's answer; a child that had ended for want of work is started again."""
+        message = job.model_dump_json().encode()
+        if self._child is None or self._child.poll() is not None:
+            self._end()
+            self._child = subprocess.Popen(
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=module_environment("VALERIE_PLUGINS"),
+            )
+        assert self._child.stdin is not None
+        wire = Wire(self._child.stdin, self._child.stdout, lambda: None, self._seconds)
+        try:
+            wire.send(HEADER.pack(len(message)) + message)
+            return PreviewAnswer.model_validate_json(wire.receive(HEADER.unpack(wire.receive(HEADER.size))[0]))
+        except TimeoutError:
+            self._end()
+            raise TransientError(f"the preview took longer than {self._seconds:g} s") from None
+        except (EOFError, ValidationError):
+            self._end()
+            raise TransientError("the process that renders previews ended; try again") from None
+
+    def _end(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            child.kill()
+            child.communicate()
+
+
+def _nearest_accepted(resolved: ResolvedRun, index: int) -> int:
+    """Return the accepted variant next to an index, or the index itself where all around it are rejected."""
+    near = (index + sign * distance for distance in range(_NEAR) for sign in (1, -1))
+    inside = (one for one in near if 0 <= one < resolved.space.size)
+    return next((one for one in inside if resolved.rejection(resolved.space[one].values) is None), index)
+
+
+def _job(context: Context, resolved: ResolvedRun, camera: str, variants: Sequence[int]) -> PreviewJob:
+    spec = resolved.spec
+    frames = []
+    for index in variants:
+        values = dict(resolved.at(resolved.space[index].values, 0))
+        sensor = setting_of(spec.sensors[0], values, moves=False)
+        focal_length = focal_length_mm(resolved.manifest, camera, values)
+        frames.append(PreviewFrame(values=values, sensor=sensor, focal_length_mm=focal_length))
+    width, height = spec.resolution.width, spec.resolution.height
+    scale = SIDE / max(width, height)
+    return PreviewJob(
+        asset=spec.asset,
+        asset_dir=context.settings.asset_dir,
+        camera=camera,
+        width=max(16, round(width * scale)),
+        height=max(16, round(height * scale)),
+        seed=spec.seed,
+        frames=tuple(frames),
+    )

@@ -1,0 +1,155 @@
+"""``python -m valerie.pipeline.work.preview``: small pictures of variants, for the process that started this one.
+
+`valerie.pipeline.control.preview` sends one job after the other over standard input, as JSON behind its length, and gets the
+pictures back in the same way. The asset stays in memory between them. This process ends with its parent, at its limit of
+memory, and when no job comes for a while.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import select
+import struct
+import sys
+from pathlib import Path
+from typing import Final
+
+from pydantic import BaseModel, ConfigDict
+
+from valerie import plugins
+from valerie.errors import ValerieError
+from valerie.parameters.definitions import Value
+from valerie.parent import end_with_parent
+from valerie.perception.running.limits import limit_memory
+from valerie.rendering.base import Renderer, View
+from valerie.rendering.truth import TruthMaker
+from valerie.scene.assets.asset import SceneAsset, load_asset
+from valerie.scene.variation.variant import apply
+from valerie.sensing.metering import metered_ev
+from valerie.sensing.sensor import Shot, develop
+from valerie.sensing.settings import SensorSetting
+
+HEADER: Final = struct.Struct("<I")
+#: The engine of previews: it needs less than a second for a frame.
+ENGINE: Final = "raster"
+_IDLE_SECONDS: Final = 180.0
+_MEMORY_MB: Final = 6_144
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PreviewFrame(_Document):
+    """A frame to render.
+
+    Attributes:
+        values: path to value, at the moment of the frame.
+        sensor: the setting with the variant's values.
+        focal_length_mm: of the camera; None where the asset does not tell.
+    """
+
+    values: dict[str, Value]
+    sensor: SensorSetting
+    focal_length_mm: float | None
+
+
+class PreviewJob(_Document):
+    """Frames of one asset to render.
+
+    Attributes:
+        asset: name, or name and arguments.
+        asset_dir: folder of users' assets.
+        camera: name.
+        width, height: of the pictures, pixels.
+        seed: of the run.
+        frames: to render, in order.
+    """
+
+    asset: str | dict[str, Value]
+    asset_dir: Path
+    camera: str
+    width: int
+    height: int
+    seed: int
+    frames: tuple[PreviewFrame, ...]
+
+
+class PreviewAnswer(_Document):
+    """The answer to a job.
+
+    Attributes:
+        pictures: PNG files in base 64, one for each frame; empty with an error.
+        error: why there are none.
+        engine_missing: True if this machine cannot render at all.
+    """
+
+    pictures: tuple[str, ...] = ()
+    error: str | None = None
+    engine_missing: bool = False
+
+
+def main() -> None:
+    """Answer jobs until the parent ends or nobody asks any more."""
+    end_with_parent()
+    limit_memory(_MEMORY_MB)
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a driver prints is no answer
+    studio = _Studio()
+    while select.select([requests], [], [], _IDLE_SECONDS)[0]:
+        header = requests.read(HEADER.size)
+        if len(header) < HEADER.size:
+            return
+        job = PreviewJob.model_validate_json(requests.read(HEADER.unpack(header)[0]))
+        answer = studio.answer(job).model_dump_json().encode()
+        answers.write(HEADER.pack(len(answer)) + answer)
+        answers.flush()
+
+
+class _Studio:
+    """Engine, truth pass and the latest asset, opened when they are needed."""
+
+    def __init__(self) -> None:
+        self._engine: Renderer | None = None
+        self._truth: TruthMaker | None = None
+        self._asset: tuple[object, SceneAsset] | None = None
+
+    def answer(self, job: PreviewJob) -> PreviewAnswer:
+        try:
+            engine = self._engine = self._engine or plugins.create_renderer(ENGINE)
+        except ValerieError as error:
+            return PreviewAnswer(error=str(error), engine_missing=True)
+        try:
+            return PreviewAnswer(pictures=tuple(self._picture(engine, job, frame) for frame in job.frames))
+        except (ValerieError, MemoryError) as error:
+            return PreviewAnswer(error=str(error) or f"more than {_MEMORY_MB} MB are needed")
+
+    def _picture(self, engine: Renderer, job: PreviewJob, frame: PreviewFrame) -> str:
+        from PIL import Image
+
+        scene = apply(frame.values, self._loaded(job))
+        view = View(job.camera, job.width, job.height)
+        background = engine.background(scene, view)
+        image = engine.layer(scene, view).over(background)
+        depth = None
+        if frame.sensor.needs_depth:
+            self._truth = self._truth or plugins.create_truth_pass(engine.numeric_class)
+            statics, layer = self._truth.parts(scene, view)
+            depth = layer.over(statics).depth
+        metered = metered_ev(background.pixels) if frame.sensor.auto_exposure else None
+        shot = Shot(frame.focal_length_mm, depth, None, job.seed, (), metered)
+        file = io.BytesIO()
+        Image.fromarray(develop(image.pixels, frame.sensor, shot)).save(file, "PNG", compress_level=1)
+        return base64.b64encode(file.getvalue()).decode()
+
+    def _loaded(self, job: PreviewJob) -> SceneAsset:
+        key = (job.asset, job.asset_dir)
+        if self._asset is None or self._asset[0] != key:
+            self._asset = (key, load_asset(job.asset, asset_dir=job.asset_dir))
+        return self._asset[1]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""Draw surfaces with the program and the GL state that each kind of surface needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import moderngl
+
+from valerie.plain import Uniforms
+from valerie.rendering.raster.gl.uniforms import bind, set_uniforms
+from valerie.rendering.raster.upload.materials import SurfaceKind
+
+if TYPE_CHECKING:
+    from valerie.rendering.raster.upload.context import GraphicsContext
+    from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
+    from valerie.rendering.raster.upload.scenes import Statics
+    from valerie.rendering.raster.upload.textures import TextureSet
+
+
+class SurfaceDrawer:
+    """Draws statics and movables with one fragment shader.
+
+    Args:
+        context: owns the programs; it must be current in every call.
+        fragment: name of the shader, e.g. ``surface.frag``.
+        textures: use of textures apart from the alpha of cut surfaces: ``ignored``, ``known`` (the shader gets texture
+            coordinates and tangent frames but no texture) or ``read``.
+        depth_test: if False, draw over everything.
+        all_faces: if True, draw back faces of single-sided surfaces too, as shadow casters need.
+        panes: treatment of `Material.transmission`: draw a pane ``whole`` (for labels), ``sampled`` (some samples show the
+            background) or ``not`` at all (a pane casts no shadow).
+        sampler: replaces the texture filters of surfaces that are not cut.
+    """
+
+    def __init__(
+        self,
+        context: GraphicsContext,
+        fragment: str,
+        *,
+        textures: Literal["ignored", "known", "read"] = "ignored",
+        depth_test: bool = True,
+        all_faces: bool = False,
+        panes: Literal["whole", "sampled", "not"] = "whole",
+        sampler: moderngl.Sampler | None = None,
+    ) -> None:
+        self._context = context
+        self._fragment = fragment
+        self._textures = textures
+        self._depth_test = depth_test
+        self._all_faces = all_faces
+        self._panes = panes
+        self._sampler = sampler
+
+    def statics(self, statics: Statics, table: moderngl.Texture, values: Uniforms) -> None:
+        """Draw all statics into the target in use."""
+        geometry = statics.geometry
+        for batch in geometry.batches if self._textures == "read" else geometry.whole:
+            if batch.kind.clear and self._panes == "not":
+                continue
+            program = self._ready(batch.kind, statics.textures, table, values, movable=False)
+            geometry.array(program).render(moderngl.TRIANGLES, vertices=batch.count, first=batch.first)
+        if self._sampler is not None:
+            self._context.gl.clear_samplers()
+
+    def movables(
+        self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Uniforms
+    ) -> None:
+        """Draw placed meshes into the target in use."""
+        program, ready = None, None
+        for mesh in placed:
+            if mesh.kind.clear and self._panes == "not":
+                continue
+            kind = self._kind(mesh.kind)
+            if program is None or kind != ready:
+                program, ready = self._ready(kind, textures, table, values, movable=True), kind
+            mesh.draw(program)
+
+    def _kind(self, kind: SurfaceKind) -> SurfaceKind:
+        """Return the kind without the details that this drawer ignores, so that more meshes share a program."""
+        if self._textures != "ignored" or kind.cut:
+            return kind
+        return kind._replace(color_side=0, normal_side=0, roughness_side=0)
+
+    def moved(
+        self,
+        placed: Sequence[tuple[PlacedMesh, MeshBuffers, Uniforms]],
+        textures: TextureSet,
+        table: moderngl.Texture,
+        values: Uniforms,
+    ) -> None:
+        """Draw meshes into the target in use, each with its positions at another moment and its own uniforms."""
+        for mesh, elsewhere, own in placed:
+            program = self._ready(mesh.kind, textures, table, {**values, **own}, movable=True, elsewhere=True)
+            mesh.draw(program, elsewhere)
+
+    def _ready(
+        self,
+        kind: SurfaceKind,
+        textures: TextureSet,
+        table: moderngl.Texture,
+        values: Uniforms,
+        *,
+        movable: bool,
+        elsewhere: bool = False,
+    ) -> moderngl.Program:
+        """Return the program for a kind of surface, with textures, uniforms and GL state set."""
+        gl, read = self._context.gl, self._textures == "read"
+        defines = {"MOVABLE": 1} if movable else {}
+        if elsewhere:
+            defines["ELSEWHERE"] = 1
+        samplers: Uniforms = {"material_table": table}
+        if kind.color_side and (read or kind.cut):
+            defines["COLOR_TEXTURE"] = 1
+            samplers["color_textures"] = textures.arrays[kind.color_side]
+        if kind.normal_side and read:
+            defines["NORMAL_TEXTURE"] = 1
+            samplers["normal_textures"] = textures.arrays[kind.normal_side]
+        if kind.roughness_side and read:
+            defines["ROUGHNESS_TEXTURE"] = 1
+            samplers["roughness_textures"] = textures.arrays[kind.roughness_side]
+        if self._textures == "known" and (kind.color_side or kind.normal_side or kind.roughness_side):
+            defines["TEXTURED"] = 1
+            if kind.normal_side:
+                defines["NORMAL_TEXTURE"] = 1
+        if kind.cut:
+            defines["CUT"] = 1
+        if kind.clear and self._panes == "sampled":
+            defines["CLEAR"] = 1
+        program = self._context.program("geometry.vert", self._fragment, **defines)
+        flags = moderngl.DEPTH_TEST if self._depth_test else moderngl.NOTHING
+        if not (kind.double_sided or self._all_faces):
+            flags |= moderngl.CULL_FACE
+        gl.enable_only(flags)
+        if self._sampler is not None:
+            gl.clear_samplers()
+        bind(program, samplers, None if kind.cut else self._sampler)
+        set_uniforms(program, values)
+        return program
+
+
+def table_texture(gl: moderngl.Context, table: Any) -> moderngl.Texture:
+    """Upload the material table, (N, 5, 4) float32, as a texture of N rows."""
+    texture = gl.texture((table.shape[1], table.shape[0]), 4, table.tobytes(), dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

@@ -1,0 +1,140 @@
+"""Static geometry, flattened to world space: one vertex buffer, one index buffer, a few draw calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.gl.buffers import Buffers
+from valerie.rendering.raster.upload.materials import SurfaceKind
+from valerie.rendering.raster.upload.surroundings import SurfaceSample, sample_surfaces
+from valerie.rendering.scene_reading import DrawItem, normal_matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """The consecutive indices of one draw call."""
+
+    kind: SurfaceKind
+    first: int
+    count: int
+
+
+_SERIALS = count()
+
+
+class StaticGeometry:
+    """The static part of a scene on the GPU.
+
+    Args:
+        gl: the current context.
+        items: the nodes to draw. The reference keeps the ``id`` of their meshes, cache keys, from being reused.
+        rows: per item and mesh, the row of its material in the material table.
+        kinds: per item and mesh, its kind of surface.
+
+    Attributes:
+        serial: unique number in this process (an ``id`` may be reused).
+        low, high: (3,) world bounds of all vertices, metres; a unit box around the origin if there are none.
+        core_low, core_high: (3,) bounds without the outermost 0.5 % of the vertices on each side, which leaves out a ground plane
+            that reaches to the horizon, metres.
+        sample: places on the surfaces that are not clear.
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        items: Sequence[DrawItem],
+        rows: Sequence[Sequence[int]],
+        kinds: Sequence[Sequence[SurfaceKind]],
+    ) -> None:
+        self._items = tuple(items)
+        self.serial = next(_SERIALS)
+        vertices: list[tuple[NDArray[np.float32], ...]] = []
+        ids: list[NDArray[np.uint32]] = []
+        solid: list[tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.bool_]]] = []
+        faces: dict[SurfaceKind, list[NDArray[np.uint32]]] = {}
+        start = 0
+        for item, item_rows, item_kinds in zip(items, rows, kinds, strict=True):
+            mirrored = np.linalg.det(item.world[:3, :3]) < 0
+            for mesh, row, kind in zip(item.meshes, item_rows, item_kinds, strict=True):
+                count = len(mesh.positions)
+                vertices.append((*_in_world(item, mesh.positions, mesh.normals), mesh.uvs))
+                ids.append(
+                    np.broadcast_to(np.array([row, item.node.label_id, item.node.instance_id], np.uint32), (count, 3))
+                )
+                corners = (mesh.faces[:, ::-1] if mirrored else mesh.faces) + np.uint32(start)
+                faces.setdefault(kind, []).append(corners)
+                if not kind.clear:
+                    both = np.full(len(corners), kind.double_sided)
+                    solid.append((corners, np.full(len(corners), row, np.uint32), both))
+                start += count
+        self.triangles = 0
+        self.batches: list[Batch] = []
+        self.low, self.high = np.full(3, -0.5), np.full(3, 0.5)
+        self.core_low, self.core_high = self.low, self.high
+        self.sample = SurfaceSample.empty(0.0)
+        self._buffers: Buffers | None = None
+        if not start:
+            return
+        positions, normals, uvs = (np.concatenate(part) for part in zip(*vertices, strict=True))
+        self.low, self.high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
+        self.core_low, self.core_high = np.quantile(positions, (0.005, 0.995), axis=0)
+        if solid:
+            corners, of_faces, two_sided = (np.concatenate(part) for part in zip(*solid, strict=True))
+            self.sample = sample_surfaces(positions, corners, of_faces, two_sided, self.core_low, self.core_high)
+        ordered: list[NDArray[np.uint32]] = []
+        # Cut surfaces and panes come last, so that all others form one range for passes that need only shapes.
+        for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):
+            joined = np.concatenate(faces[kind])
+            self.batches.append(Batch(kind, self.triangles * 3, joined.size))
+            self.triangles += len(joined)
+            ordered.append(joined)
+        attributes = {
+            "in_position": positions, "in_normal": normals, "in_uv": uvs, "in_ids": np.concatenate(ids),
+        }  # fmt: skip
+        self._buffers = Buffers(gl, attributes, np.concatenate(ordered))
+
+    @property
+    def whole(self) -> tuple[Batch, ...]:
+        """Batches merged for passes that need no colour: single-sided, double-sided (both solid), and the others."""
+        merged: list[Batch] = []
+        solid = [b for b in self.batches if not (b.kind.cut or b.kind.clear)]
+        for sided in (False, True):
+            merged += _joined([b for b in solid if b.kind.double_sided == sided])
+        return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
+
+    def array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """Return the vertex array of a program. There must be at least one batch."""
+        assert self._buffers is not None
+        return self._buffers.array(program)
+
+    def release(self) -> None:
+        """Free the buffers."""
+        if self._buffers is not None:
+            self._buffers.release()
+
+
+def _in_world(
+    item: DrawItem, positions: NDArray[np.float32], normals: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    world = item.world
+    world_positions = (positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
+    world_normals = normals @ normal_matrix(world).T
+    length = np.linalg.norm(world_normals, axis=1, keepdims=True)
+    return world_positions, (world_normals / np.maximum(length, 1e-12)).astype(np.float32)
+
+
+def _joined(batches: Sequence[Batch]) -> list[Batch]:
+    """Return batches with adjoining ranges merged."""
+    joined: list[Batch] = []
+    for batch in batches:
+        if joined and joined[-1].first + joined[-1].count == batch.first:
+            joined[-1] = Batch(joined[-1].kind, joined[-1].first, joined[-1].count + batch.count)
+        else:
+            joined.append(batch)
+    return joined
