@@ -18,13 +18,13 @@ from valerie.scene.graph.model import Material, Node, Texture
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.transforms import place
 
-#: Radius in metres that a pedestrian needs to stand; arms may reach over a bonnet.
+#: Radius that a pedestrian needs to stand, metres. Arms may reach over a bonnet.
 PERSON_RADIUS_M: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class PersonPlace:
-    """The default place of a person (metres, degrees), and its character."""
+    """The default place (metres, degrees) and character of a person."""
 
     x: float
     y: float
@@ -32,7 +32,7 @@ class PersonPlace:
     character: str
 
 
-#: Places in the order in which persons take them.
+#: Places in the order of the persons.
 PLACES: Final = (
     PersonPlace(3.0, 20.0, 180.0, "yellow-shirt"),
     PersonPlace(1.5, 24.0, 0.0, ABSENT),
@@ -57,14 +57,20 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
     yield number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
     yield angle(f"{path}.heading", person.heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
     yield choice(
-        f"{path}.character", (*CHARACTERS, ABSENT), person.character, Affects.GEOMETRY, "who is seen, or nobody"
+        f"{path}.character",
+        (*CHARACTERS, ABSENT),
+        person.character,
+        Affects.GEOMETRY,
+        "appearance of the person, or absent",
     )
-    yield choice(f"{path}.pose", POSES, DEFAULT.pose, Affects.GEOMETRY, "what the person does")
+    yield choice(f"{path}.pose", POSES, DEFAULT.pose, Affects.GEOMETRY, "pose of the person")
     yield number(
         f"{path}.gait_phase", 0.0, 1.0, DEFAULT.gait_phase, Affects.GEOMETRY, "",
-        "of a walk: share of the cycle after the character's first instant; the nearest 1/16 is shown",
+        "share of a walk's cycle after the character's first instant; rounded to 1/16",
     )  # fmt: skip
-    yield choice(f"{path}.carries", CARRIED, DEFAULT.carries, Affects.GEOMETRY, "own: what the character comes with")
+    yield choice(
+        f"{path}.carries", CARRIED, DEFAULT.carries, Affects.GEOMETRY, "carried thing; own: the character's own"
+    )
     for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
         yield number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
 
@@ -72,7 +78,7 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
 class Crowd:
     """Nodes, materials and textures of persons. Each person has its own materials, which vary independently.
 
-    Bodies and textures are shared, and built on first use.
+    Bodies and textures are shared and built on first use.
     """
 
     def __init__(self) -> None:
@@ -85,7 +91,7 @@ class Crowd:
             self.textures.update(person.textures)
 
     def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
-        """Yield the node of a person, and one child per character, of which the chosen one is visible."""
+        """Yield the node of a person, and a child per character. Only the chosen child is visible."""
         path = f"{ROOT}.{name}"
         present = person.character != ABSENT
         yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=present)

@@ -15,7 +15,7 @@ def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def normal_map(height: NDArray[np.floating], texel: tuple[float, float]) -> NDArray[np.uint8]:
-    """Encode the (H, W, 3) tangent-space normals of a periodic height field, as in glTF: x right, y up the picture, z out.
+    """Encode the tangent-space normals, (H, W, 3), of a periodic height field as in glTF: x right, y up the image, z out.
 
     Args:
         height: (H, W) metres.
@@ -33,10 +33,10 @@ def roughness_map(roughness: NDArray[np.floating], metallic: NDArray[np.floating
 
     Args:
         roughness: (H, W) in [0, 1].
-        metallic: likewise; None: 0.
+        metallic: likewise; None for 0.
 
     Returns:
-        (H / 2, W / 2, 3).
+        (H / 2, W / 2, 3) uint8.
     """
     texels = np.full((roughness.shape[0] // 2, roughness.shape[1] // 2, 3), 255, np.uint8)
     texels[..., 1] = np.round(np.clip(halved(roughness), 0.0, 1.0) * 255.0)
@@ -45,7 +45,7 @@ def roughness_map(roughness: NDArray[np.floating], metallic: NDArray[np.floating
 
 
 def halved(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return the means of two by two pixels of (H, W) or (H, W, C)."""
+    """Return the means over 2 × 2 pixels of an array (H, W) or (H, W, C)."""
     height, width, *channels = values.shape
     means: NDArray[np.floating] = values.reshape(height // 2, 2, width // 2, 2, *channels).mean(axis=(1, 3))
     return means

@@ -27,7 +27,7 @@ class Traffic:
         self.textures: dict[str, Texture] = {}
 
     def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
-        """Yield the nodes of a vehicle: the top one, and its kinds, or its parts and its rider, who is a separate object."""
+        """Yield the nodes of a vehicle: the top node, then its kinds, or its parts and its rider, who is a separate object."""
         path = f"{ROOT}.{name}"
         yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=shown)
         for number, kind in enumerate(at.kinds):
@@ -56,7 +56,7 @@ class Traffic:
 
 @lru_cache(maxsize=len(MOUNTS))
 def _rider(mount: str) -> VehicleContent:
-    """Return the rider of a vehicle. It is the same in every street, and cached, since dressing takes the longest."""
+    """Return the rider of a vehicle. It is the same in every street. Cached, since dressing takes the longest."""
     return build_rider(mount)
 
 

@@ -1,6 +1,6 @@
 """The vehicles in traffic of a generated street: default places, parameters, outlines.
 
-All are hidden by default, at no cost. Their default places block nothing.
+All are hidden by default and then cost nothing. Their default places block nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Footprint
 from valerie.scene.graph.naming import ROOT
 
-#: Paint of vehicles in traffic before any parameter.
+#: Default paint of vehicles in traffic.
 DEFAULT_PAINT: Final = "blue"
 #: Bodies of a car in traffic.
 CAR_KINDS: Final = ("hatchback", "sedan", "estate", "suv", "van")
@@ -33,9 +33,9 @@ class TrafficPlace:
     """The default place of a vehicle in traffic (metres, degrees), and its kinds.
 
     Attributes:
-        kinds: of a car, of which one or none is visible; empty for a vehicle with a single kind.
-        rider: name of the node of its rider, if it has one.
-        seed: of its rims and number plate.
+        kinds: kinds of a car, of which one or none is visible; empty for a vehicle with a single kind.
+        rider: name of its rider's node, if it has a rider.
+        seed: seed of its rims and number plate.
     """
 
     x: float
@@ -51,23 +51,23 @@ _FIXED: Final = {
     "car-101": TrafficPlace(2.5, 40.0, 180.0, CAR_KINDS),
     "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
 }
-#: Vehicles that take the first free place in their lane, starting at their preferred place.
+#: Vehicles that take the first free place in their lane, from their preferred place on.
 _FITTED: Final = {
     "car-102": TrafficPlace(2.5, 47.0, 180.0, CAR_KINDS, seed=10),
     "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
 }
-#: Paths of the vehicles in training scenes. Shipped networks were trained on the draws of each seed, so these are fixed.
+#: Paths of the vehicles in training scenes. They are fixed, since shipped networks were trained on the draws of each seed.
 TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
-#: A cyclist who waits far down the street. He belongs to the background, and shares his shape with the moving cyclist.
+#: A waiting cyclist far down the street, who belongs to the background and has the shape of the moving cyclist.
 WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
 
-#: Along the street, metres: the range of vehicles, the room before the far end, and the step of the search.
+#: Range of vehicles along the street, room before the far end, and step of the search, metres.
 _ALONG: Final = (-30.0, 112.0)
 _END_M: Final = 12.0
 _STEP_M: Final = 0.5
-#: Metres between a vehicle's default place and anything else.
+#: Distance between a vehicle's default place and other objects, metres.
 _ROOM_M: Final = 0.05
 
 
@@ -77,7 +77,7 @@ def class_of(name: str) -> str:
 
 
 def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
-    """Return the vehicles in traffic by name, each where there is room for it."""
+    """Return the vehicles in traffic by name, at places with room for them."""
     places = dict(_FIXED)
     taken = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
     taken += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
@@ -99,7 +99,7 @@ def outlines(name: str, at: TrafficPlace) -> list[Polygon]:
 
 
 def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]:
-    """Yield outlines of the vehicles in traffic, and of the cyclist who waits."""
+    """Yield outlines of the vehicles in traffic, and of the waiting cyclist."""
     for name, at in (*places.items(), WAITING):
         for kind, polygon in zip(at.kinds or (class_of(name),), outlines(name, at), strict=True):
             path = f"{ROOT}.{name}.{kind}" if at.kinds else f"{ROOT}.{name}"
@@ -112,24 +112,24 @@ def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[Parameter
     for name, at in places.items():
         path = f"{ROOT}.{name}"
         if at.kinds:
-            yield choice(f"{path}.kind", (*at.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
+            yield choice(f"{path}.kind", (*at.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "model of the car, or absent")
         else:
-            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is there")
+            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is visible")
         yield from place_parameters(path, at.x, at.y, at.heading)
         yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
 
 
 def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
     """Yield position and heading of a vehicle, anywhere in the street."""
-    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
-    yield number(f"{path}.pos.y", *_ALONG, y, Affects.GEOMETRY, "m", "along the street")
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "position across the street")
+    yield number(f"{path}.pos.y", *_ALONG, y, Affects.GEOMETRY, "m", "position along the street")
     yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 
 def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
-    """Return the first place with room for every kind, from the preferred one onwards; else the first one before it.
+    """Return the first place with room for every kind, from the preferred place onwards, else the first place before it.
 
-    The carriageway behind the cameras is free in every street, so a place always exists.
+    The carriageway behind the cameras is free in every street, so there is always a place.
     """
     ahead = round((min(_ALONG[1], layout.extent[3] - _END_M) - wish.y) / _STEP_M)
     behind = round((wish.y - _ALONG[0]) / _STEP_M)

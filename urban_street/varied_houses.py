@@ -1,6 +1,6 @@
-"""The houses of a generated street that can be moved, turned and resized within limits, and the ways that they leave free.
+"""The houses of a generated street that can be moved, turned and resized within limits, and the ways between them.
 
-They belong to the background. Houses stand side by side, so most changes need room first: a smaller house, or one farther back.
+They belong to the background. Houses are side by side, so most changes need room first: a smaller house, or one farther back.
 Outlines decide whether a change is legal (`valerie.scene.legality.mover_rules`).
 """
 
@@ -24,16 +24,16 @@ from valerie.scene.assets.manifest import Footprint
 #: Number of houses with parameters on each side: those nearest to the places of people.
 _EACH_SIDE: Final = 3
 _PEOPLE_Y: Final = 18.0
-#: Metres forward and back, metres to both sides, degrees to both sides, smallest and largest size.
+#: Limits of the changes: metres forward and back, metres to both sides, degrees to both sides, smallest and largest size.
 _FORWARD_M, _BACK_M, _ALONG_M, _TURN_DEG = 1.0, 3.0, 2.0, 6.0
 _SIZES: Final = (0.85, 1.1)
 
 
 def varied_houses(layout: StreetLayout) -> list[Placement]:
-    """Return the houses with parameters, the left ones first, each side by path."""
+    """Return the houses with parameters, first the left ones, each side by path."""
     houses: list[Placement] = []
     for heading in (0.5 * math.pi, -0.5 * math.pi):
-        # Only rows along the street count: houses of a side street face that street or stand far from this front.
+        # Only rows along the street count. Houses of a side street face that street or are far from this front.
         fronts = layout.lines.front(left=heading > 0.0)
         row = [
             house
@@ -48,27 +48,27 @@ def varied_houses(layout: StreetLayout) -> list[Placement]:
 def house_parameters(house: Placement) -> Iterator[ParameterDefinition]:
     """Yield the parameters of a house: limited position, orientation and size (the paper's table 1).
 
-    It turns and grows about the left end of its front, seen from the street, on the ground. The default is the planned house.
+    It turns and scales about the left end of its front, seen from the street, on the ground. The default is the planned house.
     """
     back = -_BACK_M if house.heading > 0.0 else -_FORWARD_M, _FORWARD_M if house.heading > 0.0 else _BACK_M
     degrees = round(math.degrees(house.heading)) % 360.0
     yield number(
         f"{house.path}.pos.x", _sum(house.x, back[0]), _sum(house.x, back[1]), house.x, Affects.GEOMETRY, "m",
-        "of its front, across the street",
+        "position of its front across the street",
     )  # fmt: skip
     yield number(
         f"{house.path}.pos.y", _sum(house.y, -_ALONG_M), _sum(house.y, _ALONG_M), house.y, Affects.GEOMETRY, "m",
-        "of the left end of its front, along the street",
+        "position of the left end of its front along the street",
     )  # fmt: skip
     yield angle(
         f"{house.path}.rot.z", degrees, Affects.GEOMETRY, "counter-clockwise from above, about the left end of its front",
         low=degrees - _TURN_DEG, high=degrees + _TURN_DEG,
     )  # fmt: skip
-    yield number(f"{house.path}.scale", *_SIZES, 1.0, Affects.GEOMETRY, "", "of the whole house")
+    yield number(f"{house.path}.scale", *_SIZES, 1.0, Affects.GEOMETRY, "", "scale of the whole house")
 
 
 def ways(layout: StreetLayout) -> Iterator[Footprint]:
-    """Yield the ground of carriageways and pavements, which a house leaves free."""
+    """Yield the ground of carriageways and pavements, which houses must leave free."""
     lines = layout.lines
     start, stop = lines.road_start, lines.road_stop
     for name, x0, x1 in (

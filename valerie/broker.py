@@ -57,7 +57,6 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     """Build the Celery app of one process from its settings.
 
     Args:
-        settings: settings of the deployment.
         answer_seconds: time limit for an answer of the broker. It is long for consumers, since losing the broker ends them.
     """
     app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)

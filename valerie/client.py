@@ -183,7 +183,6 @@ class FunctionDocument(_Kept):
     """The document of a registered function.
 
     Attributes:
-        name: the function's name.
         payload: description of its file; None for kinds without a file.
     """
 
@@ -260,7 +259,6 @@ class Failure(_Read):
     """A product that failed for good.
 
     Attributes:
-        kind: kind of the product.
         error: reason of the failure; None if not recorded.
     """
 
@@ -539,7 +537,6 @@ class Client:
 
         Args:
             texts: any of ``document``, ``name``, ``engine``, ``precision``.
-            payload: the function's file.
             filename: name of the file on the server; None for that of ``payload``.
         """
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]

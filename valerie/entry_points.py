@@ -65,7 +65,6 @@ class PluginKind:
 
     Attributes:
         word: noun for such a plugin in messages.
-        group: group of entry points.
         built_in: name to ``module:attribute``. Distributions cannot replace these.
     """
 

@@ -100,12 +100,7 @@ class CorruptArtifact(ValerieError):
 
 
 class MissingInput(ValerieError):
-    """The stored object of a finished input is missing or damaged, so the input must be computed again.
-
-    Args:
-        kind: kind of the input.
-        digest: digest of the input.
-    """
+    """The stored object of a finished input is missing or damaged, so the input must be computed again."""
 
     def __init__(self, kind: str, digest: str) -> None:
         self.kind, self.digest = kind, digest

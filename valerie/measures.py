@@ -76,8 +76,6 @@ class Measure:
 
     Attributes:
         name: the column's name in every table.
-        type: type of its values.
-        source: origin of its values.
         title: title for users, in lower case.
         description: definition for users.
         example: a value for documentation.

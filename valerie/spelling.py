@@ -25,7 +25,6 @@ def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
     different names stay different.
 
     Args:
-        text: the name.
         also: punctuation to keep, except at both ends.
         longest: largest number of characters; None for no limit.
 

@@ -55,7 +55,6 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     """Convert an entry of ``ValidationError.errors()``.
 
     Args:
-        detail: the entry.
         field: the field of the user's input.
     """
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})

@@ -21,6 +21,7 @@ from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.preview import Previews
 from valerie.pipeline.exploring.confusion import Confusions
 from valerie.pipeline.exploring.opening import Explorations
 from valerie.pipeline.exploring.tiles import Tiles
@@ -60,6 +61,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         app.state.context, app.state.control = context, loop
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
         app.state.confusions = Confusions(context)
+        previews = app.state.previews = Previews(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None
         if thread is not None:

@@ -246,7 +246,7 @@ class TestAPackageThatTheOperatorDoesNotName:
         left_out, unused = plugins.look_at_installed()
         assert left_out.startswith("the package my-package offers renderer mine, ")
         assert "function my-function, design my_design; VALERIE_PLUGINS does not name it" in left_out
-        assert unused.startswith("VALERIE_PLUGINS names another-package, and no package of this name")
+        assert unused.startswith("VALERIE_PLUGINS names another-package, but no package of this name")
 
 
 def test_of_two_packages_only_the_named_one_is_offered(install) -> None:

@@ -58,7 +58,6 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
     """Return one of `CHARACTERS` on a bicycle or motorcycle, in its frame. Equal arguments give equal bytes.
 
     Args:
-        name: the character's name.
         contact: the places of seat, hands and feet.
         bare_head: False to leave out hair and hat, for a rider with a helmet.
 

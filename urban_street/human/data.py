@@ -51,7 +51,6 @@ class BaseMesh:
     Attributes:
         vertices: (19158, 3) float64, metres, z up, facing +y.
         uvs: (U, 2) float64; v grows upwards, as in Wavefront files.
-        groups: groups by name.
     """
 
     vertices: NDArray[np.float64]

@@ -78,7 +78,6 @@ def settle(
         pinned: (V,) vertices that do not move.
         regions: (V,) int64, see `Obstacle`.
         under: the body, and the clothes below.
-        fabric: the cloth.
 
     Returns:
         (V, 3) settled positions, everywhere at least ``fabric.thickness`` off the obstacle (as sampled).

@@ -92,7 +92,6 @@ class Figure:
 
     Args:
         model: the character, which all its figures share.
-        stance: its stance.
         rename: maps names of materials to other names; None to keep them.
     """
 

@@ -24,11 +24,9 @@ class Garment:
 
     Attributes:
         name: name of its material after ``cloth-``.
-        cut: its pattern.
         texture: paints its colour and relief.
         roughness, specular: material of the cloth.
         thickness: thickness of the hems, metres.
-        collar: collar of a top.
         over: whether it is worn over the garments before it.
     """
 

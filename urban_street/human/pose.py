@@ -229,8 +229,6 @@ def plant(
     touch the same plane. Feet further apart (a leg in swing) are left as they are.
 
     Args:
-        body: the shaped body.
-        rotations: rotations of all bones.
         soles: side to (V, 3) rest points of the sole and their (V, bones) weights.
     """
 

@@ -39,8 +39,8 @@ class ShoePart:
     """A part of a shoe in the rest pose.
 
     Attributes:
-        points: (V, 3) metres; weights: (V, bones); faces: (F, 3). uvs: (V, 2), across (0.5 on top of the foot) and along (0
-            heel … 1 toe).
+        points: (V, 3) metres; weights: (V, bones); faces: (F, 3).
+        uvs: (V, 2), across (0.5 on top of the foot) and along (0 heel … 1 toe).
     """
 
     points: Points
@@ -53,9 +53,6 @@ def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: fl
     """Build upper and sole of one shoe.
 
     Args:
-        cut: the model.
-        body: the shaped body.
-        skin: its second skin.
         side: ``l`` or ``r``.
         ground: height of the bare foot's sole in the rest pose, metres.
     """

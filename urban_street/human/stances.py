@@ -69,7 +69,6 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, carries: str) -> dic
     """Return the rotations of all bones.
 
     Args:
-        body: the shaped body.
         gait: its gait, with the phase of the first instant.
         pose: one of `POSES`.
         step: number of instants after the first, see `GAIT_STEPS`.

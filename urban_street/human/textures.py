@@ -1,6 +1,6 @@
 """Procedural textures of cloth, skin, hair, eyes and shoes: seeded numpy, colour in sRGB, normals in glTF's convention.
 
-Cloth textures are laid out as `unwrap` maps a garment: u once around trunk or limb, v from the top down.
+Cloth textures have the layout of `unwrap`: u runs once around trunk or limb, v from the top down.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Field = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 SIZE: Final = 512
-#: Rows of a top's texture above this share of the height show the trunk, those below the sleeves.
+#: Share of the height of a top's texture that shows the trunk; the sleeves are below it.
 TRUNK_SHARE: Final = 0.6
 SLEEVE_START: Final = 0.62
 
@@ -36,24 +36,24 @@ class Canvas:
 
     @classmethod
     def plain(cls, colour: Colour, size: int = SIZE) -> Canvas:
-        """Return a canvas of one colour, flat."""
+        """Return a flat canvas of one colour."""
         return cls(np.tile(np.array(colour, np.float64), (size, size, 1)), np.zeros((size, size)))
 
     def shade(self, factor: Field) -> None:
-        """Multiply the colour by a field (H, W)."""
+        """Multiply the colour by a field, (H, W)."""
         self.colour *= factor[..., None]
 
     def paint(self, colour: Colour, cover: NDArray[np.floating[Any]]) -> None:
-        """Blend towards a colour by a cover (H, W) in 0…1."""
+        """Blend towards a colour by a cover, (H, W) in 0…1."""
         share = np.clip(cover, 0.0, 1.0)[..., None]
         self.colour += share * (np.array(colour, np.float64) - self.colour)
 
     def image(self) -> Image:
-        """Return (H, W, 3) uint8 sRGB."""
+        """Return the colour as (H, W, 3) uint8 sRGB."""
         return np.clip(np.rint(self.colour), 0, 255).astype(np.uint8)
 
     def normals(self) -> Image:
-        """Return (H, W, 3) uint8 tangent-space normals: x along u, y against v, z out."""
+        """Return the tangent-space normals, (H, W, 3) uint8: x along u, y against v, z out."""
         across = 0.5 * (np.roll(self.height, -1, axis=1) - np.roll(self.height, 1, axis=1))
         down = np.gradient(self.height, axis=0)
         vectors = np.stack([-across, down, np.ones_like(across)], axis=2)
@@ -62,26 +62,26 @@ class Canvas:
 
 
 def grid(size: int = SIZE) -> tuple[Field, Field]:
-    """Return coordinates u and v of every texel's centre, each (size, size)."""
+    """Return the coordinates u and v of every texel's centre, each (size, size)."""
     line = (np.arange(size) + 0.5) / size
     return np.tile(line, (size, 1)), np.tile(line[:, None], (1, size))
 
 
 def noise(random: np.random.Generator, sigma: tuple[float, float], size: int = SIZE) -> Field:
-    """Return smooth noise of unit variance, periodic; ``sigma`` in texels down and across."""
+    """Return smooth periodic noise of unit variance; ``sigma`` in texels down and across."""
     field = ndimage.gaussian_filter(random.normal(size=(size, size)), sigma, mode="wrap")
     return np.asarray(field / max(float(field.std()), 1e-9))
 
 
 def line(distance: Field, width: float) -> Field:
-    """Return a soft line: 1 where ``distance`` is 0, with ``width`` (both in texture units)."""
+    """Return a soft line of ``width``: 1 at ``distance`` 0 (both in texture units)."""
     return np.asarray(np.exp(-((distance / width) ** 2)))
 
 
 def weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, relief: float) -> None:
     canvas.shade(1.0 + contrast * (0.6 * noise(random, (0.5, 0.5)) + 0.35 * noise(random, (6.0, 6.0))))
     canvas.height += relief * noise(random, (0.7, 0.7))
-    # creases too small for the mesh: mostly across the limb
+    # creases that are too small for the mesh, mostly across the limb
     canvas.height += 5.0 * relief * noise(random, (6.0, 15.0))
 
 
@@ -99,7 +99,7 @@ def seam(
 
 
 def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
-    """Paint a zipped jacket with hem band, cuffs, yoke, slanted pockets."""
+    """Paint a zipped jacket with hem band, cuffs, yoke and slanted pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.16)
@@ -128,7 +128,7 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
 
 
 def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
-    """Paint a buttoned shirt: placket, buttons, a breast pocket, seams, cuffs."""
+    """Paint a buttoned shirt with placket, breast pocket, seams and cuffs."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.035, relief=0.10)
@@ -161,7 +161,7 @@ def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
     weave(canvas, random, contrast=0.07, relief=0.12)
     u, v = grid()
     canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
-    around = np.abs((u - 0.75 + 0.5) % 1.0 - 0.5)  # from the front
+    around = np.abs((u - 0.75 + 0.5) % 1.0 - 0.5)  # distance from the front
     behind = np.abs((u - 0.25 + 0.5) % 1.0 - 0.5)
     fading = 0.9 * line(around, 0.13) * line(v - 0.38, 0.20) + 0.5 * line(around, 0.12) * line(v - 0.62, 0.08)
     fading += 0.6 * line(behind, 0.13) * line(v - 0.22, 0.10)
@@ -202,7 +202,7 @@ def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) ->
 
 
 def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas:
-    """Paint a shoe's upper: u across (0.5 on top), v from heel to toe."""
+    """Paint a shoe's upper; u runs across (0.5 on top), v from heel to toe."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 256)
     canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 256))
@@ -231,7 +231,7 @@ def strands(colour: Colour, seed: int) -> Canvas:
 
 
 def eye(iris: Colour, seed: int) -> Canvas:
-    """Paint the front of an eyeball, seen straight on; the texture's width is its diameter."""
+    """Paint the front of an eyeball; the texture's width is its diameter."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain((226, 219, 213), 64)
     u, v = grid(64)
@@ -244,7 +244,7 @@ def eye(iris: Colour, seed: int) -> Canvas:
 
 
 def skin(colour: Colour, seed: int, size: int = SIZE) -> Canvas:
-    """Paint bare skin: slightly blotchy."""
+    """Paint slightly blotchy bare skin."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, size)
     blotch = noise(random, (9.0, 9.0), size)

@@ -1,6 +1,6 @@
-"""Finishing of a settled garment: hems with a visible thickness, and collars.
+"""Finish a settled garment: hems with a visible thickness, and collars.
 
-Both are drawn alike on the posed garment and on its pattern, so that texture coordinates follow from the pattern.
+Both are added to the posed garment and to its pattern, from which texture coordinates follow.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from urban_street.human.clothing import Cloth
 from urban_street.human.pose import Posed
 from urban_street.human.surface import Indices, Points
 
-#: Depth in metres to which the lining can be seen from outside.
+#: Depth to which the lining is visible from outside, metres.
 _LINING: Final = 0.022
 
 
@@ -26,10 +26,10 @@ class Collar:
     """The profile of a collar.
 
     Attributes:
-        rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on; a profile
-            that turns down again is a folded collar.
+        rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on. A folded collar has
+            a profile that turns down again.
         opening: drop of the front, as a share of the height.
-        folded: the profile turns down outside, so that the inside of the cloth is visible.
+        folded: whether the profile turns down outside, so that the inside of the cloth is visible.
     """
 
     rows: tuple[tuple[float, float], ...]
@@ -38,7 +38,7 @@ class Collar:
 
 
 def add_hems(cloth: Cloth, thickness: float) -> Cloth:
-    """Turn every open edge inwards: a band as wide as the cloth is thick, then the lining."""
+    """Turn every open edge inwards, by a band as wide as the thickness, then the lining."""
     rings: list[tuple[Indices, Points, Points]] = []
     for loop in surface.boundary_loops(cloth.faces):
         posed = _lining(cloth.points, cloth.faces, loop, thickness)
@@ -50,7 +50,7 @@ def add_hems(cloth: Cloth, thickness: float) -> Cloth:
 
 
 def add_collar(cloth: Cloth, collar: Collar, body: Body, posed: Posed) -> Cloth:
-    """Sew a collar to the uppermost open edge, which is the neckline."""
+    """Add a collar to the uppermost open edge, the neckline."""
     loops = surface.boundary_loops(cloth.faces)
     loop = max(loops, key=lambda ring: float(cloth.rest[ring, 2].mean()))
     axis = surface.normalize(
@@ -68,11 +68,11 @@ def add_collar(cloth: Cloth, collar: Collar, body: Body, posed: Posed) -> Cloth:
 
 
 def _lining(points: Points, faces: Indices, loop: Indices, thickness: float) -> Points:
-    """Return (2, n, 3) rings: the inner edge of the hem, and the end of the lining."""
+    """Return two rings, (2, n, 3): the inner edge of the hem, and the end of the lining."""
     edge = points[loop]
     normals = surface.vertex_normals(points, faces)[loop]
     along = surface.normalize(np.roll(edge, -1, axis=0) - np.roll(edge, 1, axis=0))
-    inwards = surface.normalize(np.cross(normals, along))  # the surface lies left of its own sides
+    inwards = surface.normalize(np.cross(normals, along))  # the surface is left of its boundary
     end = edge - (thickness + 0.001) * normals + _LINING * inwards
     return np.stack([edge - thickness * normals, end])
 
@@ -90,7 +90,7 @@ def _with_rings(
     cloth: Cloth, loop: Indices, posed: Points, pattern: Points, *, doubled: bool, flipped: bool = False
 ) -> Cloth:
     """Append rings of vertices and the strips between them; ``doubled`` leaves the first edge sharp."""
-    doubled = doubled or flipped  # normals must not be averaged over faces that look opposite ways
+    doubled = doubled or flipped  # normals must not be averaged over opposite faces
     rows = [cloth.points, *posed]
     rest = [cloth.rest, *pattern]
     count = len(cloth.points)

@@ -1,4 +1,4 @@
-"""Texture coordinates of garments, from their pattern in the rest pose (the layout that `textures` paints)."""
+"""Texture coordinates of garments from their patterns in the rest pose (the layout that `textures` paints)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from urban_street.human.textures import SLEEVE_START, TRUNK_SHARE
 
 
 def unwrap(cut: Cut, body: Body, cloth: Cloth) -> tuple[Indices, Points, Indices]:
-    """Lay a garment out.
+    """Unwrap a garment.
 
     Returns:
-        as `surface.unweld`: old vertex of each new one, texture coordinates (v down), new faces.
+        The result of `surface.unweld`: old vertex of each new vertex, texture coordinates (v down), new faces.
     """
     votes = np.stack([(cloth.regions[cloth.faces] == region).sum(axis=1) for region in range(3)], axis=1)
     region = votes.argmax(axis=1)
@@ -31,7 +31,7 @@ def unwrap(cut: Cut, body: Body, cloth: Cloth) -> tuple[Indices, Points, Indices
 def _trunk(cut: Cut, body: Body, cloth: Cloth) -> Points:
     """Return texture coordinates.
 
-    u: 0.5 in front, growing to the character's right, seam at the back. v: down to the hem at `TRUNK_SHARE`, or at 1 for a skirt.
+    u: 0.5 in front, increasing to the character's right, seam at the back. v: down to the hem at `TRUNK_SHARE`, 1 for a skirt.
     """
     centre = body.head("spine_02")
     offset = cloth.rest - centre

@@ -1,1 +1,1 @@
-"""Solids for streets, vehicles and riders: surfaces, and the primitives that they are built from."""
+"""Solids for streets, vehicles and riders: surfaces, and primitives for building them."""

@@ -11,7 +11,7 @@ from urban_street.solids.surfaces import Floats, Surface, lathe, merge, sheet, t
 
 
 def turned(axis: int, degrees: float, at: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
-    """Return the (4, 4) transform of a turn about one axis (0 x, 1 y, 2 z) through the origin, then moved to ``at``."""
+    """Return the (4, 4) transform of a turn about one axis (0 x, 1 y, 2 z) through the origin, then of a move to ``at``."""
     angle = np.radians(degrees)
     cos, sin = np.cos(angle), np.sin(angle)
     first, second = [k for k in range(3) if k != axis]
@@ -24,7 +24,7 @@ def turned(axis: int, degrees: float, at: ArrayLike = (0.0, 0.0, 0.0)) -> Floats
 
 
 def pillow(half: Sequence[float], *, squareness: float = 0.35, sides: int = 16, levels: int = 7) -> Surface:
-    """Build a rounded box around the origin: a superellipsoid (1 is an ellipsoid, towards 0 a box)."""
+    """Build a rounded box around the origin: a superellipsoid with a ``squareness`` from 1 (ellipsoid) towards 0 (box)."""
     polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, levels)
     around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
 
@@ -79,7 +79,7 @@ def bar(outline: ArrayLike, low: float, high: float) -> Surface:
 
 
 def rounded_outline(half_y: float, half_z: float, radius: float, *, steps: int = 3) -> Floats:
-    """Return a rectangle with rounded corners around the origin: (M, 2), counter-clockwise."""
+    """Return a rectangle with rounded corners around the origin, (M, 2), counter-clockwise."""
     corners = []
     for k, (sy, sz) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
         angle = 0.5 * np.pi * (k + np.linspace(0.0, 1.0, steps + 1))

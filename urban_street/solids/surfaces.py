@@ -1,8 +1,8 @@
-"""Surfaces and primitives: boxes, sheets, tubes, lathes, extrusions.
+"""Surfaces and primitives: boxes, sheets, tubes, surfaces of revolution, extrusions.
 
-All primitives are batched: one call builds all window frames of a house. Coordinates are metres in the object's frame (z
-up); normals point out of the solid, faces run counter-clockwise seen from outside, texture coordinates are metres
-divided by the texture's tile size, with v growing downwards.
+All primitives are batched: one call builds all window frames of a house. Coordinates are metres in the object's frame (z up).
+Normals point out of the solid, faces are counter-clockwise seen from outside, and texture coordinates are metres divided by the
+texture's tile size, with v downwards.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Surface:
 
     Attributes:
         positions: (V, 3) metres.
-        normals: (V, 3) unit.
-        uvs: (V, 2).
+        normals: (V, 3) unit normals.
+        uvs: (V, 2) texture coordinates.
         faces: (F, 3) indices.
     """
 
@@ -36,13 +36,13 @@ class Surface:
     faces: Ints
 
     def moved(self, matrix: Floats) -> Surface:
-        """Return the surface after a (4, 4) affine map that keeps handedness."""
+        """Return the surface after a (4, 4) affine map that preserves handedness."""
         linear = matrix[:3, :3]
         normals = self.normals @ np.linalg.inv(linear)
         return Surface(self.positions @ linear.T + matrix[:3, 3], unit(normals), self.uvs, self.faces)
 
     def selected(self, mask: NDArray[np.bool_]) -> Surface:
-        """Return only the faces with a true ``mask`` (F,), and the vertices that they use."""
+        """Return only the faces with a true ``mask``, (F,), and the vertices that they use."""
         faces = self.faces[mask]
         used, compact = np.unique(faces, return_inverse=True)
         return Surface(self.positions[used], self.normals[used], self.uvs[used], compact.reshape(-1, 3))
@@ -54,7 +54,7 @@ class Surface:
 
 @dataclass(slots=True)
 class Bag:
-    """Surfaces by material, which become one mesh per material, in order of first use."""
+    """Surfaces by material, in order of first use. They become one mesh per material."""
 
     surfaces: dict[str, list[Surface]] = field(default_factory=dict)
 
@@ -62,12 +62,12 @@ class Bag:
         self.surfaces.setdefault(material, []).extend(surfaces)
 
     def merge(self, other: Bag, matrix: Floats | None = None) -> None:
-        """Add the surfaces of another bag, moved by ``matrix`` if given."""
+        """Add the surfaces of another bag, transformed by ``matrix`` if not None."""
         for material, surfaces in other.surfaces.items():
             self.add(material, *(surfaces if matrix is None else [surface.moved(matrix) for surface in surfaces]))
 
     def meshes(self) -> tuple[Mesh, ...]:
-        """Return one mesh per material; empty surfaces are left out."""
+        """Return one mesh per material, without empty surfaces."""
         merged = ((material, merge(surfaces)) for material, surfaces in self.surfaces.items())
         return tuple(to_mesh(surface, material) for material, surface in merged if len(surface.faces))
 
@@ -84,13 +84,13 @@ def to_mesh(surface: Surface, material: str) -> Mesh:
 
 
 def unit(vectors: Floats) -> Floats:
-    """Return (…, 3) vectors scaled to length one; a zero vector becomes +z."""
+    """Return (…, 3) vectors scaled to length 1. A zero vector becomes +z."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array([0.0, 0.0, 1.0]))
 
 
 def pose(x: float, y: float, z: float, heading: float = 0.0) -> Floats:
-    """Return the (4, 4) transform of a turn by ``heading`` (radians, counter-clockwise from above), then a move."""
+    """Return the (4, 4) transform of a turn by ``heading`` (radians, counter-clockwise from above), then of a move."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.array([[cos, -sin, 0.0, x], [sin, cos, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
 
@@ -126,7 +126,7 @@ def quads(corners: ArrayLike, uvs: ArrayLike | None = None, *, tile: float = 1.0
 
     Args:
         corners: (N, 4, 3), counter-clockwise seen from outside.
-        uvs: (N, 4, 2); without them, metres along the first edge (u) and up the last one (v) over ``tile``.
+        uvs: (N, 4, 2); by default metres along the first edge (u) and down across it (v), divided by ``tile``.
         tile: metres per texture repeat.
     """
     points = np.asarray(corners, np.float64).reshape(-1, 4, 3)
@@ -146,7 +146,7 @@ def quads(corners: ArrayLike, uvs: ArrayLike | None = None, *, tile: float = 1.0
     )
 
 
-#: Corners of the unit cube's faces, counter-clockwise from outside, first edge horizontal where there is one.
+#: Corners of the unit cube's faces, counter-clockwise from outside, with a horizontal first edge if there is one.
 _FACES = {
     "-x": ((0, 1, 0), (0, 0, 0), (0, 0, 1), (0, 1, 1)),
     "+x": ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1)),
@@ -168,8 +168,8 @@ def boxes(low: ArrayLike, high: ArrayLike, *, skip: Sequence[str] = (), tile: fl
 def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = False, flip: bool = False) -> Surface:
     """Build a smooth surface over an (M, N, 3) grid of points.
 
-    The outside is where d/drow × d/dcolumn points (the other side with ``flip``). With ``closed`` the last row joins
-    the first; then ``uvs`` have one row more, (M + 1, N, 2), because the seam needs both values.
+    Normals point along d/drow × d/dcolumn, or to the other side with ``flip``. With ``closed`` the last row joins the first,
+    and ``uvs`` have one row more, (M + 1, N, 2), since the seam needs both values.
     """
     grid = np.asarray(points, np.float64)
     if closed:
@@ -191,7 +191,7 @@ def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = Fal
 
 
 def _grid_faces(rows: int, columns: int, *, flip: bool) -> Ints:
-    """Return ((rows − 1)(columns − 1)·2, 3) triangles of a grid of vertices, row by row."""
+    """Return the triangles of a grid of vertices, row by row, ((rows − 1)(columns − 1)·2, 3)."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     faces = np.stack([a, b, c, a, c, d], -1).reshape(-1, 3)
@@ -207,7 +207,7 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
     radius = np.broadcast_to(np.asarray(radii, np.float64), centre.shape[:2])
     count, steps = centre.shape[:2]
     tangent = unit(_slope(centre))
-    # A fixed helper per tube, far from parallel to its pieces, keeps the rings from twisting.
+    # A fixed direction per tube, far from parallel to its pieces, keeps the rings from twisting.
     chord = unit(centre[:, -1] - centre[:, 0])
     helper = np.where(np.abs(chord[:, 2:]) < 0.75, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))[:, None]
     side = unit(np.cross(helper, tangent))
@@ -225,15 +225,15 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
 
 
 def _slope(line: Floats) -> Floats:
-    """Return differences along axis 1 (N, M, 3): central inside, one-sided at the ends."""
+    """Return differences along axis 1, (N, M, 3): central inside, one-sided at the ends."""
     ends = np.concatenate([line[:, :1], line, line[:, -1:]], axis=1)
     return np.asarray(ends[:, 2:] - ends[:, :-2])
 
 
 def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:
-    """Build a surface of revolution about z; (M, 2) profile of (radius, z).
+    """Build a surface of revolution about z from an (M, 2) profile of (radius, z).
 
-    The outside lies to the right of the profile's direction: one that goes up has it away from the axis.
+    The outside is to the right of the profile's direction: away from the axis for an upward profile.
     """
     line = np.asarray(profile, np.float64)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
@@ -249,10 +249,10 @@ def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:
 
 
 def extrude(profile: ArrayLike, start: float, stop: float, *, tile: float = 1.0) -> Surface:
-    """Build flat strips along x from ``start`` to ``stop`` with the open (M, 2) profile of (y, z), and both ends closed.
+    """Build flat strips along x from ``start`` to ``stop`` with an open (M, 2) profile of (y, z), closed at both ends.
 
-    The outside lies to the left of the profile's direction seen from +x, so for a moulding on a wall that faces −y the
-    profile runs from the wall's foot outwards and up. The ends are fans: the profile should be nearly convex.
+    The outside is to the left of the profile's direction seen from +x. For a moulding on a wall that faces −y, the profile thus
+    runs from the wall's foot outwards and up. The ends are fans, so the profile should be nearly convex.
     """
     line = np.asarray(profile, np.float64)
     lower, upper = line[:-1], line[1:]

@@ -1,4 +1,4 @@
-"""Amenities of a street: shelter, benches, bins, bicycle stands, advertising, railings, tree pits.
+"""Street furniture: shelter, benches, bins, bicycle stands, advertising, railings, tree pits.
 
 Each builder places its object at the origin. Fronts face −y, and long things run along x.
 """
@@ -12,7 +12,7 @@ from urban_street.street.plan import Placement
 
 
 def bench() -> Bag:
-    """Build 1.8 m of wooden slats on two cast frames, the back to +y."""
+    """Build a bench of 1.8 m with wooden slats on two cast frames, its back to +y."""
     bag = Bag()
     x0, x1 = -0.9, 0.9
     seat = np.array([(-0.20 + 0.11 * k, 0.44 + 0.008 * k) for k in range(4)])
@@ -32,7 +32,7 @@ def bench() -> Bag:
 
 
 def litter_bin() -> Bag:
-    """Build a steel drum on a post with a dark slot and a lid."""
+    """Build a litter bin: a steel drum on a post, with a dark slot and a lid."""
     bag = Bag()
     bag.add("iron", lathe([(0.03, 0.0), (0.03, 0.42)], 8))
     bag.add("cabinet", lathe([(0.0, 0.40), (0.19, 0.40), (0.22, 0.46), (0.22, 0.86)], 18))
@@ -73,7 +73,7 @@ def cabinet(placement: Placement) -> Bag:
 
 
 def shelter() -> Bag:
-    """Build a bus shelter of 4 m: steel frame, glass at the back and one side, a bench, a lit poster, a flat roof."""
+    """Build a bus shelter of 4 m: steel frame, glass at the back and one side, a bench, a lit poster and a flat roof."""
     bag = Bag()
     half, deep, high = 2.0, 1.3, 2.45
     posts = np.array(
@@ -95,7 +95,7 @@ def shelter() -> Bag:
             ]
         ),
     )
-    # Panes are open frames with a dotted band, since glass that can carry a label would be opaque.
+    # Panes are open frames with a dotted band, since labelled glass would be opaque.
     for z in (0.12, 1.0, high - 0.12):
         bag.add("frame-dark", boxes([[-half, deep - 0.10, z]], [[half, deep - 0.06, z + 0.05]]))
         bag.add("frame-dark", boxes([[-half - 0.02, 0.1, z]], [[-half + 0.02, deep - 0.08, z + 0.05]]))
@@ -160,7 +160,7 @@ def advertising_column() -> Bag:
 
 
 def guard_rail(placement: Placement) -> Bag:
-    """Build a pedestrian railing along y: size is (length,)."""
+    """Build a pedestrian railing along y; its size is (length,)."""
     length = placement.size[0]
     bag = Bag()
     count = max(round(length / 1.8), 1)

@@ -26,8 +26,8 @@ class Part:
 
     Attributes:
         path: node path, e.g. ``scene.tree-3`` or ``scene.car-3.door-1``.
-        transform: (4, 4) to the parent's frame, for objects the world.
-        meshes: one per material; shared by identity between equal objects.
+        transform: (4, 4), to the parent's frame; to the world for objects.
+        meshes: one mesh per material, shared by identity between equal objects.
         light: a lamp at the node's origin.
     """
 
@@ -47,7 +47,7 @@ class StreetContent:
 
 
 def build_street(layout: StreetLayout) -> StreetContent:
-    """Give every placement of a layout its shape; a few CPU seconds. Equal layouts give equal bytes."""
+    """Build the shape of every placement of a layout in a few CPU seconds. Equal layouts give equal bytes."""
     workshop = _Workshop(layout)
     parts: list[Part] = []
     for placement in layout.placements:
@@ -77,7 +77,7 @@ def _transform(placement: Placement) -> Matrix:
 
 
 class _Workshop:
-    """Builder of the objects, with a store of shared shapes."""
+    """Builds the objects and stores shared shapes."""
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed
@@ -133,7 +133,7 @@ class _Workshop:
             raise UnknownName("kind of street object", kind, known) from None
 
 
-#: Stretch along the street in which cars are near enough for all their details, metres.
+#: Range along the street in which cars have all their details, metres.
 _NEAR = (-20.0, 34.0)
 
 

@@ -1,6 +1,6 @@
-"""House fronts: a wall with real openings, and windows, doors and shop fronts in them.
+"""House fronts: walls with real openings, and windows, doors and shop fronts in them.
 
-Local frame: x along the front from 0 to the width, z up, the front in the plane y = 0 and facing −y.
+Local frame: x along the front from 0 to the width, z up; the front is in the plane y = 0 and faces −y.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ class Trim:
 
     Attributes:
         wall, reveal, frame, sill, surround, door: materials.
-        tile: metres per repeat of the wall's texture.
-        depth: of the reveals, metres.
+        tile: size of the wall's texture, metres.
+        depth: depth of the reveals, metres.
         sashes: panes side by side in a window.
-        transom: height of the horizontal bar as a part of the window, or 0.
+        transom: height of the horizontal bar as a share of the window, or 0.
         surrounds: mouldings around windows: none, flat, lintel, pediment.
     """
 
@@ -57,7 +57,7 @@ class Trim:
 
 
 def wall_with_openings(width: float, height: float, openings: Sequence[Opening]) -> Floats:
-    """Return (N, 4, 3) quadrilaterals of the front without the openings (the grid of all their edges)."""
+    """Return the quadrilaterals, (N, 4, 3), of the front without the openings, on the grid of all their edges."""
     xs = np.unique([0.0, width, *(o.x0 for o in openings), *(o.x1 for o in openings)])
     zs = np.unique([0.0, height, *(o.z0 for o in openings), *(o.z1 for o in openings)])
     x, z = np.meshgrid(0.5 * (xs[:-1] + xs[1:]), 0.5 * (zs[:-1] + zs[1:]), indexing="ij")
@@ -69,7 +69,7 @@ def wall_with_openings(width: float, height: float, openings: Sequence[Opening])
 
 
 def front_quads(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: Floats) -> Floats:
-    """Return (N, 4, 3) upright rectangles facing −y."""
+    """Return upright rectangles that face −y, (N, 4, 3)."""
     return np.stack(
         [np.stack([x0, y, z0], -1), np.stack([x1, y, z0], -1), np.stack([x1, y, z1], -1), np.stack([x0, y, z1], -1)], 1
     )
@@ -112,13 +112,13 @@ def _reveals(bag: Bag, edges: Floats, trim: Trim) -> None:
 
 
 def _bars(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: float, thick: float) -> tuple[Floats, Floats]:
-    """Return corners (low, high) of boxes in the plane of a window."""
+    """Return the corners (low, high) of boxes in the plane of a window."""
     near, far = np.full_like(x0, y), np.full_like(x0, y + thick)
     return np.stack([x0, near, z0], -1), np.stack([x1, far, z1], -1)
 
 
 def _windows(bag: Bag, edges: Floats, trim: Trim, rng: np.random.Generator) -> None:
-    """Add frame, sashes, transom; glass with a room behind it."""
+    """Add frame, sashes, transom, and glass with a room behind it."""
     x0, x1, z0, z1 = edges.T
     y, bar, wide = trim.depth, 0.045, 0.075
     middle = z0 + (z1 - z0) * (trim.transom or 1.0)
@@ -164,7 +164,7 @@ def _sills_and_surrounds(bag: Bag, edges: Floats, trim: Trim) -> None:
 
 
 def _door(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> None:
-    """Add leaves with raised panels, a fanlight, a handle, one step."""
+    """Add leaves with raised panels, a fanlight, a handle and a step."""
     y = trim.depth
     fanlight = o.z1 - (0.45 if o.z1 - o.z0 > 2.3 else 0.0)
     leaves = 2 if o.x1 - o.x0 > 1.25 else 1
@@ -216,13 +216,13 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
 
 
 def moulding(width: float, z: float, profile: Sequence[tuple[float, float]], *, tile: float = 2.0) -> Surface:
-    """Build a cornice along the whole front: ``profile`` of (out, up) from the wall's face outwards and up."""
+    """Build a cornice along the whole front. ``profile`` has points (out, up) from the wall's face."""
     line = [(-out, z + up) for out, up in profile]
     return extrude(line, 0.0, width, tile=tile)
 
 
 def railing(x0: float, x1: float, y0: float, z0: float, height: float, sides: bool = True) -> tuple[Floats, Floats]:
-    """Return boxes (low, high) of a balcony's railing: bars every 11 cm, hand rail, along the front and back to the wall."""
+    """Return boxes (low, high) of a balcony's railing along front and sides: bars every 11 cm, and a hand rail."""
     xs = np.arange(x0, x1 + 1e-6, 0.11)
     bar = 0.009
     low = [np.stack([xs - bar, np.full_like(xs, y0 - bar), np.full_like(xs, z0)], -1)]

@@ -25,12 +25,12 @@ from urban_street.street.textures.things import SIGN_CELLS
 from valerie.scene.graph.model import Light
 from valerie.scene.graph.transforms import Pose
 
-#: Which face is round, triangular or square; index into the sign atlas.
+#: Round and triangular faces by index in the sign atlas; the others are square.
 _ROUND, _TRIANGLE = {0, 1, 2}, {3}
 
 
-#: The lamp of a post: it looks down from the middle of the lantern's lens, 0.12 m² of some 12,000 cd/m², warm white (3,000 K).
-#: Posts 20 to 30 m apart give the road some 10 lx, as EN 13201 asks of residential streets (P classes: 2 … 15 lx).
+#: The lamp of a post. It points down from the middle of the lantern's lens, 0.12 m² of some 12,000 cd/m², warm white (3,000 K).
+#:Posts 20 to 30 m apart give the road some 10 lx, within the range of EN 13201 for residential streets (P classes: 2 … 15 lx).
 LANTERN: Final = Light(
     color=(1.0, 0.71, 0.42),
     intensity=1500.0,
@@ -41,12 +41,12 @@ LANTERN: Final = Light(
     glowing=("lantern",),
     luminance=12_000.0,
 )
-#: In the post's frame: the light's +y looks down.
+#: Pose of the lamp in the post's frame: the light's +y points down.
 LANTERN_PLACE: Final = Pose((1.725, 0.0, 7.28), (270.0, 0.0, 0.0)).matrix()
 
 
 def lamp_post() -> Bag:
-    """Build eight metres of tapered steel with an arm over the road (+x) and a flat lantern."""
+    """Build a tapered steel post of 8 m with an arm over the road (+x) and a flat lantern."""
     bag = Bag()
     bag.add("steel", lathe([(0.085, 0.0), (0.085, 1.0), (0.062, 1.06), (0.042, 6.6)], 12))
     t = np.linspace(0.0, 1.0, 9)
@@ -76,7 +76,7 @@ def bollard() -> Bag:
 
 
 def sign_face(variant: int) -> Bag:
-    """Build the plate of a sign: painted towards −y, grey behind; its middle 2.55 m above the foot."""
+    """Build the plate of a sign, painted towards −y and grey behind, with its middle 2.55 m above the foot."""
     bag = Bag()
     column, row = variant % SIGN_CELLS, variant // SIGN_CELLS
     if variant in _ROUND:
@@ -97,7 +97,7 @@ def sign_face(variant: int) -> Bag:
 
 
 def signal() -> Bag:
-    """Build a three-lamp signal head, 2.4 m above the foot, looking to −y."""
+    """Build a three-lamp signal head, 2.4 m above the foot, facing −y."""
     bag = Bag()
     bag.add("frame-dark", boxes([[-0.15, -0.1, 2.4]], [[0.15, 0.12, 3.3]]))
     bag.add("frame-dark", boxes([[-0.24, 0.12, 2.3]], [[0.24, 0.135, 3.4]]))
@@ -113,7 +113,7 @@ def signal() -> Bag:
 
 
 def bins(seed: int) -> Bag:
-    """Build two wheeled refuse bins side by side along x; their hinges are at +y."""
+    """Build two wheeled refuse bins side by side along x, with their hinges at +y."""
     bag = Bag()
     rng = np.random.default_rng(seed)
     for k, x in enumerate((-0.33, 0.33)):
@@ -144,7 +144,7 @@ def bins(seed: int) -> Bag:
 
 
 def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
-    """Build a box of clipped greenery with leaves standing out of its skin."""
+    """Build a box of clipped greenery with leaves that stand out of its surface."""
     bag = Bag()
     bag.add("hedge", boxes([low], [high], skip=("-z",)))
     size = high - low
@@ -178,14 +178,14 @@ def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rn
 
 
 def hedge(placement: Placement) -> Bag:
-    """Build a clipped hedge along y: size is (thickness, length, height)."""
+    """Build a clipped hedge along y; its size is (thickness, length, height)."""
     thick, long, high = placement.size
     rng = np.random.default_rng(placement.seed)
     return _foliage(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
 
 
 def planter(placement: Placement) -> Bag:
-    """Build a wooden box with shrubs: size is (thickness, length)."""
+    """Build a wooden box with shrubs; its size is (thickness, length)."""
     thick, long = placement.size
     rng = np.random.default_rng(placement.seed)
     bag = _foliage(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)

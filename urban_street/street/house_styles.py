@@ -57,7 +57,7 @@ def _centres(house: House) -> Floats:
 
 
 def build_mansard(placement: Placement) -> Bag:
-    """Build a house of dressed stone: tall windows with iron guards, two running balconies, a steep zinc roof with dormers."""
+    """Build a house of dressed stone: tall windows, iron guards, two running balconies, dormers in a steep zinc roof."""
     rng = np.random.default_rng(placement.seed)
     trim = replace(
         _trim(rng), wall="ashlar", reveal="ashlar", tile=STONE_TILE, surround="ashlar", surrounds="flat",
@@ -89,7 +89,7 @@ def build_mansard(placement: Placement) -> Bag:
             for x in centres:
                 low, high = railing(x - half - 0.02, x + half + 0.02, -0.06, z + 0.1, 0.85, sides=False)
                 bag.add("iron", boxes(low, high, skip=("-z", "+z")))
-        # Keystones and a moulded head over each window.
+        # keystones and a moulded head over each window
         low = np.stack([centres - half - 0.22, np.full_like(centres, -0.10), np.full_like(centres, z + 2.76)], -1)
         bag.add("ashlar", boxes(low, low + np.array([2.0 * half + 0.44, 0.10, 0.10]), skip=("+y",), tile=STONE_TILE))
     add_shop_boards(bag, openings, rng)
@@ -117,7 +117,7 @@ def _mansard_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
     material = "slate" if rng.random() < 0.5 else "zinc-roof"
     for (y0, z0), (y1, z1) in pairwise(outline):
         bag.add(material, quads([[(0, y0, z0), (w, y0, z0), (w, y1, z1), (0, y1, z1)]], tile=ROOF_TILE))
-    for x, turn in ((0.0, True), (w, False)):  # fire walls stand above the roof
+    for x, turn in ((0.0, True), (w, False)):  # fire walls rise above the roof
         side = np.array([(x, y, z + 0.25) for y, z in outline])
         wall = np.concatenate([[[x, outline[0][0], h]], side, [[x, outline[-1][0], h]]])
         bag.add("render-side", fan(wall if turn else wall[::-1], tile=RENDER_TILE))
@@ -134,7 +134,7 @@ def _mansard_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
 
 
 def _roof_window(bag: Bag, house: House, x: float, z: float, rng: np.random.Generator) -> None:
-    """Add a dormer in the steep slope: stuccoed front, zinc cheeks, a shallow curved lid."""
+    """Add a dormer in the steep slope, with a stuccoed front, zinc cheeks and a shallow curved lid."""
     half, tall, y = 0.62, 1.95, 0.12
     front = Bag()
     trim = replace(house.trim, wall="stucco", reveal="stucco", surrounds="none", depth=0.08, transom=0.0, tile=2.0)
@@ -155,14 +155,14 @@ def _roof_window(bag: Bag, house: House, x: float, z: float, rng: np.random.Gene
 
 
 def build_bay(placement: Placement) -> Bag:
-    """Build a brick house: canted bay windows over two floors, a porch over the door, white stone dressings."""
+    """Build a brick house with canted bay windows over two floors, a porch over the door and white stone dressings."""
     rng = np.random.default_rng(placement.seed)
     bricks = "brick-red" if rng.random() < 0.6 else "brick-buff"
     trim = replace(
         _trim(rng), wall=bricks, reveal=bricks, tile=BRICK_TILE, surrounds="lintel", sashes=1, transom=0.5, depth=0.13
     )
     house = _house(placement, min(placement.variant, 3), 3.5, 3.1, trim, _roof(rng), 44.0)
-    out = 0.85  # the bays' fronts stand on the building line
+    out = 0.85  # the bays' fronts are on the building line
     shell = Bag()
     centres = _centres(house)
     half = 0.52
@@ -193,7 +193,7 @@ def build_bay(placement: Placement) -> Bag:
 
 
 def _bay_places(house: House, centres: Floats) -> list[float]:
-    """Return the middles of the bays: to both sides of the door where there is room for 3 m."""
+    """Return the middles of the bays, on each side of the door with at least 3 m of room."""
     door = centres[house.door_bay]
     return [
         0.5 * (a + b) for a, b in ((0.25, door - 1.0), (door + 1.0, house.width - 0.25)) if b - a > 3.1
@@ -201,7 +201,7 @@ def _bay_places(house: House, centres: Floats) -> list[float]:
 
 
 def _canted_bay(bag: Bag, x: float, out: float, top: float, house: House, trim: Trim, rng: np.random.Generator) -> None:
-    """Add three faces, 1.3 m wide in front and cut back at 45°, windows on each floor, a hipped lead roof."""
+    """Add three faces, 1.3 m wide in front and cut back at 45°, with windows on each floor and a hipped lead roof."""
     front, slant = 1.3, out * np.sqrt(2.0)
     faces = (
         (x - 0.5 * front - out, 0.0, -0.25 * np.pi, slant, 0.40),
@@ -243,7 +243,7 @@ def _porch(bag: Bag, x: float) -> None:
 
 
 def build_timber(placement: Placement) -> Bag:
-    """Build a half-timbered house: each floor juts over the one below, dark posts, rails and braces, a gable to the street."""
+    """Build a half-timbered house with jutting floors, dark posts, rails and braces, and a gable to the street."""
     rng = np.random.default_rng(placement.seed)
     base = _trim(rng)
     panel = str(rng.choice(["stucco", base.wall]))
@@ -253,7 +253,7 @@ def build_timber(placement: Placement) -> Bag:
     house = _house(placement, min(placement.variant, 3), 3.1, 2.65, trim, _roof(rng), 54.0)
     bag = Bag()
     w, jut = house.width, 0.28
-    depth = jut * (house.floors - 1)  # the gable's front stands on the building line
+    depth = jut * (house.floors - 1)  # the gable's front is on the building line
     centres = _centres(house)
     ground = Bag()
     stone = replace(trim, wall="stone", reveal="stone", tile=STONE_TILE)
@@ -309,7 +309,7 @@ def _beams(bag: Bag, ends: Sequence[tuple[float, float, float, float]], wide: fl
 
 
 def _frame(bag: Bag, width: float, height: float, windows: Sequence[Opening], rng: np.random.Generator) -> None:
-    """Add sills, plates, posts beside each window, a rail below it and braces in the blind fields."""
+    """Add sills, plates, posts beside each window, a rail below it, and braces in the panels without windows."""
     low, high = windows[0].z0, windows[0].z1
     beams = [(0.0, 0.09, width, 0.09), (0.0, height - 0.09, width, height - 0.09)]
     posts = sorted({0.08, width - 0.08, *(o.x0 - 0.08 for o in windows), *(o.x1 + 0.08 for o in windows)})
@@ -369,7 +369,7 @@ def _timber_gable(bag: Bag, house: House, z: float, rng: np.random.Generator) ->
 
 
 def build_modern(placement: Placement) -> Bag:
-    """Build a flat-roofed block of flats: wide dark-framed windows, long balconies, a set-back top floor, shops below."""
+    """Build a flat-roofed block of flats: wide dark-framed windows, long balconies, a set-back top floor, and shops below."""
     rng = np.random.default_rng(placement.seed)
     base = _trim(rng)
     wall = str(rng.choice([base.wall, "stucco", "brick-buff", "concrete"]))

@@ -18,7 +18,7 @@ ROOF_COLORS = 3
 
 @dataclass(frozen=True, slots=True)
 class House:
-    """The choices for one house: metres, materials."""
+    """The dimensions, metres, and materials of one house."""
 
     width: float
     depth: float
@@ -58,7 +58,7 @@ def build_house(placement: Placement) -> Bag:
 
 
 def _corner_front(bag: Bag, house: House, rng: np.random.Generator, *, first: bool) -> None:
-    """Add a second front, a brick thick, on the side wall that a side street lays bare: at x = 0 (``first``) or the other."""
+    """Add a second front, a brick thick, on the side wall along a side street: at x = 0 (``first``) or at the other end."""
     thick, d, h = 0.2, house.depth, house.eaves - 0.05
     side = Bag()
     centres = (np.arange(4) + 0.5) * d / 4.0
@@ -173,7 +173,7 @@ def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> boo
 
 
 def other_walls(bag: Bag, house: House, *, gabled: bool) -> None:
-    """Add plain party walls and back, which are visible above lower neighbours."""
+    """Add plain party walls and a back wall, which are visible above lower neighbours."""
     w, d, h = house.width, house.depth, house.eaves
     faces = np.array(
         [
@@ -204,7 +204,7 @@ def add_base(bag: Bag, house: House, openings: list[Opening]) -> None:
 
 
 def add_floor(bag: Bag, placement: Placement) -> None:
-    """Add the ground on which a house stands, from 1 cm below its walls down to any road: it shows behind recessed doors."""
+    """Add the ground below a house, from 1 cm below its walls down to any road. It is visible behind recessed doors."""
     width, depth = placement.size[:2]
     bag.add("stone", boxes([[0.0, 0.0, -0.26]], [[width, depth, -0.01]], skip=("-z",), tile=STONE_TILE))
 
@@ -219,7 +219,7 @@ def _ornaments(bag: Bag, house: House, kind: str, openings: list[Opening], rng: 
         bag.add("stucco", moulding(w, house.ground_floor - 0.1, _BAND))
         bag.add("stucco", moulding(w, house.eaves - 0.44, CORNICE))
     if kind == "classic":
-        # Rusticated ground floor: ashlar piers between the openings, proud of the wall.
+        # Rusticated ground floor: ashlar piers between the openings, in front of the wall.
         holes = sorted((o.x0 - 0.26, o.x1 + 0.26) for o in openings if o.z0 < 2.0)
         spans = [
             (a, b)
@@ -259,7 +259,7 @@ def add_balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
 
 
 def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator) -> None:
-    """Add name boards over the shop windows, mostly an awning over the first."""
+    """Add name boards over the shop windows, and usually an awning over the first."""
     for k, o in enumerate(o for o in openings if o.kind == "shop"):
         cell = int(rng.integers(8))
         column, row = cell % 4, 2 + cell // 4
@@ -273,7 +273,7 @@ def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator)
 
 
 def _awning(bag: Bag, o: Opening, material: str) -> None:
-    """Add striped cloth, 0.95 m out, with a hanging edge."""
+    """Add an awning of striped cloth, 0.95 m deep, with a hanging edge."""
     count = max(round((o.x1 - o.x0) / 0.3), 2)
     x = np.linspace(o.x0, o.x1, count + 1)
     edges = np.array([(-0.95, 2.26), (-0.95, 2.48), (0.0, 2.98)])  # y, z: hem, front, wall
@@ -350,7 +350,7 @@ def _dormer(bag: Bag, house: House, x: float, slope: float, low: float, over: fl
 
 
 def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
-    """Add a roof whose ridge runs back from the street; the front rises in steps or in a plain triangle with a coping."""
+    """Add a roof whose ridge runs back from the street, and a front that rises in steps or in a triangle with a coping."""
     w, d, h = house.width, house.depth, house.eaves
     rise = 0.5 * w * np.tan(np.radians(house.pitch))
     middle, peak = 0.5 * w, h + rise
@@ -375,7 +375,7 @@ def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
         bag.add(wall, fan([(0, 0.0, h), (w, 0.0, h), (middle, 0.0, peak + 0.25)], tile=house.trim.tile))
         for start, stop in (((0.0, h), (middle, peak + 0.25)), ((middle, peak + 0.25), (w, h))):
             bag.add("stucco", quads(_coping(start, stop), tile=2.0))
-    # Attic windows, set on the wall's face since the steps are solid.
+    # Attic windows are on the wall's face, since the steps are solid.
     for count, level in ((2, 0.14), (1, 0.5)):
         for x in middle + (np.arange(count) - 0.5 * (count - 1)) * w * 0.26:
             attic = Bag()
@@ -387,7 +387,7 @@ def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
 
 
 def _coping(start: tuple[float, float], stop: tuple[float, float]) -> Floats:
-    """Return (3, 4, 3) front, top and underside of a stone band 0.22 m high along a gable's edge, from (x, z) to (x, z)."""
+    """Return front, top and underside, (3, 4, 3), of a stone band 0.22 m high along a gable's edge between points (x, z)."""
     near, far, high = -0.08, 0.3, 0.22
     (x0, z0), (x1, z1) = start, stop
     front = [(x0, near, z0), (x1, near, z1), (x1, near, z1 + high), (x0, near, z0 + high)]

@@ -1,7 +1,7 @@
-"""Lay out a street: seeded rules for the places of things, no shapes.
+"""Lay out a street: seeded rules for the places of objects, without shapes.
 
-People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
-stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
+People walk at x −2…7 m, y 5…35 m, and cameras look along +y from about (2.5, −12, 1.4). Parked cars, trunks and posts are
+between them, with gaps, and never within `CAMERA_CORRIDOR`.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from urban_street.street.plan import (
 from urban_street.street.planning import Plan
 from urban_street.vehicles.build import dimensions
 
-#: Styles of houses, and those of them that close a view.
+#: Styles of houses, and the ones that close a view.
 HOUSE_STYLES = ("brick", "classic", "plain", "gable", "shop", "mansard", "bay", "timber", "modern")
 _ENDS = ("brick", "classic", "plain", "shop", "mansard", "bay", "modern")
 #: Styles of corner houses.
 _CORNERS = ("brick", "classic", "plain", "shop")
-#: Styles whose gables face the street: not for wide plots.
+#: Styles whose gables face the street, for narrow plots only.
 _NARROW = {"gable", "timber"}
 HOUSE_DEPTH = 11.0
-#: Houses in a side street are less deep than the narrowest corner house is wide.
+#: Depth of houses in a side street, metres: less than the width of the narrowest corner house.
 _SIDE_DEPTH = 7.9
 #: Shares of parked cars by kind.
 _PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
-#: Seeds of a kind that differ: rims, plates, paint.
+#: Number of different seeds of a kind, which determine rims, plates and paint.
 CAR_MODELS = 6
 TREE_MODELS = 3
 _KERB_GAP = 0.2
-#: End of the people's range along the street: some bays up to here stay free, so that most places are visible past the cars.
+#: End of the people's range along the street, metres. Some bays up to here stay free, so that most places are visible.
 WALK_STOP = 34.0
 #: Signs: left side?, approximate place, face (`textures.things.sign_faces`).
 _SIGNS = (
@@ -57,7 +57,7 @@ _SIGNS = (
 
 
 def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
-    """Yield the signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
+    """Yield the signs of a street whose houses end at ``row_stop``. They repeat every 88 m."""
     for again in range(math.ceil(row_stop / 88.0)):
         for left, y, face in _SIGNS:
             if again == 0 or 96.0 < y + 88.0 * again < row_stop - 5.0:
@@ -65,10 +65,10 @@ def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
 
 
 def layout_street(settings: StreetSettings) -> StreetLayout:
-    """Place everything in the street; a few milliseconds, no meshes.
+    """Place all objects of the street in a few milliseconds, without meshes.
 
     Args:
-        settings: equal settings give equal layouts.
+        settings: arguments of the street. Equal settings give equal layouts.
     """
     streams = np.random.SeedSequence(settings.seed).spawn(6)
     houses, cars, trees, furniture, ends, cycles = (np.random.default_rng(stream) for stream in streams)
@@ -107,7 +107,7 @@ def _seed(rng: np.random.Generator) -> int:
 
 
 def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
-    """Place two rows of houses, without gaps except for side streets; neighbours differ in style, a few have front gardens."""
+    """Place two rows of houses without gaps except for side streets. Neighbours differ in style; a few have front gardens."""
     for left in (True, False):
         for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
             _place_row(plan, rng, start, stop, left=left)
@@ -122,7 +122,7 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
         if rest < width + 9.0:
             width = rest if rest < 16.0 else 0.5 * rest
         choices = [style for style in styles if style != previous and not (style in _NARROW and width > 12.5)]
-        # A corner: its side wall is a second front, and the side street's houses begin at its back.
+        # The side wall of a corner house is a second front, and the side street's houses begin at its back.
         before, behind = (lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y + width, y))
         if before or behind:
             choices = [style for style in _CORNERS if style != previous]
@@ -154,7 +154,7 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
 
 
 def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
-    """Place a street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
+    """Place a street to the left, the right or both, with carriageway, pavements, two rows of houses and one across its end."""
     lines = plan.lines
     for left, there in zip((True, False), lines.sides, strict=True):
         if not there:
@@ -171,7 +171,7 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
             x, previous = front + outward * HOUSE_DEPTH, ""
             for width in rng.dirichlet([40.0, 40.0, 40.0]) * (SIDE_LENGTH - HOUSE_DEPTH):
                 low, high = sorted((x, x + outward * float(width)))
-                # Fronts face the side street: those before it (smaller y) look to +y.
+                # Fronts face the side street: houses before it (smaller y) face +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
                 style = str(rng.choice([s for s in _ENDS if s != previous]))
                 spot = Spot(origin, y + side * SIDE_HALF, heading)
@@ -184,7 +184,7 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
 def _add_house(
     plan: Plan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
 ) -> None:
-    """Add a house, whose front has its left end at ``spot``, and its footprint; width and depth in metres."""
+    """Add a house, with the left end of its front at ``spot``, and its footprint; width and depth in metres."""
     bays, door = _bays(width, rng)
     house = plan.add(
         "building", style, spot.x, spot.y, z=plan.lines.kerb_height, heading=spot.heading, seed=_seed(rng),
@@ -202,7 +202,7 @@ def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
 def _place_garden(
     plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
 ) -> None:
-    """Place grass and a hedge behind railings or a low wall on both sides of the way to the door."""
+    """Place grass and a hedge behind railings or a low wall, on both sides of the path to the door."""
     outward = -1.0 if left else 1.0
     line = (plan.lines.left_front if left else plan.lines.right_front) + 0.12 * outward
     kind = ("fence", "railing") if rng.random() < 0.6 else ("wall", "low")
@@ -234,7 +234,7 @@ def _place_garden(
 
 
 def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
-    """Place cross streets at both ends with houses behind, so that no open horizon shows."""
+    """Place cross streets at both ends, with houses behind them that close the horizon."""
     lines = plan.lines
     first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
     middle = round(0.5 * (first + last), 4)
@@ -251,7 +251,7 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
-    """Place cars in both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
+    """Place cars in both parking bays, in rows with tight gaps and some free bays, and one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
@@ -295,7 +295,7 @@ def _place_large_vehicles(plan: Plan) -> None:
 
 
 def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
-    """Place motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
+    """Place motorcycles in free bays, and bicycles along the kerbs at free places."""
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
     keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
@@ -332,22 +332,22 @@ def _whole(degrees: float) -> float:
 
 
 def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
-    """Return the metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
+    """Return the distance to the next parked car, metres: manoeuvring room, or a free bay or two (more where people walk)."""
     tight = rng.random() < (0.1 if roomy else 0.55)
     return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
 def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
-    """Yield the kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
+    """Yield the kinds of the trees along one kerb: an avenue of one kind, with some trees of other kinds."""
     others = ("plane", "birch", "hornbeam", "cherry")
-    # A plane's crown needs room; birches and columns stand in narrow streets.
+    # A plane's crown needs room. Birches and columns suit narrow streets.
     avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
     while True:
         yield avenue if rng.random() < 0.55 else str(rng.choice(others))
 
 
 def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
-    """Place trees along both kerbs; return (left side?, y) of each trunk."""
+    """Place trees along both kerbs, and return (left side?, y) of each trunk."""
     trunks = []
     species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
@@ -381,7 +381,7 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
-    """Place lamp posts, signs, bollards, bins, planters and bicycle stands where the trunks leave room."""
+    """Place lamp posts, signs, bollards, bins, planters and bicycle stands between the trunks."""
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:

@@ -1,4 +1,4 @@
-"""Lay out the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
+"""Lay out the street furniture: bus stop, benches, bins, stands, railings, signals."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import Plan
 
-#: Least distance of furniture from the cameras, metres along the street.
+#: Start of the furniture along the street, metres, so that it is not near the cameras.
 _FIRST = 6.0
 
 
 def place_furniture(plan: Plan, rng: np.random.Generator) -> None:
-    """Add everything to a plan that already has houses, cars, trees, lamps and signs."""
+    """Add the furniture to a plan that already has houses, cars, trees, lamps and signs."""
     _place_pits(plan)
     for left in (True, False):
         _place_signals(plan, left=left)
@@ -46,7 +46,7 @@ SPECIES = ("tree", "plane", "birch", "hornbeam", "cherry")
 
 
 def _place_signals(plan: Plan, *, left: bool) -> None:
-    """Place a mast with a head over the nearest lane where there are two lanes or more."""
+    """Place a mast with a signal over the nearest lane at each crossing but the first, with two lanes or more."""
     if plan.settings.lanes < 2 or left:
         return
     for crossing in plan.lines.crossings[1:]:
@@ -71,7 +71,7 @@ def _place_railings(plan: Plan, *, left: bool) -> None:
 
 
 def _place_bus_stop(plan: Plan) -> None:
-    """Place a bus stop on the right; where the pavement is wide enough, a shelter with its back to the houses."""
+    """Place a bus stop on the right. If the pavement is wide enough, it has a shelter with its back to the houses."""
     width = plan.lines.right_front - plan.lines.right_kerb
     heading = 0.5 * math.pi + math.pi
     for y in np.arange(54.0, plan.lines.row_stop - 20.0, 2.0):
@@ -97,7 +97,7 @@ def _box(x: float, y: float, half_x: float, half_y: float) -> tuple[tuple[float,
 
 
 def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Place benches that look at the houses, litter bins, bicycle stands, one advertising column."""
+    """Place benches that face the houses, litter bins, bicycle stands and one advertising column."""
     wide = plan.settings.pavement_width_m
     things = {
         "bench": ((-0.95, -0.25), (0.95, 0.45), 0.62, None),
@@ -128,7 +128,7 @@ def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> No
 
 
 def _place_cabinets(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Place grey cabinets at the houses' feet, clear of doors and shop windows."""
+    """Place grey cabinets along the houses, clear of doors and shop windows."""
     x = plan.lines.left_front + 0.24 if left else plan.lines.right_front - 0.24
     heading = 0.5 * math.pi if left else -0.5 * math.pi
     doors = [

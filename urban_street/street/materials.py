@@ -1,4 +1,4 @@
-"""Every material and texture of a street, some of them chosen by its seed."""
+"""All materials and textures of a street. Its seed chooses some of them."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.1
 _LEAVES: tuple[Color, ...] = (
     (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
 )  # fmt: skip
-#: Materials of carriageways; each has a texture of the same name.
+#: Materials of carriageways. Each has a texture of the same name.
 _SURFACES = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
 _BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
 _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
 
 
 def make_textures(settings: StreetSettings) -> dict[str, Texture]:
-    """Return all textures, each made when it is first read; equal settings give equal pixels."""
+    """Return all textures. Each is computed when first read; equal settings give equal pixels."""
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
     textures = _carriageways(settings, [next(streams) for _ in range(3)])
     next(streams)  # unused, but drawn so that the colours of each seed stay the same
@@ -68,11 +68,10 @@ def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
 
 
 def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generator]) -> dict[str, Texture]:
-    """Return colour, normals and roughness of the carriageways, of asphalt or of setts.
+    """Return colour, normals and roughness of carriageways of asphalt or setts.
 
     Args:
-        settings: of the street.
-        streams: for three surfaces of asphalt.
+        streams: sources of random numbers for three surfaces of asphalt.
     """
     lines = lines_of(settings)
     own = [np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4)]
@@ -111,7 +110,7 @@ _BLOSSOM: Color = (0.72, 0.42, 0.46)
 
 
 def _mixed(settings: StreetSettings) -> dict[str, Texture]:
-    """Return leaves and bark of more species, posters."""
+    """Return leaves and bark of further species, and posters."""
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
     barks = ("plane", "birch", "cherry")
 
@@ -135,17 +134,13 @@ _SEASONS: dict[Season, Color] = {
 
 
 def leaf_color(summer: Color, season: Season) -> Color:
-    """Return the linear colour, in a season, of leaves that are ``summer`` in summer."""
+    """Return the linear colour in a season of leaves with the colour ``summer`` in summer."""
     red, green, blue = (value * factor for value, factor in zip(summer, _SEASONS[season], strict=True))
     return red, green, blue
 
 
 def make_materials(seed: int) -> dict[str, Material]:
-    """Return all materials; the seed chooses the colours of render, doors and roofs.
-
-    Args:
-        seed: of the street.
-    """
+    """Return all materials. The seed chooses the colours of render, doors and roofs."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
         *_ground(),
@@ -241,6 +236,6 @@ def _walls(rng: np.random.Generator) -> list[Material]:
 
 
 def _shifted(color: Color, rng: np.random.Generator) -> Color:
-    """Return a colour that is a little brighter or darker, warmer or colder."""
+    """Return a slightly brighter or darker, warmer or colder colour."""
     red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)

@@ -17,8 +17,8 @@ def band_noise(
         shape: rows, columns.
         rng: the source of the white noise.
         longest: wavelength in pixels above which there is no power.
-        shortest: wavelength below which there is none.
-        slope: amplitude falls as frequency to the minus ``slope`` (0 is white within the band, 1 is cloud-like).
+        shortest: wavelength in pixels below which there is no power.
+        slope: amplitude falls as frequency to the power −``slope`` (0 is white within the band, 1 is cloud-like).
     """
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
     frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None])
@@ -50,7 +50,7 @@ def hashed(cells: NDArray[np.int64], seed: int) -> Field:
 
 
 def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
-    """Return 0 below ``low``, 1 above ``high``, smooth between."""
+    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
     smooth: Field = (t * t * (3.0 - 2.0 * t)).astype(np.float32)
     return smooth

@@ -1,4 +1,4 @@
-"""The plan of a street: places of things, before anything has a shape."""
+"""The plan of a street: places of objects without shapes."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from pydantic import BaseModel, ConfigDict, Field
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
-#: Across, metres: the kerbs of a street of default width.
+#: x of the kerbs of a street of default width, metres.
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
-#: Along, metres: the starts of carriageway and rows of houses, and the carriageway's reach beyond the rows (houses close both
-#: ends).
+#: y of the starts of carriageway and rows of houses, and the carriageway's reach beyond the rows, metres. Houses close both
+#:ends.
 ROAD_START, ROW_START = -33.0, -27.0
 _ROAD_BEYOND = 7.2
-#: Edges of the driving lane, metres from the left kerb: parking bays lie beside it.
+#: Edges of the driving lane, metres from the left kerb. Parking bays are beside it.
 LANE = (2.1, 4.5)
-#: Ground without tall objects: the cameras look across it.
+#: Ground without tall objects, across which the cameras look: x0, y0, x1, y1 in metres.
 CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
 Season = Literal["spring", "summer", "autumn", "winter"]
-#: Half widths of a side street, between the corner houses and of its carriageway, metres.
+#: Half widths of a side street between the corner houses, and of its carriageway, metres.
 SIDE_HALF, SIDE_ROAD_HALF = 5.4, 3.0
 #: Length of a side street beyond the corner houses' fronts, metres.
 SIDE_LENGTH = 46.0
@@ -36,16 +36,16 @@ class StreetSettings(BaseModel):
 
     Attributes:
         seed: determines houses, cars, trees, colours and places; 0 is a valid seed.
-        length_m: of the rows of houses.
-        lanes: driving lanes, between two parking bays. x = 2.5 m is always the middle of one: of the middle one, or of
-            the one right of the centre line.
-        lane_width_m: of each.
-        pavement_width_m: from the kerb to the plots.
-        kerb_height_m: of the pavements above the road.
-        setback_m: of the houses behind the pavement; from 1.5 m on there are front gardens.
-        side_street: sides on which a street branches off at y = 46 m; its zebra crossing lies before it.
-        surface: of the carriageway.
-        season: of the trees.
+        length_m: length of the rows of houses.
+        lanes: number of driving lanes, between two parking bays. x = 2.5 m is always the middle of a lane: the middle lane, or
+            the lane right of the centre line.
+        lane_width_m: width of each lane.
+        pavement_width_m: width of the pavements, from the kerb to the plots.
+        kerb_height_m: height of the pavements above the road.
+        setback_m: distance of the houses from the pavement; from 1.5 m on there are front gardens.
+        side_street: sides on which a street branches off at y = 46 m, behind a zebra crossing.
+        surface: surface of the carriageway.
+        season: season of the trees.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -68,13 +68,13 @@ class Lines:
 
     Attributes:
         left_front, left_kerb, right_kerb, right_front: edges of the pavements.
-        setback: of the houses behind the pavements.
-        kerb_height: of the pavements.
+        setback: distance of the houses from the pavements.
+        kerb_height: height of the pavements.
         lanes: edges of the driving lanes from the left kerb, one more than there are lanes.
-        road_start, road_stop, row_start, row_stop: along the street.
-        crossings: middles of the zebra crossings.
-        side_y: middle of the side street, or None.
-        sides: True where it branches off (left, right).
+        road_start, road_stop, row_start, row_stop: y of the ends of carriageway and rows of houses.
+        crossings: y of the middles of the zebra crossings.
+        side_y: y of the middle of the side street, or None.
+        sides: whether it branches off to the left, and to the right.
     """
 
     left_front: float
@@ -102,25 +102,25 @@ class Lines:
         return self.left_front - self.setback if left else self.right_front + self.setback
 
     def in_side_street(self, y: float, half: float, *, left: bool) -> bool:
-        """Return True if ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
+        """Return True if ``y`` is within ``half`` of the middle of a side street on that side."""
         return self.side_y is not None and self.sides[0 if left else 1] and abs(y - self.side_y) < half
 
     def spans(self, start: float, stop: float, half: float, *, left: bool) -> list[tuple[float, float]]:
-        """Return ``start`` … ``stop`` along one side without the side street's ``half`` width to each side of its middle."""
+        """Return the parts of ``start`` … ``stop`` on one side at least ``half`` away from the middle of a side street."""
         if self.side_y is None or not self.sides[0 if left else 1]:
             return [(start, stop)]
         return [(start, self.side_y - half), (self.side_y + half, stop)]
 
 
 def lines_of(settings: StreetSettings) -> Lines:
-    """Return the lines of a street: across, about the middle of the default one's kerbs; along, from `ROW_START` on."""
+    """Return the lines of a street, across about the middle of the default kerbs, along from `ROW_START` on."""
     bay = LANE[0]
     width = 2.0 * bay + settings.lanes * settings.lane_width_m
     centre = 0.5 * (LEFT_KERB + RIGHT_KERB) - (0.5 * settings.lane_width_m if settings.lanes % 2 == 0 else 0.0)
     left, right = round(centre - 0.5 * width, 4), round(centre + 0.5 * width, 4)
     row_stop = round(ROW_START + settings.length_m, 4)
     sides = (settings.side_street in {"left", "both"}, settings.side_street in {"right", "both"})
-    # Zebra crossings lie in the middle of pieces of carriageway (13.2 m): every fifth, or around the side street.
+    # Zebra crossings are in the middle of pieces of carriageway (13.2 m): every fifth piece, or around the side street.
     first = _SIDE_CROSSING if any(sides) else 66.0
     crossings = [0.0, *(first + 66.0 * k for k in range(5))]
     return Lines(
@@ -141,7 +141,7 @@ def lines_of(settings: StreetSettings) -> Lines:
     )
 
 
-#: Places along the street of a side street and of the crossing before it, metres.
+#: y of a side street and of the crossing before it, metres.
 _SIDE_Y, _SIDE_CROSSING = 46.0, 39.6
 
 
@@ -154,7 +154,7 @@ class Spot:
     heading: float
 
     def outline(self, low: Point, high: Point) -> Polygon:
-        """Return the rectangle ``low`` … ``high`` of the frame of an object at this spot."""
+        """Return the rectangle ``low`` … ``high`` in the frame of an object at this spot."""
         return turned_rectangle(self.x, self.y, self.heading, low, high)
 
 
@@ -164,12 +164,12 @@ class Placement:
 
     Attributes:
         path: node path, e.g. ``scene.car-3``; the class is the name's first part.
-        kind: names builder and shape, e.g. ``sedan``.
+        kind: name of builder and shape, e.g. ``sedan``.
         x, y, z: origin in the world, metres.
-        heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
-        seed: of the object's own random choices.
-        size: metres, meaning by kind (houses: width, depth, then the number of window axes and the index of the door's);
-            empty where the kind determines the size.
+        heading: radians, counter-clockwise seen from above; 0 faces +y (the front of a house faces −y at 0).
+        seed: seed of the object's random choices.
+        size: metres; its meaning depends on the kind (houses: width, depth, number of window axes, index of the door's axis).
+            Empty if the kind determines the size.
         variant: index of the shared model or colour of that kind.
     """
 
@@ -185,15 +185,15 @@ class Placement:
 
     @property
     def object_class(self) -> str:
-        """Return the node class as in `valerie.labels`, e.g. ``traffic-sign``."""
+        """Return the node class (`valerie.labels`), e.g. ``traffic-sign``."""
         return self.path.rpartition(".")[2].rpartition("-")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Ground on which nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
+    """Ground on which nobody can stand: ``polygon`` (x, y in metres, counter-clockwise) of the object at ``path``.
 
-    ``height`` (metres) is stated where it differs from the usual height of the class.
+    ``height`` (metres) is None for the usual height of the class.
     """
 
     path: str
@@ -203,7 +203,7 @@ class Footprint:
 
 @dataclass(frozen=True, slots=True)
 class GroundRegion:
-    """The ground in ``polygon`` lies at ``height`` metres; later regions win, elsewhere it is 0."""
+    """Ground in ``polygon`` at ``height`` metres. Later regions take precedence; elsewhere the height is 0."""
 
     polygon: Polygon
     height: float
@@ -211,14 +211,14 @@ class GroundRegion:
 
 @dataclass(frozen=True, slots=True)
 class StreetLayout:
-    """A street without shapes, which is cheap and enough to plan runs and check variants.
+    """A street without shapes, which suffices to plan runs and check variants.
 
     Attributes:
         settings: its arguments.
-        placements: every object; paths are unique.
+        placements: all objects, with unique paths.
         footprints: ground that people cannot enter.
         ground: kerb heights.
-        extent: x0, y0, x1, y1 in metres, within which the street is modelled.
+        extent: x0, y0, x1, y1 of the modelled street, metres.
     """
 
     settings: StreetSettings
@@ -239,7 +239,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
 
 
 def turned_rectangle(x: float, y: float, heading: float, low: Point, high: Point) -> Polygon:
-    """Return the rectangle ``low`` … ``high`` of an object's own frame, placed at (x, y) with a heading."""
+    """Return the rectangle ``low`` … ``high`` in an object's frame, placed at (x, y) with a heading."""
     cos, sin = math.cos(heading), math.sin(heading)
     return tuple((round(x + u * cos - v * sin, 4), round(y + u * sin + v * cos, 4)) for u, v in rectangle(*low, *high))
 

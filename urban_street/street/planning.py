@@ -21,7 +21,7 @@ from urban_street.street.plan import (
 
 
 class Plan:
-    """Placements and footprints of a street; objects of each class are numbered."""
+    """Placements and footprints of a street. Objects are numbered by class."""
 
     def __init__(self, settings: StreetSettings) -> None:
         self.settings = settings
@@ -32,7 +32,7 @@ class Plan:
         self._taken: list[shapely.Polygon] = []
 
     def add(self, object_class: str, kind: str, x: float, y: float, **more: Any) -> Placement:
-        """Place an object; more: other fields of `Placement`."""
+        """Place an object; ``more`` has other fields of `Placement`."""
         self._numbers[object_class] += 1
         path = f"scene.{object_class}-{self._numbers[object_class]}"
         placement = Placement(path, kind, round(x, 4), round(y, 4), **more)
@@ -45,7 +45,7 @@ class Plan:
         self._taken.append(shapely.Polygon(polygon))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
-        """Return True if no footprint lies within ``margin`` metres of the polygon."""
+        """Return True if no footprint is within ``margin`` metres of the polygon."""
         return not shapely.intersects(shapely.Polygon(polygon).buffer(margin), self._taken).any()
 
     def add_where_free(
@@ -55,10 +55,9 @@ class Plan:
         """Place an object on the pavement with its footprint, if its spot is free.
 
         Args:
-            object_class, kind: of the object.
             spot: the place to try.
-            room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
-            margin: metres that must be free around it.
+            room: lowest and highest corner of its rectangle, in its own frame, metres.
+            margin: free distance around it, metres.
             height: see `Footprint`.
             more: other fields of `Placement`.
         """

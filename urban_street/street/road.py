@@ -1,4 +1,4 @@
-"""Carriageway, kerbs, footways, cross streets and the ground around: flat, textured, in a few quadrilaterals."""
+"""Carriageway, kerbs, footways, cross streets and surrounding ground, of a few textured quadrilaterals."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from urban_street.street.plan import SIDE_ROAD_HALF, Lines, Placement
 from urban_street.street.textures.ground import PAVING_TILE, ROAD_TILE
 
 KERB_WIDTH = 0.2
-#: Width and depth of the joints between kerb stones.
+#: Width and depth of the joints between kerb stones, metres.
 _JOINT = 0.008
-#: Depth below a surface of the block that it lies on, and height at which such blocks end, just above the outskirts.
+#: Depth of the block below a surface, and height of such blocks' lower ends, just above the outskirts, metres.
 _BED, _GROUND = 0.02, -0.055
 _PLAIN_SURFACES = 2
 
 
 def floor_quads(x0: Floats, x1: Floats, y0: Floats, y1: Floats, z: float) -> Floats:
-    """Return (N, 4, 3) level rectangles facing up."""
+    """Return level rectangles that face up, (N, 4, 3)."""
     height = np.full_like(x0, z)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
     return np.stack([np.stack([x, y, height], -1) for x, y in corners], 1)
 
 
 def build_carriageway(placement: Placement, lines: Lines) -> Bag:
-    """Build pieces of asphalt, each with its own history, meeting edge to edge; the crossings are painted into theirs."""
+    """Build pieces of asphalt that meet edge to edge, each with its own wear. Crossings are part of their textures."""
     bag = Bag()
     rng = np.random.default_rng(placement.seed)
     length = ROAD_TILE[1]
-    # Pieces are laid so that each crossing lies in the middle of one.
+    # Each crossing is in the middle of a piece.
     first = lines.crossings[0] - 0.5 * length
     number = range(math.floor((lines.road_start - first) / length), math.ceil((lines.road_stop - 6.0 - first) / length))
     crossings = {round((c - 0.5 * length - first) / length) for c in lines.crossings}
@@ -70,14 +70,14 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     cuts[-1] = stop
     y0, y1 = cuts[:-1] + 0.5 * _JOINT, cuts[1:] - 0.5 * _JOINT
     bevel = 0.025
-    # Upright face, bevel, top and the part of the back that a joint shows, stone by stone.
+    # upright face, bevel, top and the part of the back that a joint shows, stone by stone
     stone = [(0.0, -0.05), (0.0, height - bevel), (bevel, height), (KERB_WIDTH - 0.004, height)]
     deep = height - 2.0 * _JOINT
     back = (KERB_WIDTH - 0.004, deep)
     bag.add("kerb", quads(_swept([*stone, back], kerb, outward, y0, y1), tile=2.0))
     core = [(2.0 * _JOINT, -0.05), (2.0 * _JOINT, deep), (bevel, deep), back]
     bag.add("kerb", quads(_stone_ends(stone, core, kerb, outward, y0, y1), tile=2.0))
-    # The bed that shows between them: from under the carriageway's edge up to that of the paving.
+    # the bed that is visible between the stones, from under the carriageway's edge to that of the paving
     top = height - _JOINT
     bed = [(-_JOINT, -0.002), (_JOINT, -0.002), (_JOINT, top), (KERB_WIDTH, top), (KERB_WIDTH, height)]
     bag.add("joint", quads(_swept(bed, kerb, outward, np.array([start]), np.array([stop]))))
@@ -91,14 +91,14 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
     v0, v1 = (y0 - start) / PAVING_TILE[1], (y1 - start) / PAVING_TILE[1]
     uvs = np.stack([np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 1)
     bag.add("paving", quads(floor_quads(x0, x1, y0, y1, height), uvs))
-    # Behind the building line, where houses stand back.
+    # The paving continues behind the building line, where houses are set back.
     beyond = front + outward * (1.8 + lines.setback)
     strip = _level(front - outward * 0.1, beyond, start, stop, height - 0.004)
     bag.add("kerb", quads(strip, tile=2.0), _bed(inner, beyond, start, stop, height - _BED))
 
 
 def _level(x0: float, x1: float, y0: float, y1: float, z: float) -> Floats:
-    """Return (1, 4, 3), one level rectangle between two values of x and of y, in any order."""
+    """Return a level rectangle, (1, 4, 3), between two values of x and of y, in any order."""
     (left, right), (low, high) = sorted((x0, x1)), sorted((y0, y1))
     return floor_quads(np.array([left]), np.array([right]), np.array([low]), np.array([high]), z)
 
@@ -110,7 +110,7 @@ def _bed(x0: float, x1: float, y0: float, y1: float, z: float) -> Surface:
 
 
 def _swept(profile: list[tuple[float, float]], kerb: float, outward: float, y0: Floats, y1: Floats) -> Floats:
-    """Return (N, 4, 3) strips with a profile of (metres from the kerb's line away from the road, z), between y0 and y1."""
+    """Return strips, (N, 4, 3), between y0 and y1 with a profile of (metres from the kerb's line away from the road, z)."""
     strips = []
     for (near, z0), (far, z1) in pairwise(profile):
         places = ((near, y0, z0), (near, y1, z0), (far, y1, z1), (far, y0, z1))
@@ -127,7 +127,7 @@ def _stone_ends(
     y0: Floats,
     y1: Floats,
 ) -> Floats:
-    """Return (N, 4, 3) upright strips between a profile and a core below it, at y0 and at y1: as deep as a joint shows."""
+    """Return upright strips, (N, 4, 3), between a profile and a core below it, at y0 and y1, to a joint's depth."""
     strips = []
     for outer, inner in zip(pairwise(profile), pairwise(core), strict=True):
         for y, forwards in ((y0, False), (y1, True)):
@@ -140,7 +140,7 @@ def _stone_ends(
 
 
 def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -> None:
-    """Add upright faces of the pavement where a side street cuts it, from the kerb into the side street's own pavement."""
+    """Add the pavement's upright faces at a side street, from the kerb into the side street's own pavement."""
     kerb, front = (lines.left_kerb, lines.left_front - 0.1) if left else (lines.right_kerb, lines.right_front + 0.1)
     x0, x1 = sorted((kerb, front))
     top = lines.kerb_height
@@ -199,7 +199,7 @@ def build_side_road(placement: Placement, lines: Lines) -> Bag:
     bag.add("asphalt-side", quads(corners, uvs))
     bag.add("joint", _bed(0.0, length, -0.5 * width - 0.1, 0.5 * width + 0.1, -_BED))
     y = np.arange(-0.5 * width + 0.3, 0.5 * width - 0.5, 1.0)
-    # Thermoplastic lies 4 mm proud of the road.
+    # thermoplastic is 4 mm above the road
     mouth = 1.3 if placement.x + 0.5 * length > 0.0 else length - 1.3 - 3.2
     for x in np.linspace(mouth, mouth + 3.2, 9)[:-1]:
         bag.add("road-paint", quads(floor_quads(np.full_like(y, x), np.full_like(y, x + 0.4), y, y + 0.5, 0.004)))
@@ -207,7 +207,7 @@ def build_side_road(placement: Placement, lines: Lines) -> Bag:
 
 
 def build_side_footway(placement: Placement) -> Bag:
-    """Build a pavement of a side street along +x: size is (length, width, height)."""
+    """Build a pavement of a side street along +x; its size is (length, width, height)."""
     bag = Bag()
     length, width, height = placement.size
     low, high = [0.0, -0.5 * width, _GROUND], [length, 0.5 * width, height]

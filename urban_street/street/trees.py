@@ -1,7 +1,7 @@
-"""Street trees: a trunk that forks, limbs, branches and twigs, and thousands of small leaves in clusters.
+"""Street trees: a forked trunk, limbs, branches and twigs, and thousands of small leaves in clusters.
 
-The crown is planned first (clusters of leaves in an egg of uneven lobes), then wood is grown to reach every cluster, so
-crowns look full from any side and no leaf floats.
+The crown comes first (clusters of leaves in an egg of uneven lobes). Then wood grows to every cluster, so crowns look full from
+any side and no leaf floats.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ class TreeSettings:
     """The shape of one tree; lengths in metres.
 
     Attributes:
-        height: of the crown's top above the foot.
-        fork: height at which the trunk divides; the crown begins a little above.
-        radius: of the crown.
+        height: height of the crown's top above the foot.
+        fork: height at which the trunk divides. The crown begins slightly above.
+        radius: radius of the crown.
         trunk: radius of the trunk at its foot.
-        clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
+        clusters, leaves, branches: number of clusters, of leaves per cluster, and of branches.
         leaf: length of a leaf.
-        taper: difference between the radii of the crown's bottom and top, as a part of the radius.
-        under: flatness of the crown's underside (1 is round).
-        rise: upward bend of branches (drooping if negative), as a part of their length.
+        taper: difference between the radii of the crown's bottom and top, as a share of the radius.
+        under: flatness of the crown's underside; 1 is round.
+        rise: upward bend of branches as a share of their length; negative for drooping branches.
     """
 
     height: float = 8.2
@@ -50,8 +50,8 @@ class Tree:
     """A species: its shape and its materials.
 
     Attributes:
-        shape: in summer.
-        bark, twigs, leaves: materials; without their own, twigs are as the trunk and leaves one of the shared kinds.
+        shape: its shape in summer.
+        bark, twigs, leaves: materials. By default, twigs have that of the trunk, and leaves one of the shared materials.
     """
 
     shape: TreeSettings
@@ -104,11 +104,10 @@ def from_afar(shape: TreeSettings) -> TreeSettings:
 
 
 def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) -> TreeSettings:
-    """Return the tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
+    """Return the tree's shape in a season: small leaves in spring, fewer in autumn, none in winter.
 
     Args:
-        shape: in summer.
-        season: the season.
+        shape: the shape in summer.
         blossoms: True if the tree is covered with blossoms in spring.
     """
     if season == "spring" and not blossoms:
@@ -123,10 +122,10 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
 
     Args:
         settings: size and density.
-        rng: of its own random choices.
+        rng: source of its random choices.
         bark: material of the wood.
         leaves: material of the leaves.
-        twigs: material of branches and twigs, if another.
+        twigs: material of branches and twigs; empty for that of the wood.
     """
     bag = Bag()
     clusters = _crown(settings, rng)
@@ -153,7 +152,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
 
 
 def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
-    """Return (clusters, 3) centres: most near the surface of an egg whose radius swells and shrinks with direction."""
+    """Return the centres of clusters, (clusters, 3), mostly near the surface of an egg whose radius varies with direction."""
     count = settings.clusters
     index = np.arange(count) + 0.5
     polar = np.arccos(1.0 - 2.0 * index / count)
@@ -167,7 +166,7 @@ def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
     half = 0.5 * (settings.height - bottom)
     scale = np.array([settings.radius, settings.radius, half])
     centres = direction * (bulge * depth)[:, None] * scale
-    # An egg: broadest below the middle, flatter underneath.
+    # an egg, broadest below the middle and flatter underneath
     lift = centres[:, 2] / half
     centres[:, :2] *= (1.05 - settings.taper * lift)[:, None]
     centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * settings.under, centres[:, 2])
@@ -175,14 +174,14 @@ def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
 
 
 def _bezier(start: Floats, control: Floats, end: Floats, steps: int) -> Floats:
-    """Return (N, steps, 3) points on quadratic curves."""
+    """Return points on quadratic curves, (N, steps, 3)."""
     t = np.linspace(0.0, 1.0, steps)[None, :, None]
     curve: Floats = (1 - t) ** 2 * start[:, None] + 2 * t * (1 - t) * control[:, None] + t**2 * end[:, None]
     return curve
 
 
 def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Return (count, steps, 3): one leader up the middle, the others spreading and rising."""
+    """Return limbs, (count, steps, 3): one leader up the middle, the others spreading and rising."""
     angle = np.arange(count) * 2.0 * np.pi / (count - 1) + rng.normal(0.0, 0.25, count)
     spread = rng.uniform(0.42, 0.62, count) * settings.radius
     top = settings.fork + rng.uniform(0.5, 0.72, count) * (settings.height - settings.fork)
@@ -194,16 +193,16 @@ def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Gene
 
 
 def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
-    """Return (branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
+    """Return branches, (branches, steps, 3), from limbs towards well-spread clusters."""
     targets = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
     return _reach(limbs, centre + (targets - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
-    """Return (N, 4, 3): curves from the nearest point in the outer part of the wood to each target."""
+    """Return curves from the nearest point in the outer part of the wood to each target, (N, 4, 3)."""
     outer = wood[:, wood.shape[1] // 3 :].reshape(-1, 3)
-    # Wood grows up and out: starting points above the target count as farther away.
+    # Wood grows up and out, so starting points above the target count as farther away.
     difference = targets[:, None] - outer[None]
     cost = np.linalg.norm(difference, axis=-1) + 0.6 * np.maximum(-difference[..., 2], 0.0)
     start = outer[np.argmin(cost, axis=1)]
@@ -214,7 +213,7 @@ def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: floa
 
 
 def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
-    """Build one pointed triangle per leaf; normals lean towards the crown's outside, which shades like a mass of leaves."""
+    """Build a pointed triangle per leaf. Normals lean outwards from the crown, so that it is shaded as a mass of leaves."""
     count = settings.leaves * len(clusters)
     spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
     centre = np.repeat(clusters, settings.leaves, axis=0)
@@ -235,7 +234,7 @@ def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) 
     tilted = np.sum(face * facing, axis=1) < 0.0
     corners[tilted] = corners[tilted][:, ::-1]
     shading = unit(facing + 0.9 * outward + np.array([0.0, 0.0, 0.25]))
-    # Leaves inside the crown stay in the dark half of the palette.
+    # Leaves inside the crown use the dark half of the palette.
     inside = np.linalg.norm(
         (place - middle) / np.array([settings.radius, settings.radius, 0.45 * settings.height]), axis=1
     )

@@ -1,4 +1,4 @@
-"""Vehicles: cars, van, truck, bus, motorcycle, bicycle and their riders, generated from numbers (see `build`)."""
+"""Vehicles: cars, van, truck, bus, motorcycle, bicycle and riders, all generated (see `build`)."""
 
 from urban_street.vehicles.build import KINDS, build_vehicle, dimensions, size_of
 from urban_street.vehicles.content import VehicleContent, VehiclePart

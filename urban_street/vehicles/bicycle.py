@@ -1,4 +1,4 @@
-"""A city bicycle: tubes, lathes and rounded solids."""
+"""A city bicycle of tubes, surfaces of revolution and rounded solids."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BICYCLE: Final = Contact(
 
 
 def build_bicycle() -> list[RawPart]:
-    """Build a city bicycle with mudguards, carrier, chain and lamps: frame and two wheels, about 6,500 triangles."""
+    """Build frame and two wheels of a city bicycle with mudguards, carrier, chain and lamps; about 6,500 triangles."""
     bag = Bag()
     rear, front, bracket = np.array([0, -0.53, 0.345]), np.array([0, 0.545, 0.345]), np.array([0, -0.075, 0.285])
     cluster, head_top, head_low = np.array([0, -0.245, 0.79]), np.array([0, 0.315, 0.905]), np.array([0, 0.365, 0.735])
@@ -44,7 +44,7 @@ def build_bicycle() -> list[RawPart]:
     bag.add("paint", rod([head_low + [-0.06, 0.010, -0.03], head_low + [0.06, 0.010, -0.03]], 0.015, 6, caps=True))
     bag.add("vehicle-satin", rod([cluster, saddle + [0, 0.02, -0.06]], 0.013, 8))
     bag.add("vehicle-plastic", _saddle(saddle))
-    # Stem, handlebar and grips.
+    # stem, handlebar and grips
     stem = head_top + [0, -0.035, 0.10]
     bag.add("vehicle-satin", rod([head_top, stem, stem + [0, 0.055, 0.045]], 0.013, 8))
     clamp = stem + [0, 0.055, 0.045]
@@ -93,7 +93,7 @@ def build_bicycle() -> list[RawPart]:
 
 
 def _spoked(radius: float, tyre: float, *, hub_half: float, spokes: int = 28) -> Wheel:
-    """Return tyre, rim, crossed spokes and hub around the origin; the axle is x."""
+    """Return tyre, rim, crossed spokes and hub around the origin. The axle is x."""
     bag = Bag()
     bag.add("vehicle-tyre", torus(radius - tyre, tyre, 40, 7).moved(AXLE))
     rim = radius - 2.0 * tyre
@@ -143,7 +143,7 @@ def _spoked(radius: float, tyre: float, *, hub_half: float, spokes: int = 28) ->
 
 
 def _saddle(at: Floats) -> Surface:
-    """Build a saddle: wide behind, a nose in front, its top at ``at``."""
+    """Build a saddle, wide behind and narrow in front, with its top at ``at``."""
     shape = pillow((0.085, 0.135, 0.035), squareness=0.75, sides=20, levels=7)
     points = shape.positions.copy()
     forward = (points[:, 1] + 0.135) / 0.27
@@ -178,7 +178,7 @@ def _carrier(bag: Bag, rear: Floats) -> None:
 
 
 def _drive(bag: Bag, bracket: Floats, rear: Floats) -> None:
-    """Add chainring, chain guard, cranks at the riders' feet, pedals."""
+    """Add chainring, chain guard, cranks at the rider's feet, and pedals."""
     bag.add(
         "vehicle-steel",
         lathe([(0.03, 0.040), (0.085, 0.042), (0.088, 0.046), (0.085, 0.050), (0.0, 0.050)], 24)

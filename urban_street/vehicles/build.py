@@ -21,7 +21,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.model import Material, Mesh, freeze
 from valerie.scene.graph.paints import PAINT_PREFIX
 
-#: Every kind, and its Cityscapes class as in node names: a van is a car.
+#: Kind to Cityscapes class, as in node names. A van is a car.
 KINDS: Final[dict[str, str]] = {
     **dict.fromkeys(CARS, "car"),
     "truck": "truck",
@@ -29,7 +29,7 @@ KINDS: Final[dict[str, str]] = {
     "motorcycle": "motorcycle",
     "bicycle": "bicycle",
 }
-#: Length, width and height in metres of vehicles without a `CarDesign`.
+#: Length, width and height of vehicles without a `CarDesign`, metres.
 _SIZES: Final = {
     "truck": (truck.LENGTH, truck.WIDTH, truck.HEIGHT),
     "bus": (bus.LENGTH, bus.WIDTH, bus.HEIGHT),
@@ -41,18 +41,18 @@ _SIZES: Final = {
 def build_vehicle(
     kind: str, seed: int = 0, colour: str | Color | None = None, *, lights: float = 0.0, fine: bool = True
 ) -> VehicleContent:
-    """Build one vehicle; equal arguments give equal bytes, and equal shapes share their arrays.
+    """Build one vehicle. Equal arguments give equal bytes, and equal shapes share their arrays.
 
     Args:
         kind: one of `KINDS`.
         seed: determines rim, number plate and, without ``colour``, paint; 0 is a valid seed.
         colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
-        fine: False builds a car for views from more than about 40 m, with a third of the triangles.
+        fine: False for a car seen from more than about 40 m, with a third of the triangles.
         lights: brightness of the lamps, 0 off … 1 full.
 
     Raises:
-        UnknownName: no such kind or paint.
-        InvalidInput: a colour or brightness out of range.
+        UnknownName: there is no such kind or paint.
+        InvalidInput: a colour or the brightness is out of range.
     """
     if kind not in KINDS:
         raise UnknownName("kind of vehicle", kind, KINDS)
@@ -74,7 +74,7 @@ def build_vehicle(
 
 
 def picked_paint(kind: str, seed: int) -> str:
-    """Return the name of the paint that a vehicle has by default."""
+    """Return the name of a vehicle's default paint."""
     weights = np.array(FREQUENCIES)
     rng = np.random.default_rng(np.random.SeedSequence([seed, *kind.encode()]))
     return str(rng.choice(list(PAINTS), p=weights / weights.sum()))
@@ -151,7 +151,7 @@ def _finished(mesh: Mesh, coat: str, plate: int) -> Mesh:
 
 
 def _placed(part: RawPart) -> VehiclePart:
-    """Return the part in a frame of its own."""
+    """Return the part in its own frame."""
     back, there = np.eye(4), np.eye(4)
     back[:3, 3] = -np.asarray(part.origin)
     there[:3, 3] = part.origin

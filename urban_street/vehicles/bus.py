@@ -1,4 +1,4 @@
-"""A city bus: low floor, three doors on the right, large panes, destination display."""
+"""A low-floor city bus with three doors on the right, large panes and a destination display."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ WIDTH: Final = 2.55
 HEIGHT: Final = 3.12
 _AXLES: Final = (3.28, -2.60)
 _TYRE: Final = 0.478
-#: y of both edges of each door, front to rear.
+#: y of both edges of each door, front to rear, metres.
 _DOORS: Final = ((4.30, 5.52), (-0.62, 0.66), (-5.02, -3.78))
 
 
 def build_bus() -> list[RawPart]:
-    """Build body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
+    """Build body, doors (``door-1`` … from front to rear, all on the right) and wheels."""
     hull = Hull(
         (-0.5 * LENGTH, 0.5 * LENGTH), WIDTH, (0.30, 2.93), corners=(0.30, 0.40),
         inset=((0.30, 0.05), (0.40, 0.012), (0.95, 0.0), (2.45, 0.06), (2.72, 0.10), (2.86, 0.17), (2.93, 0.27)),
@@ -99,7 +99,7 @@ def _largest(shape: shapely.Geometry) -> shapely.Geometry:
 
 
 def _flaps(hull: Hull, arches: shapely.Geometry, gaps: list[shapely.Geometry]) -> shapely.Geometry:
-    """Return seams of the lower panels."""
+    """Return the seams of the lower panels."""
     lines = [hull.side(y - 0.004, y + 0.004, 0.37, 1.0) for y in (-5.2, -4.1, -3.3, -1.8, -0.7, 0.4, 1.5, 2.5, 4.1)]
     lines.append(hull.side(-5.6, 5.3, 0.985, 0.993))
     shape = shapely.union_all(lines).difference(arches)
@@ -138,7 +138,7 @@ def _lamps(hull: Hull, head: shapely.Geometry, tail: shapely.Geometry) -> Bag:
 
 
 def _door(hull: Hull, y0: float, y1: float) -> Bag:
-    """Build two glazed leaves."""
+    """Build a door of two glazed leaves."""
     bag = Bag()
     middle = 0.5 * (y0 + y1)
     for low, high in ((y0, middle), (middle, y1)):
@@ -163,7 +163,7 @@ def _roof_units(bag: Bag) -> None:
 
 
 def _display(bag: Bag, hull: Hull) -> None:
-    """Add the number of the line and a word in amber dots, behind the upper windscreen."""
+    """Add the line's number and a word in amber dots behind the upper windscreen."""
     rng = np.random.default_rng(5)
     low, high = [], []
     for row in range(9):
@@ -202,7 +202,7 @@ def _cabin(bag: Bag) -> None:
     ]
     rails = [rod([(x, -4.6, 2.35), (x, 4.0, 2.35)], 0.016, 6) for x in (-0.42, 0.42)]
     bag.add("vehicle-handrail", *poles, *rails)
-    # The driver's place, on the left.
+    # the driver's seat on the left
     add_seat(bag, -0.72, 4.55, 0.62)
     bag.add(
         "vehicle-interior",

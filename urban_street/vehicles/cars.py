@@ -1,4 +1,4 @@
-"""A whole car: shell, panels, wheels, cabin and everything fastened to it, by part."""
+"""A whole car by part: shell, panels, wheels, cabin and details."""
 
 from __future__ import annotations
 
@@ -47,11 +47,10 @@ def wheels(
     """Build a wheel at each end of each axle, left before right.
 
     Args:
-        size: of each wheel.
-        design: of the rims.
-        x: of the outer faces on the right, metres.
-        axles: their y, metres.
-        twin: two wheels side by side on all axles but the first.
+        design: design of the rims, a key of `RIMS`.
+        x: x of the outer faces on the right, metres.
+        axles: y of the axles, metres.
+        twin: whether all axles but the first have two wheels on each side.
         fine: see `build_wheel`.
     """
     wheel = build_wheel(size, design, fine=fine)

@@ -1,4 +1,4 @@
-"""The content of a built vehicle: parts with their own frames, materials, textures, and its outline on the ground."""
+"""The content of a built vehicle: parts in their own frames, materials, textures, and the footprint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Polygon = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPart:
-    """A part before it has meshes: its surfaces in the vehicle's frame, and its own origin."""
+    """A part without meshes: its surfaces in the vehicle's frame, and its origin."""
 
     name: str
     bag: Bag
@@ -25,14 +25,14 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehiclePart:
-    """One node below the vehicle's own.
+    """One node below the vehicle's node.
 
     Attributes:
-        name: as in a path: ``body``, ``door-1``, ``wheel-2``.
-        transform: (4, 4) part to vehicle: a door's origin is on its hinge, a wheel's on its axle.
-        meshes: one per material, in the part's frame.
-        moves: the rotation that is the part's own: ``rot.z`` of a door, ``rot.x`` of a wheel; empty if it is fixed.
-        joints: (len(JOINTS), 3) of a human body, metres in the part's frame; None for other parts.
+        name: name in a path: ``body``, ``door-1``, ``wheel-2``.
+        transform: (4, 4), part to vehicle. A door's origin is on its hinge, a wheel's on its axle.
+        meshes: one mesh per material, in the part's frame.
+        moves: the rotation of the part: ``rot.z`` for a door, ``rot.x`` for a wheel; empty for a fixed part.
+        joints: (len(JOINTS), 3) joints of a human body, metres in the part's frame; None for other parts.
     """
 
     name: str
@@ -44,16 +44,16 @@ class VehiclePart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleContent:
-    """One vehicle in its own frame: origin on the road in the middle, facing +y, z up, metres.
+    """One vehicle in its own frame: origin in its middle on the road, facing +y, z up, metres.
 
     Attributes:
         kind: e.g. ``hatchback``.
         object_class: the Cityscapes class as in node names: ``car``, ``truck``, ``bus``, ``motorcycle``, ``bicycle``,
             ``rider``.
-        parts: parents are the vehicle's node itself.
-        materials, textures: by name; names without the vehicle's own prefix are shared by all vehicles.
-        footprint: (x, y) corners of the ground that it takes, counter-clockwise.
-        height_m: from the road to the highest point.
+        parts: parts, whose parent is the vehicle's node.
+        materials, textures: materials and textures by name. Those without the vehicle's prefix are shared by all vehicles.
+        footprint: (x, y) corners of the ground that it occupies, counter-clockwise.
+        height_m: height of its highest point above the road.
     """
 
     kind: str

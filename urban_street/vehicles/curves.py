@@ -13,10 +13,10 @@ from urban_street.solids.surfaces import Floats
 
 
 class Outline:
-    """Half a plan outline (x ≥ 0) from the middle of the tail to the middle of the nose, by arc length.
+    """Half of a plan outline (x ≥ 0), from the middle of the tail to the middle of the nose, by arc length.
 
     Args:
-        points: (M, 2) control points (x, y) in metres; the first and last have x = 0.
+        points: (M, 2) control points (x, y), metres. The first and the last have x = 0.
     """
 
     def __init__(self, points: ArrayLike) -> None:
@@ -33,18 +33,18 @@ class Outline:
         self._x = fine[:, 0]
 
     def at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return points (N, 2) and outward unit normals (N, 2) at arc lengths (N,)."""
+        """Return the points, (N, 2), and outward unit normals, (N, 2), at arc lengths (N,)."""
         slope = self._slope(t)
         slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
         return self._curve(t), np.stack([slope[..., 1], -slope[..., 0]], -1)
 
     def at_y(self, y: ArrayLike) -> Floats:
-        """Return arc lengths where the outline passes the given y."""
+        """Return the arc lengths at which the outline passes ``y``."""
         rising = self._y + 1e-9 * np.arange(len(self._y))
         return np.asarray(np.interp(np.asarray(y, np.float64), rising, self._arc))
 
     def at_x(self, x: ArrayLike, *, front: bool) -> Floats:
-        """Return arc lengths where the nose (or the tail) passes the given distance from the middle."""
+        """Return the arc lengths at which the nose, or the tail, is at distance ``x`` from the middle."""
         wide = int(np.argmax(self._x))
         distances = np.asarray(x, np.float64)
         if front:
@@ -54,7 +54,7 @@ class Outline:
 
 
 def smooth(places: Sequence[float] | Floats, values: ArrayLike) -> PchipInterpolator:
-    """Return a curve through (place, value…) that never overshoots and is level beyond its ends."""
+    """Return a curve through (place, value…) that does not overshoot and is level beyond its ends."""
     x = np.asarray(places, np.float64)
     y = np.asarray(values, np.float64)
     pad = 0.5 * float(np.ptp(x)) + 1.0
@@ -64,9 +64,9 @@ def smooth(places: Sequence[float] | Floats, values: ArrayLike) -> PchipInterpol
 
 
 def hermite(knots: Floats, values: Floats, at: Floats, creases: Sequence[int] = ()) -> Floats:
-    """Return row-wise cubic interpolation: row n of ``values`` (N, K) over row n of ``knots`` (N, K), at (N,) places.
+    """Interpolate row-wise by cubics: row n of ``values`` (N, K) over row n of ``knots`` (N, K), at (N,) places.
 
-    Tangents are those of the parabola through three neighbours; at a crease each side has its own.
+    Tangents are those of the parabola through three neighbours. At a crease, each side has its own.
     """
     width = np.diff(knots, axis=1)
     slope = np.diff(values, axis=1) / width

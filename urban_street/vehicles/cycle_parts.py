@@ -9,7 +9,7 @@ import numpy as np
 
 from urban_street.solids.surfaces import Bag, Floats
 
-#: z of a lathe to x.
+#: Transform from the z axis of a surface of revolution to x.
 AXLE: Final = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 

@@ -1,4 +1,4 @@
-"""Car bodies in numbers: proportions, plan, sections and glass of each."""
+"""Designs of car bodies in numbers: proportions, plan, sections and glass."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Section = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class CarDesign:
-    """One body; metres, y from the middle of the length to the front, z from the road.
+    """One body. Metres; y from the middle of the length to the front, z from the road.
 
     Attributes:
-        length, width, height: over all, without mirrors.
+        length, width, height: overall size without mirrors.
         front_axle, rear_axle: y of the wheel centres.
         tyre: outer radius of the wheels.
         arch: radius of the wheel arches.
@@ -34,13 +34,13 @@ class CarDesign:
         posts: (y at the belt, y at the roof) of the posts between the side windows, front to rear.
         doors: y of the front edge of the front doors, of the middle gap, and of the rear doors' end.
         quarter: (y at the belt, y at the roof) of the glass's rear end.
-        hatch: the tail opens with the rear window (no boot lid).
+        hatch: whether the tail opens with the rear window, without a boot lid.
         head, tail_lamp, grille, intake: outlines on nose and tail, for the half x ≥ 0: (share of the half width along the bow,
             rail) corners; rails as in `Section`, from 0 to 8.
         plate: rail of the number plate's middle, front and rear.
-        roof_rails: bars along the roof.
-        cladding: unpainted lower edge and arches.
-        panel_van: no side windows behind the front doors.
+        roof_rails: whether there are bars along the roof.
+        cladding: whether lower edge and arches are unpainted.
+        panel_van: whether there are no side windows behind the front doors.
     """
 
     name: str

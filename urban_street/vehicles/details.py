@@ -38,7 +38,7 @@ def _mirror(bag: Bag, shell: Shell) -> None:
     foot = shell.house.points(np.array([[float(a), 0.10 * HOUSE]]))[0]
     centre = foot + np.array([0.145, -0.02, 0.060])
     shape = pillow((0.105, 0.062, 0.070), squareness=0.55, sides=16, levels=7)
-    # Wider outside, the back (towards the driver) cut flat.
+    # wider outside, with the back (towards the driver) cut flat
     points = shape.positions * (1.0 + 0.12 * shape.positions[:, :1] / 0.105)
     points[:, 1] = np.maximum(points[:, 1], -0.034)
     case = Surface(points, shape.normals, shape.uvs, shape.faces).moved(turned(2, 8.0, centre))
@@ -93,7 +93,7 @@ def _liner(bag: Bag, shell: Shell, axle: float) -> None:
 
 
 def _seam(bag: Bag, shell: Shell) -> None:
-    """Add a dark strip where the windows meet the doors."""
+    """Add a dark strip between windows and doors."""
     d = shell.design
     a0, a1 = shell.house_side([d.posts[0][0] if d.panel_van else d.rear_base + 0.10, d.pillar_base - 0.02])
     a = np.linspace(float(a0), float(a1), 14)
@@ -102,7 +102,7 @@ def _seam(bag: Bag, shell: Shell) -> None:
 
 
 def add_details(bag: Bag, shell: Shell) -> None:
-    """Add the details that a car has once."""
+    """Add the details that a car has only once."""
     d = shell.design
     for front in (True, False):
         _plate(bag, shell, front=front)
@@ -110,7 +110,7 @@ def add_details(bag: Bag, shell: Shell) -> None:
     if not shell.fine:
         return
     _wipers(bag, shell)
-    # Exhaust, on the left as seen from behind.
+    # exhaust, on the left seen from behind
     sill = float(shell.ring.points(np.array([[0.0, 0.0]]))[0, 2])
     y = -0.5 * d.length
     pipe = rod([(-0.48, y + 0.30, sill + 0.02), (-0.48, y + 0.055, sill + 0.02)], 0.032, 12)
@@ -148,12 +148,12 @@ def _plate(bag: Bag, shell: Shell, *, front: bool) -> None:
 
 
 def facing(at: Floats, *, front: bool) -> Floats:
-    """Return the (4, 4) transform of a thing that faces −y to a place where it faces backwards, or forwards with ``front``."""
+    """Return the (4, 4) transform of an object that faces −y to a place, where it faces backwards, or forwards (``front``)."""
     return turned(2, 180.0 if front else 0.0, at)
 
 
 def number_plate() -> Bag:
-    """Build a plate of 52 × 11 cm around the origin, looking to −y, with the first of the `PLATES` numbers."""
+    """Build a plate of 52 × 11 cm around the origin, facing −y, with the first of the `PLATES` numbers."""
     bag = Bag()
     v0, v1 = 0.0, 1.0 / PLATES
     corners = [[(-0.26, -0.006, -0.055), (0.26, -0.006, -0.055), (0.26, -0.006, 0.055), (-0.26, -0.006, 0.055)]]
@@ -163,12 +163,12 @@ def number_plate() -> Bag:
 
 
 def _wipers(bag: Bag, shell: Shell) -> None:
-    """Add two arms at rest along the windscreen's lower edge."""
+    """Add two wipers at rest along the windscreen's lower edge."""
     house = shell.house
     length = shell.house_length
 
     def on_glass(x: float, h: float) -> Floats:
-        """Return a point near the glass at a distance x from the middle."""
+        """Return a point near the glass at distance ``x`` from the middle and height ``h``."""
         a = length - abs(x)
         point = house.points(np.array([[a, h * HOUSE]]))[0] + house.normals(np.array([[a, h * HOUSE]]))[0] * 0.018
         return np.asarray(point * [np.sign(x) if x else 1.0, 1.0, 1.0])
@@ -182,7 +182,7 @@ def _wipers(bag: Bag, shell: Shell) -> None:
 
 
 def _underbody(bag: Bag, shell: Shell) -> None:
-    """Add a dark floor a little above the sill."""
+    """Add a dark floor slightly above the sill."""
     t = np.linspace(0.0, shell.outline.length, 40)
     right = shell.ring.points(np.column_stack([t, np.zeros_like(t)]))
     inner = 0.5 * shell.design.width - 0.36

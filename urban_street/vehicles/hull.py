@@ -1,4 +1,4 @@
-"""Large bodies: a rounded box in plan, drawn up to the roof, cut into panels and panes."""
+"""Large bodies: boxes with a rounded plan, cut into panels and panes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from urban_street.vehicles.skin import Master, cut, flange, mirrored
 
 
 class Hull:
-    """The half x ≥ 0 of a rounded box; its domain is (metres along the plan from the middle of the tail, height).
+    """The half x ≥ 0 of a rounded box. Its domain is (metres along the plan from the middle of the tail, height).
 
     Args:
         ends: y of tail and nose, metres.
-        width: metres.
-        heights: of the lower and the upper edge, metres.
-        corners: radii in plan of tail and nose corner.
+        width: width, metres.
+        heights: heights of the lower and the upper edge, metres.
+        corners: radii in plan of tail and nose corner, metres.
         inset: (height, metres inwards) of the section.
         rake: (height, metres backwards) of the nose.
-        columns, rows: largest sizes of the triangles on the flat, metres.
+        columns, rows: largest sizes of the triangles on flat parts, metres.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Hull:
         self.half, self.tail, self.nose, self.low, self.high = half, tail, nose, low, high
         r0, r1 = corners
         turn = np.linspace(0.0, 0.5 * np.pi, 9)
-        # A slight bow keeps nose and tail from being planes.
+        # nose and tail are slightly bowed
         bow0, bow1 = np.linspace(0.0, half - r0, 5)[:-1], np.linspace(half - r1, 0.0, 5)[1:]
         back = np.stack([half - r0 + r0 * np.sin(turn), tail + 0.04 + r0 - r0 * np.cos(turn)], -1)
         front = np.stack([half - r1 + r1 * np.cos(turn), nose - 0.06 - r1 + r1 * np.sin(turn)], -1)
@@ -92,7 +92,7 @@ class Hull:
         return self._shape(shapely.box(self.flank_a(y0), z0, self.flank_a(y1), z1), rounding)
 
     def front(self, x0: float, x1: float, z0: float, z1: float, rounding: float = 0.0) -> BaseGeometry:
-        """Return a rectangle on the nose, ``x`` in metres along it from the middle."""
+        """Return a rectangle on the nose, with ``x`` in metres along it from the middle."""
         return self._shape(shapely.box(self.length - x1, z0, self.length - x0, z1), rounding)
 
     def back(self, x0: float, x1: float, z0: float, z1: float, rounding: float = 0.0) -> BaseGeometry:
@@ -121,7 +121,7 @@ class Hull:
         depth: float = 0.02,
         edge: str = "vehicle-gap",
     ) -> Bag:
-        """Build a region of the right half with an edge."""
+        """Build a panel from a region of the right half, with an edge."""
         bag = Bag()
         shape = shrunk(region, gap, self.master.domain) if gap else region
         patch = cut(self.master, shape, offset=offset)
@@ -155,7 +155,7 @@ class Hull:
 
 
 def both_sides(bag: Bag) -> Bag:
-    """Return a bag together with its mirror image."""
+    """Return a bag with its mirror image."""
     whole = Bag()
     whole.merge(bag)
     for material, surfaces in bag.surfaces.items():

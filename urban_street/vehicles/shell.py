@@ -15,22 +15,22 @@ from urban_street.vehicles.curves import Outline, hermite, smooth
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.skin import Master, along_polyline
 
-#: Rails of the flank: 0 sill … 8 belt. The shoulder line is a crease.
+#: Index of the flank's last rail, from 0 (sill) to 8 (belt). The shoulder line is a crease.
 RAILS = 8
 _CREASES = (5,)
 #: Domain half width of deck and roof, and domain height of the glass house, metres.
 DECK = 0.8
 HOUSE = 0.5
-#: Places of the sections; y as a share of the way between the axles for the middle.
+#: Places of the sections.
 _PLACES = ("tail", "tail-corner", "rear", "middle", "front", "nose-corner", "nose")
 
 
 class Shell:
-    """Master surfaces of one design, of the half x ≥ 0; ``fine`` is False for views from afar.
+    """Master surfaces of one design, for the half x ≥ 0; ``fine`` is False for distant views.
 
-    Domains are in metres, roughly. Ring: arc length along the plan outline from the middle of the tail, height above
-    the sill. Deck: the same arc length, −`DECK` … `DECK` from the right to the left edge. House and roof: arc length from the
-    middle of the rear window to the middle of the windscreen, and 0 … `HOUSE` from belt to roof or −`DECK` … `DECK`.
+    Domains are approximately in metres. Ring: arc length along the plan outline from the middle of the tail, and height above
+    the sill. Deck: the same arc length, and −`DECK` … `DECK` from the right to the left edge. House and roof: arc length from
+    the middle of the rear window to the middle of the windscreen, and 0 … `HOUSE` from belt to roof, or −`DECK` … `DECK`.
     """
 
     def __init__(self, design: CarDesign, *, fine: bool = True) -> None:
@@ -67,7 +67,7 @@ class Shell:
     # -- the ring -----------------------------------------------------------------------------------------------------
 
     def _levels(self, t: Floats) -> Floats:
-        """Return (N, 9) heights of the rails."""
+        """Return the heights of the rails, (N, 9)."""
         low, high = self._sill(t)[:, None], self._belt(t)[:, None]
         return np.asarray(low + (high - low) * self._share(t))
 
@@ -80,7 +80,7 @@ class Shell:
         inset = hermite(levels, self._inset(t), z, _CREASES)
         plan, normal = self.outline.at(t)
         xy = plan - normal * inset[:, None]
-        # A lip around the wheel arches.
+        # a lip around the wheel arches
         for axle in (self.design.rear_axle, self.design.front_axle):
             beyond = np.hypot(xy[:, 1] - axle, z - self.design.tyre) - self.design.arch
             xy = xy + normal * (0.014 * np.exp(-((np.maximum(beyond, 0.0) / 0.035) ** 2)) * (z < 0.9))[:, None]
@@ -115,7 +115,7 @@ class Shell:
         )
 
     def _detailed(self, master: Master) -> Master:
-        """Return the surface with the number of lines of this shell."""
+        """Return the surface, with fewer lines unless the shell is fine."""
         return master if self.fine else master.coarse(2)
 
     @property
@@ -124,7 +124,7 @@ class Shell:
         return float(self.heights[-1])
 
     def height_of(self, rail: ArrayLike) -> Floats:
-        """Return domain heights of (fractional) rails."""
+        """Return the domain heights of rails, which may be fractional."""
         return np.asarray(np.interp(np.asarray(rail, np.float64), np.arange(RAILS + 1.0), self.heights))
 
     @property
@@ -136,7 +136,7 @@ class Shell:
         return 0.5 * self.design.length - 0.7
 
     def rail_at(self, t: ArrayLike, z: ArrayLike) -> Floats:
-        """Return domain heights of the places ``t`` at ``z`` metres above the road; clipped to the ring."""
+        """Return the domain heights, clipped to the ring, of the places ``t`` at ``z`` metres above the road."""
         where, height = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(t, z))
         levels = self._levels(where)
         piece = np.clip((levels[:, 1:-1] <= height[:, None]).sum(axis=1), 0, RAILS - 1)
@@ -145,15 +145,15 @@ class Shell:
         return self.height_of(np.clip(piece + (height - low) / (high - low), 0.0, RAILS))
 
     def side(self, line: ArrayLike, *, step: float = 0.06) -> Floats:
-        """Return (M, 2) ring places of a polyline given as (y, z) in the side view."""
+        """Return the ring places, (M, 2), of a polyline (y, z) in the side view."""
         fine = along_polyline(np.asarray(line, np.float64), step if self.fine else 3.0 * step)
         t = self.outline.at_y(fine[:, 0])
         return np.column_stack([t, self.rail_at(t, fine[:, 1])])
 
     def bow(self, line: ArrayLike, *, front: bool, step: float = 0.07) -> Floats:
-        """Return (M, 2) ring places of a polyline given as (place along the bow, rail).
+        """Return the ring places, (M, 2), of a polyline (place along the bow, rail).
 
-        The place is the distance from the middle along nose or tail in half widths; the corner is about 1.
+        The place is the distance from the middle along nose or tail in half widths; 1 is about the corner.
         """
         half = 0.5 * self.design.width
         points = np.asarray(line, np.float64)
@@ -171,7 +171,7 @@ class Shell:
         return rounded(shape, rounding, self.ring.domain) if rounding else shape
 
     def arch(self, axle: float, *, wider: float = 0.0) -> Floats:
-        """Return (M, 2): the widened circle of a wheel arch in (y, z), as far as it lies above the sill."""
+        """Return the widened circle of a wheel arch in (y, z), (M, 2), about as far as the sill."""
         angle = np.linspace(-0.35, np.pi + 0.35, 41)
         radius = self.design.arch + wider
         return np.column_stack([axle + radius * np.cos(angle), self.design.tyre + radius * np.sin(angle)])
@@ -186,7 +186,7 @@ class Shell:
         front = self.design.bonnet_crown * _fall((end - 0.13 - y) / (end - 0.13 - self.design.cowl))
         rear = self.design.boot_crown * _fall((y + end - 0.10) / 0.5)
         crown = np.where(y > 0.0, front, rear)
-        # Two ridges along the bonnet.
+        # two ridges along the bonnet
         ridge = 0.010 * np.exp(-(((np.abs(u) - 0.62) / 0.10) ** 2)) * (y > 0.0) * _fall((end - 0.2 - y) / 0.5)
         z = edge[:, 2] + crown * (1.0 - np.abs(u) ** 2.4) + ridge
         return np.column_stack([edge[:, 0] * u, y, z])
@@ -196,7 +196,7 @@ class Shell:
         """Return the surface between the upper edges of both flanks; u = 1 is the right edge."""
         t = np.unique(np.append(self.ring.lines[0], self.outline.length - 0.04))
         u = np.array([-1, -0.93, -0.85, -0.74, -0.62, -0.5, -0.28, 0, 0.28, 0.5, 0.62, 0.74, 0.85, 0.93, 1.0])
-        # d/dt × d/du must look up: t runs forwards on the right, so u runs to the left.
+        # d/dt × d/du must point up. Since t runs forwards on the right, u runs to the left.
         top = Master(
             lambda at: self._deck_points(at * np.array([1.0, -1.0])),
             (0.0, -DECK),
@@ -206,13 +206,13 @@ class Shell:
         return self._detailed(top)
 
     def deck_t(self, y: ArrayLike) -> Floats:
-        """Return arc lengths where the upper edge passes the given y."""
+        """Return the arc lengths at which the upper edge passes ``y``."""
         t = np.linspace(0.0, self.outline.length, 800)
         edge = self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 1]
         return np.asarray(np.interp(np.asarray(y, np.float64), np.maximum.accumulate(edge), t))
 
     def deck_height(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the height of the deck over (x, y)."""
+        """Return the height of the deck at (x, y)."""
         across, along = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(x, y))
         t = self.deck_t(along)
         half = self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 0]
@@ -223,7 +223,7 @@ class Shell:
 
     @cached_property
     def _house_lines(self) -> tuple[CubicSpline, CubicSpline]:
-        """Return base and roof edge (x, y, z) over the place q: 0 tail … 1 corner … 2 corner … 3 middle of the windscreen."""
+        """Return base and roof edge (x, y, z) over the place q: 0 tail, 1 and 2 corners, 3 middle of the windscreen."""
         d = self.design
         q_side = np.linspace(1.0, 2.0, 25)
         inset = 0.004
@@ -232,7 +232,7 @@ class Shell:
             t = self.deck_t(y)
             return self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 0] - inset
 
-        # Pairs of places at belt and roof: the pillars.
+        # the pillars, as pairs of places at belt and roof
         pairs = sorted([(d.rear_base, d.rear_top), d.quarter, *d.posts, (d.pillar_base, d.pillar_top)])
         low, high = np.array(pairs).T
         share = (q_side - 1.0) * (d.pillar_base - d.rear_base) + d.rear_base
@@ -263,7 +263,7 @@ class Shell:
         z_tail = side_roof[0, 2] + 0.78 * crown * (1.0 - (tail_roof[:, 0] / side_roof[0, 0]) ** 2)
         z_nose = side_roof[-1, 2] + 0.80 * crown * (1.0 - (nose_roof[:, 0] / side_roof[-1, 0]) ** 2)
         roof = np.column_stack([roof_xy, np.concatenate([z_tail, side_roof[:, 2], z_nose[::-1]])])
-        # Round the corners: a moving average along the edge, less than a hand wide.
+        # A moving average along the edge, less than a hand wide, rounds the corners.
         q_fine = np.linspace(0.0, 3.0, 601)
         lines = []
         for line in (np.column_stack([base, z]), roof):
@@ -308,7 +308,7 @@ class Shell:
 
     @cached_property
     def _house_arc(self) -> tuple[Floats, Floats]:
-        """Return places and arc lengths along the middle between base and roof edge."""
+        """Return the places and arc lengths along the middle between base and roof edge."""
         q = np.linspace(0.0, 3.0, 601)
         base, roof = self._house_lines
         line = 0.5 * (base(q) + roof(q))
@@ -320,21 +320,21 @@ class Shell:
         return float(self._house_arc[1][-1])
 
     def house_place(self, a: ArrayLike) -> Floats:
-        """Return places q of domain coordinates."""
+        """Return the places q of domain coordinates."""
         q, arc = self._house_arc
         return np.asarray(np.interp(np.asarray(a, np.float64), arc, q))
 
     def house_a(self, q: ArrayLike) -> Floats:
-        """Return domain coordinates of places q."""
+        """Return the domain coordinates of places q."""
         places, arc = self._house_arc
         return np.asarray(np.interp(np.asarray(q, np.float64), places, arc))
 
     def roof_edge(self, q: ArrayLike) -> Floats:
-        """Return (M, 3) points of the roof's edge at places q."""
+        """Return the points of the roof's edge at places q, (M, 3)."""
         return np.asarray(self._house_lines[1](np.asarray(q, np.float64)))
 
     def house_side(self, y: ArrayLike) -> Floats:
-        """Return domain coordinates along the side of the house whose base is at the given y."""
+        """Return the domain coordinates at which the base of the house's side is at ``y``."""
         d = self.design
         return self.house_a(1.0 + (np.asarray(y, np.float64) - d.rear_base) / (d.pillar_base - d.rear_base))
 
@@ -355,7 +355,7 @@ class Shell:
         z0, z1 = float(roof(0.0)[2]), float(roof(3.0)[2])
         f = np.clip((y - y0) / (y1 - y0), 0.0, 1.0)
         top = self.design.height
-        # Through both ends, highest a third behind the front.
+        # through both ends, highest a third behind the front
         arch = smooth([0.0, 0.3, 0.66, 1.0], [z0, top - 0.022, top, z1])
         return np.asarray(arch(f))
 
@@ -379,13 +379,13 @@ class Shell:
 
 
 def _fall(share: Floats) -> Floats:
-    """Return 0 at 0, 1 from 1 on, smooth."""
+    """Return a smooth step from 0 at 0 to 1 from 1 on."""
     t = np.clip(share, 0.0, 1.0)
     return np.asarray(t * (2.0 - t))
 
 
 def _rounded_corners(line: Floats, reach: int) -> Floats:
-    """Return a triangular moving average; the ends continue mirrored in x."""
+    """Return a triangular moving average, with the ends mirrored in x."""
     flip = np.array([-1.0, 1.0, 1.0])
     padded = np.concatenate([line[1 : reach + 1][::-1] * flip, line, line[-reach - 1 : -1][::-1] * flip])
     weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
@@ -394,7 +394,7 @@ def _rounded_corners(line: Floats, reach: int) -> Floats:
 
 
 def extended(shape: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
-    """Return the shape continued, mirrored, across the borders of its frame that it touches, so that they are no edges."""
+    """Return the shape with its mirror images across the frame's borders that it touches, which are then not edges."""
     x0, y0, x1, y1 = frame.bounds
     pieces = [shape]
     for axis, border in ((0, x0), (0, x1), (1, y0), (1, y1)):
@@ -414,7 +414,7 @@ def extended(shape: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
 
 
 def rounded(shape: BaseGeometry, radius: float, frame: BaseGeometry) -> BaseGeometry:
-    """Return the shape with corners rounded by ``radius`` (domain units), but not where the shape ends at the frame's border."""
+    """Return the shape with corners rounded by ``radius`` (domain units), except at the frame's border."""
     wide = (
         extended(shape, frame).buffer(-radius, quad_segs=4).buffer(2 * radius, quad_segs=4).buffer(-radius, quad_segs=4)
     )
@@ -422,6 +422,6 @@ def rounded(shape: BaseGeometry, radius: float, frame: BaseGeometry) -> BaseGeom
 
 
 def shrunk(shape: BaseGeometry, gap: float, frame: BaseGeometry) -> BaseGeometry:
-    """Return the shape without a margin of ``gap``, but not where it ends at the frame's border."""
+    """Return the shape without a margin of ``gap``, except at the frame's border."""
     smaller = extended(shape, frame).buffer(-gap, join_style="mitre", mitre_limit=2.0).simplify(0.001)
     return shapely.intersection(smaller, frame)

@@ -1,8 +1,8 @@
 """Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
 
-A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define the borders
-of doors and lamps. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
-gap between two panels is a real groove.
+A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define the borders of
+doors and lamps. `cut` returns the triangles of such a region, and `flange` gives it an edge, so that a gap between two panels
+is a real groove.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from shapely.geometry.base import BaseGeometry
 
 from urban_street.solids.surfaces import Floats, Ints, Surface, unit
 
-#: Domain lengths below this are one point.
+#: Domain points closer than this are one point.
 _WELD = 1e-7
-#: Step of the finite differences that give tangents, in domain units.
+#: Step of the finite differences for tangents, in domain units.
 _STEP = 2e-4
 
 
@@ -28,9 +28,9 @@ class Master:
     """A smooth surface over a rectangle of the plane.
 
     Attributes:
-        points: (N, 2) domain points to (N, 3) metres. The outside is where d/da × d/db points.
+        points: maps (N, 2) domain points to (N, 3) metres. d/da × d/db points outwards.
         low, high: corners of the domain.
-        lines: edges of the untrimmed surface's triangles: values of a, values of b.
+        lines: grid lines of the untrimmed surface's triangles: values of a, values of b.
     """
 
     points: Callable[[Floats], Floats]
@@ -39,7 +39,7 @@ class Master:
     lines: tuple[Floats, Floats]
 
     def normals(self, at: Floats) -> Floats:
-        """Return (N, 3) unit normals at (N, 2) domain points, by central differences (one-sided on the border)."""
+        """Return the unit normals, (N, 3), at (N, 2) domain points, by central differences (one-sided on the border)."""
         slopes = []
         for axis in (0, 1):
             step = np.zeros(2)
@@ -64,7 +64,7 @@ class Patch:
 
     Attributes:
         surface: triangles, with texture coordinates 0.
-        rim: (E, 2) vertex indices of the border's edges, the region on their left.
+        rim: (E, 2) vertex indices of the border's edges, with the region on their left.
     """
 
     surface: Surface
@@ -89,7 +89,7 @@ def cut(master: Master, region: BaseGeometry, *, offset: float = 0.0) -> Patch:
 
 
 def _triangles(master: Master, region: BaseGeometry) -> Floats:
-    """Return (M, 3, 2) counter-clockwise domain triangles: whole cells of the grid inside, clipped cells along the outline."""
+    """Return counter-clockwise domain triangles, (M, 3, 2): whole cells of the grid inside, clipped cells along the outline."""
     if region.is_empty:
         return np.zeros((0, 3, 2))
     a0, b0, a1, b1 = region.bounds
@@ -126,7 +126,7 @@ def _within(lines: Floats, low: float, high: float) -> Floats:
 
 
 def _rim(faces: Ints) -> Ints:
-    """Return (E, 2) directed edges that have a triangle on one side only."""
+    """Return the directed edges with a triangle on only one side, (E, 2)."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     size = int(faces.max()) + 1
     forward = edges[:, 0] * size + edges[:, 1]
@@ -138,9 +138,9 @@ def flange(patch: Patch, depth: float, *, middle: bool = False) -> Surface:
     """Build a strip from the patch's border ``depth`` metres inwards, facing away from the patch.
 
     Args:
-        patch: its border.
-        depth: metres against the normals; negative for outwards.
-        middle: also along the plane x = 0, where the mirrored other half continues.
+        patch: the patch with the border.
+        depth: metres against the normals; negative to go outwards.
+        middle: whether to include the plane x = 0, at which the mirrored half continues.
     """
     points, normals = patch.surface.positions, patch.surface.normals
     rim = patch.rim
@@ -170,7 +170,7 @@ def reversed_(surface: Surface) -> Surface:
 
 
 def along_polyline(points: Floats, step: float) -> Floats:
-    """Return (M, D) points of a polyline, its corners among them, at most ``step`` apart."""
+    """Return points of a polyline, including its corners, at most ``step`` apart, (M, D)."""
     pieces = [points[:1]]
     for start, stop in pairwise(points):
         count = max(int(np.ceil(float(np.linalg.norm(stop - start)) / step)), 1)

@@ -1,4 +1,4 @@
-"""A delivery truck: a tilt cab over the engine, a box body with rear doors, twin rear wheels."""
+"""A delivery truck with a tilt cab over the engine, a box body with rear doors, and twin rear wheels."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def _box(body: Bag) -> None:
     body.add("vehicle-satin", boxes(clamps, np.array(clamps) + [0.08, 0.04, 0.07]))
     hinges = [(x, y0 - 0.012, z) for x in (-half + 0.005, half - 0.075) for z in np.linspace(low + 0.2, high - 0.3, 4)]
     body.add("vehicle-satin", boxes(hinges, np.array(hinges) + [0.07, 0.02, 0.10]))
-    # Ribs along the sides, and a band of colour.
+    # ribs along the sides, and a coloured band
     ribs = [[x, y, low + 0.09] for y in np.arange(y0 + 0.6, y1 - 0.3, 0.61) for x in (-half - 0.001, half - 0.011)]
     body.add("vehicle-box", boxes(ribs, np.array(ribs) + [0.012, 0.035, high - low - 0.18]))
     body.add(

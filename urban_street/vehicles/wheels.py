@@ -1,4 +1,4 @@
-"""Wheels: a tyre, a rim of one of several designs, brake disc and nuts; the axle is x, the outside at +x."""
+"""Wheels: a tyre, a rim of one of several designs, brake disc and nuts. The axle is x, with the outside at +x."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge, repeat, sheet
 
-#: Designs of rims: spokes, share of the sector that a spoke fills at hub and rim, split spokes, dark.
+#: Designs of rims: number of spokes, share of the sector that a spoke fills at hub and rim, split spokes.
 RIMS: Final = {
     "five": (5, 0.62, 0.30, False),
     "double": (5, 0.72, 0.52, True),
@@ -17,12 +17,12 @@ RIMS: Final = {
     "turbine": (9, 0.66, 0.44, False),
     "steel": (0, 0.0, 0.0, False),
 }
-#: The lathe's z is the wheel's x.
+#: Transform from the z axis of a surface of revolution to the wheel's x.
 _UPRIGHT = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 class WheelSize(NamedTuple):
-    """The size of a wheel in metres: radius and width of the tyre, radius of the rim."""
+    """The size of a wheel, metres: radius and width of the tyre, radius of the rim."""
 
     radius: float
     width: float
@@ -30,7 +30,7 @@ class WheelSize(NamedTuple):
 
 
 def build_wheel(size: WheelSize, design: str, *, fine: bool = True) -> Bag:
-    """Build a wheel around the origin, its outer face at +x; about 1,200 triangles."""
+    """Build a wheel around the origin with its outer face at +x; about 1,200 triangles."""
     radius, width, rim_radius = size
     bag = Bag()
     sides = 24 if fine else 12
@@ -43,7 +43,7 @@ def build_wheel(size: WheelSize, design: str, *, fine: bool = True) -> Bag:
         (rim_radius - 0.006, half - 0.012),
     ]  # fmt: skip
     bag.add("vehicle-tyre", lathe(tyre, sides).moved(_UPRIGHT))
-    # Barrel, seen through the spokes, and the lip.
+    # barrel, seen through the spokes, and lip
     lip = [(rim_radius - 0.004, half - 0.008), (rim_radius - 0.012, half - 0.002), (rim_radius - 0.022, half - 0.010)]
     bag.add("vehicle-rim", lathe(lip, sides).moved(_UPRIGHT))
     barrel = [(rim_radius - 0.022, half - 0.010), (rim_radius - 0.040, half - 0.05), (rim_radius - 0.045, -half + 0.03)]
@@ -98,7 +98,7 @@ def build_wheel(size: WheelSize, design: str, *, fine: bool = True) -> Bag:
 def _spokes(
     rim: float, half: float, count: int, hub_share: float, rim_share: float, *, split: bool, swept: bool, fine: bool
 ) -> Surface:
-    """Build bars from hub to rim, each a ridge with sloping flanks, dished towards the hub."""
+    """Build spokes from hub to rim, each a ridge with sloping flanks, dished towards the hub."""
     radii = np.linspace(0.20 * rim, rim - 0.018, 4 if fine else 3)
     share = (radii - radii[0]) / (radii[-1] - radii[0])
     face = half - 0.012 - 0.022 * np.sin(np.pi * (1.0 - share)) * (1.0 - share) - 0.008 * (1.0 - share)
@@ -106,7 +106,7 @@ def _spokes(
     arc = np.minimum(sector * (hub_share + (rim_share - hub_share) * share) * radii, sector * radii * 0.98)
     arc = arc * (0.42 + 0.58 * (radii[0] / radii))  # spokes get narrower outwards
     lean = 0.35 * share**1.5 if swept else 0.0 * share
-    # Across a spoke: foot, shoulder, crown, shoulder, foot; from afar the shoulders do.
+    # Across a spoke: foot, shoulder, crown, shoulder, foot. Distant views need only the shoulders.
     shoulders = ((-0.46, 0.004), (-0.18, 0.0), (0.18, 0.0), (0.46, 0.004))
     across = ((-0.62, 0.034), *shoulders, (0.62, 0.034)) if fine else (shoulders[0], shoulders[-1])
     pieces = []
@@ -125,7 +125,7 @@ def _spokes(
 
 
 def _creased(grid: Floats) -> Surface:
-    """Build a grid of strips with sharp edges between its rows, each strip smooth along its columns."""
+    """Build a grid of strips with sharp edges between rows. Each strip is smooth along its columns."""
     return merge([sheet(grid[k : k + 2], flip=False) for k in range(len(grid) - 1)])
 
 

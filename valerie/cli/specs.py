@@ -17,9 +17,12 @@ from valerie.cli.shell import (
     Url,
     console,
     read_spec,
+    say,
     settings_of,
     write_output,
+    write_template,
 )
+from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -4,10 +4,11 @@
 
     leftImg8bit/<split>/<city>/<name>_leftImg8bit.png             picture
     gtFine/<split>/<city>/<name>_gtFine_labelIds.png              label ids
-    gtFine/<split>/<city>/<name>_gtFine_instanceIds.png 16 bit: label id × 1000 + n; label id if there is no instance
-    gtFine/<split>/<city>/<name>_gtFine_color.png for people gtFine/<split>/<city>/<name>_gtFine_polygons.json optional
-    camera/<split>/<city>/<name>_camera.json `valerie.datasets.camera`
-    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png a prediction, as label ids
+    gtFine/<split>/<city>/<name>_gtFine_instanceIds.png           16 bit: label id × 1000 + n; label id without instance
+    gtFine/<split>/<city>/<name>_gtFine_color.png                 for people
+    gtFine/<split>/<city>/<name>_gtFine_polygons.json             optional
+    camera/<split>/<city>/<name>_camera.json                      `valerie.datasets.camera`
+    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png   a prediction, as label ids
 """
 
 from __future__ import annotations

@@ -45,7 +45,6 @@ def write_index(path: Path, rows: Iterable[IndexRow], parameters: Mapping[str, p
     """Write the index, and return its number of rows.
 
     Args:
-        path: the file.
         rows: column to value; missing values are empty.
         parameters: path to Arrow type of the parameters' columns.
 

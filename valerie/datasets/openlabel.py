@@ -101,7 +101,6 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, descriptio
     Args:
         frames: frame number to frame, in order.
         camera: `camera_entries` of the camera that took all frames.
-        description: description of the data.
     """
     objects: dict[str, JsonObject] = {}
     intervals: list[dict[str, int]] = []

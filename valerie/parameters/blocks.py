@@ -28,7 +28,6 @@ class Variation:
 
     Attributes:
         path: path of the parameter, or within a `Block` its name.
-        distribution: distribution of its values.
     """
 
     path: str
@@ -78,7 +77,6 @@ def rows_of(
     Args:
         block: the block, with paths as names.
         definitions: path to definition.
-        seed: the spec's seed.
         index: index of the block in the spec.
         samplers: name to sampler, for designs other than ``grid`` and ``points``.
 

@@ -120,7 +120,6 @@ def scan(
         engine: renders the image.
         truth_pass: renders the labels.
         moments: the scene around the frame's moment.
-        view: the view of the frame.
         frame: its image and truth, at its moment.
         reading: the times at which the lines are read.
     """

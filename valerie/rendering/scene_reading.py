@@ -37,7 +37,6 @@ def draw_items(scene: Scene, *, movable: bool, label_id: int | None = None) -> t
     """Return the movable, or the static, nodes with meshes that are visible with all their ancestors, in the scene's order.
 
     Args:
-        scene: the scene to read.
         movable: True for movables, False for statics.
         label_id: only nodes with this label; None for all.
     """

@@ -29,7 +29,7 @@ from services.api.schemas.explore import (
     SpecRead,
     SwingsRead,
 )
-from valerie.analysis.findings.child_specs import selection_spec, similar_spec
+from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
 from valerie.db.engine import reading, writing
@@ -329,7 +329,7 @@ def refine(
     if form == "nearby":
         child = similar_spec(chosen, exploration.table, resolved.spec, resolved.definitions, count)
     else:
-        child = selection_spec(chosen, resolved.spec, resolved.definitions, count)
+        child = drawn_spec(chosen, resolved.spec, resolved.definitions, count)
     return SpecRead(yaml=child.to_yaml())
 
 

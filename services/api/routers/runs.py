@@ -138,8 +138,7 @@ def list_runs(
     if_none_match: IfNoneMatch = None,
 ) -> Response:
     with reading(context.engine) as connection:
-        earlier = None if before is None else (before[0], before[1])
-        rows = runs.page(connection, limit=limit + 1, before=earlier, state=state, tag=tag)
+        rows = runs.page(connection, limit=limit + 1, before=seen, state=state, tag=tag)
         tags = marks.tags_of_runs(connection, [row.id for row in rows])
     page = RunPage(items=[_run(row, tags.get(row.id, [])) for row in rows[:limit]], next=next_page(rows, limit))
     return send_page(page, known=if_none_match, encodings=request.headers.get("accept-encoding"))

@@ -6,8 +6,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.api.schemas.base import Moment, Read
+from services.api.schemas.base import Read
 from valerie.runs.marks import MAX_TAGS, MarkKind, Subject, Tag
+from valerie.runs.moments import Moment
 
 _KIND = "what is marked"
 _NAME = "of a frame variant.camera.time, of a finding its sentence; empty for the run"

@@ -1,4 +1,4 @@
-"""Asphalt with its history, and the paving of the footways."""
+"""Worn asphalt, and the paving of the footways."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from urban_street.texels import normal_map, roughness_map, srgb8
 
 Image = NDArray[np.uint8]
 
-#: Metres that one road texture covers, across and along.
+#: Size of a road texture, metres across and along.
 ROAD_TILE = (6.6, 13.2)
-#: Metres that the paving texture covers, across (house to kerb) and along.
+#: Size of the paving texture, metres across (house to kerb) and along.
 PAVING_TILE = (2.6, 3.2)
 _SIZE = 1024
-#: Roughness of old, polished and fresh asphalt, of things on and in it, of iron and its dirty parts.
+#: Roughness of old, polished and fresh asphalt, of materials on and in it, of iron and its dirty parts.
 _OLD, _POLISHED, _FRESH = 0.92, 0.76, 0.82
 _OILY, _BITUMEN, _PAINT, _JOINT = 0.68, 0.62, 0.74, 0.96
 _IRON, _DIRT = 0.50, 0.92
@@ -28,7 +28,7 @@ _BARE = 0.6
 
 
 def _road_axes(width: float) -> tuple[Field, Field]:
-    """Return metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
+    """Return the metres across, (1, W), and along, (H, 1), at the pixel centres of a road texture."""
     centre = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)
     across: Field = (centre * np.float32(width))[None]
     along: Field = (centre * np.float32(ROAD_TILE[1]))[:, None]
@@ -49,32 +49,31 @@ class _Layer:
     metallic: Field
 
     def images(self) -> tuple[Image, Image]:
-        """Return colour and roughness map."""
+        """Return the maps of colour and roughness."""
         return srgb8(self.color), roughness_map(self.roughness, self.metallic)
 
 
 def asphalt(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
 ) -> tuple[Image, Image]:
-    """Return colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway, edges and markings included.
+    """Return colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway with edges and markings.
 
-    It is ``width`` × `ROAD_TILE`[1] metres. Tyres polish two bands of a lane; oil, the bitumen of repairs and seams, and
-    markings are smoother than old asphalt, cracks rougher; lids are of worn iron.
-
-    Rows run along the street; first and last row meet, so pieces join in any order.
+    It is ``width`` × `ROAD_TILE`[1] metres. Tyres polish two bands of a lane. Oil, the bitumen of repairs and seams, and
+    markings are smoother than old asphalt, and cracks are rougher. Lids are of worn iron. Rows run along the street. The first
+    and the last row match, so pieces join in any order.
 
     Args:
-        rng: source of everything.
-        zebra: paint a crossing in the middle and no lane marks beside it.
-        lane: edges of the driving lanes, metres from the left kerb, one more than there are lanes;
-            empty for a road without lanes or markings.
+        rng: source of random numbers.
+        zebra: whether there is a crossing in the middle instead of lane marks.
+        lane: edges of the driving lanes, metres from the left kerb, one more than there are lanes; empty for a road without
+            lanes or markings.
         width: metres from kerb to kerb.
     """
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
     ends = smoothstep(0.0, 0.8, along) * smoothstep(
         0.0, 0.8, ROAD_TILE[1] - along
-    )  # Pieces must meet, so the ends get no patch.
+    )  # pieces must match, so the ends get no patch
     albedo = np.full(shape, 0.115, np.float32)
     albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
     grain = band_noise(shape, rng, longest=6, slope=0.0)
@@ -99,7 +98,7 @@ def asphalt(
     cracks = _cracks(rng, width)
     albedo *= 1.0 - 0.6 * cracks * ends
     roughness = toward(roughness, 1.0, cracks * ends)
-    # The old longitudinal seam between two lanes of the paver.
+    # the old longitudinal seam between two lanes of the paver
     wander = middles[-1] + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
     seam = np.exp(-(((across - wander) / 0.012) ** 2))
     albedo *= 1.0 - 0.35 * seam
@@ -113,7 +112,7 @@ def asphalt(
 
 
 def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field) -> _Layer:
-    """Return white markings, worn by traffic."""
+    """Return the road with white markings, worn by traffic."""
     pattern = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
     wear = smoothstep(-1.65, -0.25, pattern)
     cover = paint * (0.25 + 0.63 * wear)
@@ -132,10 +131,10 @@ def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *
 def setts(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
 ) -> tuple[Image, Image, Image]:
-    """Return colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts; arguments as for `asphalt`."""
+    """Return colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts. Arguments as for `asphalt`."""
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
-    columns, rows = round(width / 0.16), 120  # 11 cm courses in 13.2 m
+    columns, rows = round(width / 0.16), 120  # courses of 11 cm in 13.2 m
     wobble = band_noise(shape, rng, longest=50, shortest=14)
     v = along / (ROAD_TILE[1] / rows) + 0.10 * band_noise(shape, rng, longest=50, shortest=14)
     course = np.floor(v).astype(np.int64)
@@ -168,7 +167,7 @@ def setts(
 def _patches(
     albedo: Field, roughness: Field, rng: np.random.Generator, grain: Field, road: float
 ) -> tuple[Field, Field]:
-    """Return rectangles cut open and filled again, with a tarred seam around each."""
+    """Return albedo and roughness with refilled rectangular cuts, each with a tarred seam."""
     across, along = _road_axes(road)
     for _ in range(int(rng.integers(2, 5))):
         width, length = rng.uniform(0.7, 2.2), rng.uniform(0.9, 3.6)
@@ -179,13 +178,13 @@ def _patches(
         albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
         seam = np.exp(-((inside / 0.02) ** 2))
         albedo *= 1.0 - 0.5 * seam
-        # Patches darker than the road are fresh, and still covered with binder.
+        # Patches darker than the road are fresh and still covered with binder.
         roughness = toward(toward(roughness, _FRESH if tone < 1.0 else _OLD, fill), _BITUMEN, seam)
     return albedo, roughness
 
 
 def _cracks(rng: np.random.Generator, width: float) -> Field:
-    """Return (H, W) 0…1: wandering cracks, now and then forking."""
+    """Return wandering cracks that sometimes fork, (H, W) in 0…1."""
     mark = np.zeros((_SIZE, _SIZE), np.float32)
     for _ in range(9):
         steps = int(rng.integers(150, 700))
@@ -199,7 +198,7 @@ def _cracks(rng: np.random.Generator, width: float) -> Field:
 
 
 def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
-    """Return two rows of setts along each kerb, and the dirt that collects there."""
+    """Return the road with two rows of setts along each kerb, and the dirt that collects there."""
     color, roughness = layer.color, layer.roughness
     for edge in (across, width - across):
         row = np.floor(edge / 0.16)
@@ -221,7 +220,7 @@ def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Fiel
 
 
 def _ironwork(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
-    """Return a manhole in the lane and gullies in the gutters: worn iron, dirty where it lies low."""
+    """Return the road with a manhole in the lane and gullies in the gutters, of worn iron that is dirty in its low parts."""
     color, roughness, metallic = layer.color, layer.roughness, layer.metallic
     iron = np.array([0.075, 0.07, 0.066], np.float32)
     x, y = width * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
@@ -250,7 +249,7 @@ def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field
 
 
 def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
-    """Return broken lines between lanes and parking bays, two dashes to a piece, and the bays' cross marks."""
+    """Return broken lines between lanes and parking bays, two dashes per piece, and the bays' cross marks."""
     dash = _soft(1.15 - np.abs((along % 6.6) - 3.3))
     paint = np.zeros((_SIZE, _SIZE), np.float32)
     for x in lane:
@@ -262,21 +261,21 @@ def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
 
 
 def _zebra_paint(across: Field, along: Field, width: float) -> Field:
-    """Return bars of half a metre, four metres long, seven on the narrowest road."""
+    """Return bars half a metre wide and four metres long; the narrowest road has seven."""
     bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
     bars = bars * _soft(np.minimum(across - 0.33, width - 0.33 - across))
     return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
 
 
 def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:
-    """Return (1024, 1024, 3) normals that belong to one road picture.
+    """Return the normals, (1024, 1024, 3), for a road's colour.
 
     They show the aggregate, and grooves at cracks, seams, joints and the edges of lids. Pixels much darker than their
-    surroundings within a hand's breadth lie up to 5 mm lower; markings lie a little higher.
+    surroundings within a hand's breadth are up to 5 mm lower. Markings are slightly higher.
 
     Args:
-        color: as `asphalt` makes it.
-        rng: the aggregate.
+        color: the colour from `asphalt`.
+        rng: source of the aggregate.
         width: metres from kerb to kerb.
     """
     shape = (_SIZE, _SIZE)
@@ -290,20 +289,20 @@ def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) 
 
 
 def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
-    """Return colour, normals (1024²) and roughness (512²) of a footway: granite slabs in the middle, setts on both sides."""
+    """Return colour, normals (1024²) and roughness (512²) of a footway of granite slabs with setts on both sides."""
     shape = (_SIZE, _SIZE)
     centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
     across, along = (centre * PAVING_TILE[0])[None], (centre * PAVING_TILE[1])[:, None]
     wobble = band_noise(shape, rng, longest=60, shortest=12)
     slab = np.abs(across - 1.3) < 0.8
-    # Slabs 0.8 m wide in two staggered rows, four to a tile.
+    # slabs 0.8 m wide in two staggered rows, four per tile
     row = np.floor((across - 0.5) / 0.8)
     position = along / 0.8 + 0.5 * row
     number = np.floor(position).astype(np.int64) % 4 * 5 + row.astype(np.int64)
     slab_joint = np.minimum(
         np.abs(position - np.round(position)) * 0.8, np.abs((across - 0.5) / 0.8 - np.round((across - 0.5) / 0.8)) * 0.8
     )
-    # Setts of 6.4 cm (50 in 3.2 m), uneven by noise.
+    # setts of 6.4 cm (50 in 3.2 m), with noise
     u, v = across / 0.062 + 0.16 * wobble, along / 0.064 + 0.16 * band_noise(shape, rng, longest=60, shortest=12)
     u = u + 0.5 * (np.floor(v) % 2)
     sett_joint = 0.063 * np.minimum(0.5 - np.abs(u - np.floor(u) - 0.5), 0.5 - np.abs(v - np.floor(v) - 0.5))
@@ -320,7 +319,7 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
     tone *= 1.0 - 0.35 * np.exp(-((across / 0.09) ** 2))  # damp and dirt at the foot of the wall
     spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=30, shortest=8))
     tone *= 1.0 - 0.4 * spots
-    # Feet polish the slabs, most in their middle.
+    # Feet polish the slabs, most of all in the middle.
     polish = toward(np.full(shape, 0.87, np.float32), 0.79, np.exp(-(((across - 1.3) / 0.5) ** 2)))
     stones = np.where(slab, polish + 0.04 * (hashed(number, 5) - 0.5), 0.83) + 0.02 * fine + 0.03 * cloud
     roughness = toward(np.full(shape, _JOINT, np.float32), stones, np.where(slab, slab_head, sett_head))
@@ -333,7 +332,7 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
 
 
 def turf(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: short grass, 2 m."""
+    """Return short grass, (256, 256, 3) sRGB, 2 m."""
     shape = (256, 256)
     blades = stretched_noise(shape, rng, rows=7, columns=3, slope=0.2)
     patches = band_noise(shape, rng, longest=200, shortest=20)

@@ -1,4 +1,4 @@
-"""Textures of things in the street: bark, leaves, sign faces."""
+"""Textures of objects in the street: bark, leaves, sign faces."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from urban_street.texels import srgb8
 
 Image = NDArray[np.uint8]
 
-#: The sign atlas has this many cells along each edge.
+#: Cells along each edge of the sign atlas.
 SIGN_CELLS = 4
 
 
 def bark(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: furrowed grey-brown bark, 0.5 m around and 1 m along."""
+    """Return furrowed grey-brown bark, (256, 256, 3) sRGB, 0.5 m around and 1 m along."""
     furrows = stretched_noise((256, 256), rng, rows=110, columns=18, slope=0.4)
     blotch = band_noise((256, 256), rng, longest=150, shortest=12)
     tone = 0.115 * (1.0 + 0.34 * furrows + 0.15 * blotch)
@@ -25,7 +25,7 @@ def bark(rng: np.random.Generator) -> Image:
 
 
 def bark_of(rng: np.random.Generator, kind: str) -> Image:
-    """Return (256, 256, 3) sRGB bark, 0.5 m around and 1 m along.
+    """Return the bark of a kind of tree, (256, 256, 3) sRGB, 0.5 m around and 1 m along.
 
     ``birch`` is white with dark bands, ``plane`` flakes in patches of olive and cream, ``cherry`` is dark and banded.
     """
@@ -47,7 +47,7 @@ def bark_of(rng: np.random.Generator, kind: str) -> Image:
 
 
 def posters(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: four posters: a coloured ground, a large shape, lines of dark marks that stand for text."""
+    """Return four posters, (256, 256, 3) sRGB, each with a coloured ground, a large shape and dark marks in place of text."""
     picture = np.zeros((256, 256, 3), np.float32)
     y, x = (np.mgrid[0:128, 0:128] + 0.5) / 128.0
     grounds = ((0.50, 0.48, 0.43), (0.05, 0.08, 0.14), (0.24, 0.07, 0.05), (0.34, 0.36, 0.33))
@@ -70,7 +70,7 @@ def posters(rng: np.random.Generator) -> Image:
 
 
 def leaves(rng: np.random.Generator, hue: tuple[float, float, float]) -> Image:
-    """Return (256, 256, 3) sRGB: a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first."""
+    """Return a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first, (256, 256, 3) sRGB."""
     cell = np.arange(256) // 16
     number = cell[:, None] * 16 + cell[None]
     bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * cell[:, None] / 15.0)
@@ -84,7 +84,7 @@ def _disc(x: NDArray[np.floating], y: NDArray[np.floating], radius: float) -> ND
 
 
 def sign_faces() -> Image:
-    """Return (512, 512, 3) sRGB atlas of sign faces, cells row by row, then eight shop boards.
+    """Return an atlas of sign faces, cells row by row, then eight shop boards, (512, 512, 3) sRGB.
 
     The faces: no entry, speed limit, no stopping, warning, crossing, parking, one way, yield.
     """
@@ -163,7 +163,7 @@ def sign_faces() -> Image:
 
 
 def hedge(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: clipped foliage with dark gaps, 1 m."""
+    """Return clipped foliage with dark gaps, (256, 256, 3) sRGB, 1 m."""
     noise = band_noise((256, 256), rng, longest=14, shortest=3, slope=0.3)
     tone = 0.10 * np.clip(1.0 + 0.55 * noise, 0.12, 2.2)
     return srgb8(tone[..., None] * np.array([0.62, 1.0, 0.28]))

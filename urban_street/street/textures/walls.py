@@ -10,9 +10,9 @@ from urban_street.texels import halved, normal_map, roughness_map, srgb8
 
 Image = NDArray[np.uint8]
 
-#: Metres per repeat.
+#: Sizes of the textures, metres.
 BRICK_TILE, RENDER_TILE, STONE_TILE, ROOF_TILE = 4.0, 4.0, 2.0, 2.0
-#: The interior atlas has this many cells along each edge.
+#: Cells along each edge of the interior atlas.
 ATLAS_CELLS = 4
 
 
@@ -31,7 +31,7 @@ def brick(rng: np.random.Generator) -> tuple[Image, Image, Image, Image]:
     sand = np.array([0.46, 0.345, 0.19]) * (0.68 + 0.5 * tone[..., None]) * (1.0 + 0.1 * grain[..., None])
     buff = np.where(joint[..., None] > 0.5, np.array([0.42, 0.39, 0.34]), sand)
     buff = halved(buff)
-    # Bricks that were burnt harder are darker and smoother; mortar is the roughest.
+    # Harder-fired bricks are darker and smoother. Mortar is the roughest.
     rough = (0.78 + 0.14 * tone + 0.02 * grain) * (1.0 - joint) + 0.97 * joint
     normals = normal_map(height, (BRICK_TILE / size, BRICK_TILE / size))
     return srgb8(red), srgb8(buff), normals, roughness_map(rough)
@@ -108,7 +108,7 @@ def roof_tiles(rng: np.random.Generator) -> tuple[Image, Image]:
 
 
 def interiors(rng: np.random.Generator) -> Image:
-    """Return (512, 512, 3) sRGB: sixteen dim rooms seen through windows: curtains, blinds, a plant, a lit lamp."""
+    """Return sixteen dim rooms seen through windows, (512, 512, 3) sRGB, with curtains, blinds, a plant or a lit lamp."""
     cell = 512 // ATLAS_CELLS
     picture = np.zeros((512, 512, 3), np.float32)
     y, x = np.mgrid[0:cell, 0:cell] / cell
@@ -140,13 +140,13 @@ def interiors(rng: np.random.Generator) -> Image:
 
 
 def boards(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: painted timber, nearly white, grain along v, for doors and shop fronts."""
+    """Return nearly white painted timber for doors and shop fronts, (256, 256, 3) sRGB, with grain along v."""
     grain = stretched_noise((256, 256), rng, rows=200, columns=5)
     return srgb8(np.repeat((0.85 * (1.0 + 0.06 * grain))[..., None], 3, axis=2))
 
 
 def granite(rng: np.random.Generator) -> Image:
-    """Return (256, 256, 3) sRGB: speckled stone, nearly white, to be tinted; 2 m."""
+    """Return speckled, nearly white stone for tinting, (256, 256, 3) sRGB, 2 m."""
     speckle = band_noise((256, 256), rng, longest=4, slope=0.0)
     cloud = band_noise((256, 256), rng, longest=200, shortest=16)
     return srgb8(np.repeat((0.84 * (1.0 + 0.08 * speckle + 0.06 * cloud))[..., None], 3, axis=2))

@@ -342,5 +342,7 @@ def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTabl
     except InvalidInput:
         return []
     return [
-        Conclusion(kind, here.says, here, there) for here, there in pairs if here.outcome is not Outcome.NOT_TESTABLE
+        Conclusion(kind, here.says, here, there)
+        for here, there in pairs
+        if here.outcome is not ClaimOutcome.NOT_TESTABLE
     ]

@@ -23,11 +23,7 @@ _CAMERAS: Final = 2
 
 
 class NormalsPass:
-    """Draws normals with the truth pass's vertex shader and matrices. Caches the normals of the statics per camera.
-
-    Args:
-        context: the GL context.
-    """
+    """Draws normals with the truth pass's vertex shader and matrices. Caches the normals of the statics per camera."""
 
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context

@@ -64,7 +64,6 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> S
     """Read the glTF files of an asset into one scene, with the labels of the manifest.
 
     Args:
-        manifest: the asset's manifest.
         files: glTF files by name, from `read_manifest`.
         folder: the asset's folder. No file may refer to anything outside it.
 

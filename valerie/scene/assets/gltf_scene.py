@@ -47,7 +47,6 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
 
     Args:
         parts: file name to content.
-        manifest: the asset's manifest.
 
     Raises:
         InvalidInput: two files have the same node or camera.

@@ -285,7 +285,6 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     """Validate a manifest read from YAML or JSON.
 
     Args:
-        data: the document.
         source: the name in errors, e.g. ``manifest.yaml``.
 
     Raises:

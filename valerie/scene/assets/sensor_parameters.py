@@ -22,8 +22,6 @@ class SensorParameter(NamedTuple):
 
     Attributes:
         name: name below ``sensor``, e.g. ``noise.read_electrons``.
-        type: type of its values.
-        unit: unit of the range.
         minimum, maximum: range that a setting accepts; None for BOOL and CATEGORICAL.
         neutral: the default, at which the effect is absent, or has no consequence while related parameters are neutral.
         description: text for users.

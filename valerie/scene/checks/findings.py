@@ -58,7 +58,6 @@ def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Do
 
     Args:
         error: raised while the asset was read.
-        code: the code of the findings.
         file: the place if the error has no field.
     """
     if isinstance(error, InvalidInputs):

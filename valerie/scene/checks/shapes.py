@@ -67,7 +67,6 @@ def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np
     The path is that of the topmost node of the instance, or of the class where there are no instances.
 
     Args:
-        scene: the scene to measure.
         labelled: True for objects with a class, False for those without.
     """
     boxes: dict[str, NDArray[np.float64]] = {}

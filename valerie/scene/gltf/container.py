@@ -68,7 +68,6 @@ class Container:
         """Return an accessor as a contiguous array: (count,) for SCALAR, else (count, 2 … 4), in its own component type.
 
         Args:
-            index: index of the accessor.
             kind: the expected type, ``SCALAR``, ``VEC2`` …
         """
         field = f"{self.name}: accessors.{index}"
@@ -103,7 +102,6 @@ def open_container(path: Path, root: Path | None = None) -> Container:
     """Read a .glb or .gltf with the files that it refers to.
 
     Args:
-        path: the file.
         root: folder that no reference may lead out of; by default the file's own.
 
     Raises:

@@ -143,7 +143,6 @@ def external_uris(path: Path, name: str) -> tuple[tuple[str, str], ...]:
     Return nothing for a file that is not glTF; reading it reports the problem.
 
     Args:
-        path: the file.
         name: its name in fields.
     """
     try:

@@ -21,7 +21,6 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
     """Return a glTF material. The specular tint is also written as a colour, for other programs.
 
     Args:
-        material: a material of a scene.
         texture_index: returns the index of the glTF texture for the name of a texture.
     """
     hue = np.asarray(material.base_color) / max(*material.base_color, 1e-6)

@@ -36,7 +36,6 @@ def read_gltf(path: Path, root: Path | None = None) -> FilePart:
     """Read a .glb or .gltf with the buffers and images that it refers to.
 
     Args:
-        path: the file.
         root: folder that no reference may lead out of; by default the file's own.
 
     Raises:

@@ -47,7 +47,6 @@ def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[
     """Return textures whose images are all computed once, when the first of them is read.
 
     Args:
-        names: names of the textures.
         make: returns their images in the same order, each (H, W, 3 or 4) uint8.
     """
     images = cache(make)

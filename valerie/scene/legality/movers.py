@@ -54,7 +54,6 @@ class Mover:
     """A node with footprints at or below it that a parameter moves or hides.
 
     Attributes:
-        path: the node's path.
         outlines: its outlines in the manifest's order.
         keys: attribute of its pose (``pos.x`` …) to path.
         defaults: declared attribute to default.

@@ -17,7 +17,8 @@ class ObstacleMap:
     """Obstacles at rest by grid cell. A query costs one look-up and a few point-in-polygon tests.
 
     Args:
-        obstacles: obstacles that do not move. radius: metres by which to widen each.
+        obstacles: obstacles that do not move.
+        radius: metres by which to widen each.
     """
 
     def __init__(self, obstacles: Iterable[Footprint], radius: float) -> None:

@@ -96,7 +96,6 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
     """Refuse a trajectory whose keyframes do not fit the parameters of its target.
 
     Args:
-        trajectory: the trajectory to check.
         parameters: path to declaration, of the whole asset.
         field: of the trajectory, for errors.
 
@@ -171,7 +170,7 @@ class Motion:
         """Return the assignment of one moment: path to value, without time and trajectories.
 
         Args:
-            assignment: a variant's assignment. elapsed: seconds since the variant's first frame.
+            elapsed: seconds since the variant's first frame.
             within: True to clip values to their declared ranges, for moments without a frame.
 
         Raises:
@@ -196,7 +195,7 @@ class Motion:
         """Return the reason why the movement of a variant is impossible; None if it is possible.
 
         Args:
-            assignment: a variant's assignment. elapsed: the moments to check, seconds since the first frame.
+            elapsed: the moments to check, seconds since the first frame.
         """
         for thing in self._things:
             if not thing.in_order(assignment):

@@ -36,7 +36,6 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
 
     Args:
         assignment: path to value; missing values take their defaults.
-        manifest: the asset's manifest.
 
     Raises:
         UnknownName, InvalidInput: as `valerie.scene.variation.variant.complete`.

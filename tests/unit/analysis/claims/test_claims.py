@@ -117,7 +117,7 @@ def test_slips_and_claims_that_no_run_can_test_stand_in_the_ledger(table):
 def test_a_claim_about_a_factor_that_the_run_does_not_vary_is_not_testable_here(table, test):
     ((kind, rest),) = test.items()
     (entry,) = answers(table, **{kind: {**COLOURS, "factor": "rain", **rest}})
-    assert entry.outcome is Outcome.NOT_TESTABLE
+    assert entry.outcome is ClaimOutcome.NOT_TESTABLE
     assert "does not vary rain; it varies " in entry.finding
     assert "person-1.character" in entry.finding
 

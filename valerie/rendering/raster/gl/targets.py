@@ -146,7 +146,6 @@ class ScreenPass:
         """Run the shader over parts of a target.
 
         Args:
-            target: the target.
             parts: (N, 4) x0, y0, x1, y1 in the target's texels from the bottom left.
             textures, values: textures and uniforms by name.
             depth: use of the target's depth: ``ignored``, ``written`` by the shader, or ``tested``: texels with depth 0 are

@@ -16,7 +16,6 @@ def set_uniforms(program: moderngl.Program, values: Uniforms) -> None:
     """Set uniforms by name.
 
     Args:
-        program: the program.
         values: numbers and tuples, which are set as they are; float arrays, which are set as float32. Matrices are row-major here
             and column-major in GLSL.
     """

@@ -36,7 +36,6 @@ class MeshBuffers:
         """Return the vertex array of a program.
 
         Args:
-            program: the program.
             elsewhere: the same mesh at another moment, if the program also reads its positions then; the caller releases the
                 array.
         """

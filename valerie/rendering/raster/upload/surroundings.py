@@ -152,7 +152,6 @@ def prominence(sample: SurfaceSample, openness: NDArray[np.bool_]) -> Points:
     count for nothing.
 
     Args:
-        sample: the places.
         openness: as for `reflected`.
     """
     outdoors: NDArray[np.bool_] = np.asarray(openness.any(axis=1))
@@ -187,7 +186,6 @@ def reflected(
         directions: (K, 3) unit vectors, evenly distributed over the upper hemisphere.
         albedo: (M, 3) albedo of the materials.
         share: (M,) share of the materials' area that is not cut out.
-        sky: the sky.
     """
     count, level = len(directions), sky.ground
     cosines = sample.normals @ directions.T
@@ -220,7 +218,6 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
     hemisphere is the ground, which has no part of order 2.
 
     Args:
-        sky: the sky.
         directions, hidden, ground: as in `reflected`.
 
     Returns:
