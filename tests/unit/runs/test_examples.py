@@ -72,7 +72,7 @@ def test_every_example_can_be_planned(file: Path) -> None:
 @pytest.mark.parametrize("file", STUDIES, ids=lambda file: file.name)
 def test_the_domain_of_every_example_of_a_study_can_be_planned(file: Path) -> None:
     study = parse_study(file.read_text("utf-8"))
-    spec = study.spec.model_copy(update={"functions": list(FUNCTIONS)})
+    spec = study.spec.model_copy(update={"functions": FUNCTIONS})
     assert planned(spec.to_yaml()).frames > 0
 
 
