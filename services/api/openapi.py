@@ -121,7 +121,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
         "token": {
             "type": "http",
             "scheme": "bearer",
-            "description": "The value of VALERIE_API_TOKEN. A server that listens on its own machine alone may have none.",
+            "description": "The value of VALERIE_API_TOKEN. A server that listens only on its own machine may have none.",
         }
     }
     open_paths = ("/healthz", "/readyz")

@@ -108,7 +108,7 @@ def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTr
         return _truth(arrays, meta, key)
     statics, whole = meta.get("statics"), meta.get("size")
     if not isinstance(statics, str) or not isinstance(whole, list):
-        raise _corrupt(key, "the layer does not say what it lies over")
+        raise _corrupt(key, "the layer does not name the truth below it")
     image, box = _rectangle([0, 0, *whole[::-1]], key), _rectangle(meta.get("rectangle"), key)
     size = (image.height, image.width)
     if box != box.clipped(image.width, image.height):

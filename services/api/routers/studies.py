@@ -148,7 +148,7 @@ def next_batch(study_id: StudyId, context: ContextDependency) -> NextBatchRead:
     "/studies/{study_id}/report",
     responses={**_OF_CHANGE, 200: {"content": {"text/html": {"schema": {"type": "string", "format": "binary"}}}}},
     response_class=Response,
-    summary="Report of a study, with what is known now",
+    summary="Report of a study, with its result so far",
 )
 def report(study_id: StudyId, context: ContextDependency) -> Response:
     return Response(reporting.report(context, study_id), media_type="text/html; charset=utf-8")
@@ -181,7 +181,7 @@ def mode(
     return _read(context, study_id)
 
 
-@router.post("/studies/{study_id}/stop", responses=_OF_CHANGE, summary="End a study with what is known")
+@router.post("/studies/{study_id}/stop", responses=_OF_CHANGE, summary="End a study with its result so far")
 def stop(study_id: StudyId, context: ContextDependency) -> StudyRead:
     commands.stop(context, study_id)
     return _read(context, study_id)

@@ -50,9 +50,9 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
     first = next((interval for row in summary.rows if (interval := row.pacc_mean_interval) is not None), None)
     sentences = []
     if first is not None:
-        sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
+        sentences.append(f"Means apply only to {_ESTIMANDS[first.estimand]}.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
-        sentences.append("All variants were listed, so nothing is known of what lies between them, or of other sites.")
+        sentences.append("All variants were listed, so the results do not apply between them or on other sites.")
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
         sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")

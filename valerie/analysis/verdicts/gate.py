@@ -324,7 +324,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     if item.worse:
         return text
     if needed is None:
-        return f"{text}; it is unknown how many places would show a drop of {100 * effect:g} points"
+        return f"{text}; the number of places needed to detect a drop of {100 * effect:g} points is unknown"
     enough = "" if needed <= item.places else " and these are too few"
     return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
 

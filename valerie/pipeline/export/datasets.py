@@ -95,7 +95,9 @@ def export_run(
         partial.rename(out)
     except OSError as error:
         if error.errno == errno.ENOSPC:
-            raise StorageFull(f"no space left for {out}; the same export goes on when there is") from error
+            raise StorageFull(
+                f"no space left for {out}; free some and run the same export again to continue"
+            ) from error
         raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
     return Exported(out, document["splits"], plan.left_out, document["polygons_lose_percent"])
 

@@ -222,7 +222,7 @@ class FrameWriter:
 
 def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[JsonObject]) -> OpenLabelFragment:
     name = labelled.name
-    assert labelled.camera is not None, "this format asks for the camera"
+    assert labelled.camera is not None, "this format needs the camera"
     height, width = labelled.class_map.shape
     return OpenLabelFragment(
         sequence=f"{name.city}/{name.city}_{name.sequence}",

@@ -227,6 +227,6 @@ def serve(
         return
     finally:
         presence.leave()
-    log.warning("worker.broker_lost", action="starting anew")
+    log.warning("worker.broker_lost", action="restarting")
     time.sleep(1.0)
     os.execv(sys.executable, sys.orig_argv)  # noqa: S606  this very program

@@ -230,7 +230,7 @@ def _read(context: Context, study_id: str) -> tuple[StudyRow, list[BatchRow]]:
 
 def _require_going(study: StudyRow) -> None:
     if study.state.is_final:
-        raise Conflict(f"study {study.id} is {study.state}; this is possible while it goes on")
+        raise Conflict(f"study {study.id} is {study.state}; this is possible only before it ends")
 
 
 def _open_runs(batches: list[BatchRow]) -> list[str]:
