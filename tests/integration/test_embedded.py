@@ -216,6 +216,13 @@ def test_an_interrupted_run_is_cancelled_and_the_next_makes_the_rest(start: Call
     assert f"run {run_id} is cancelled" in output
     second = start("run", "spec.yaml", "--json")
     assert second.events()[-1]["state"] == "completed"
+    # The cancelled run goes on without a server of its own: this command is one.
+    third = start("resume", run_id)
+    assert "mean pACC" in third.output()
+    assert third.process.returncode == 0
+    again = start("resume", run_id)
+    assert f"run {run_id} is completed; nothing of it is left to do" in again.output()
+    assert again.process.returncode == 5
 
 
 def test_a_run_whose_command_was_killed_leaves_no_process_and_goes_on_with_the_next_start(

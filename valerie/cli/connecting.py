@@ -67,8 +67,8 @@ def source_of(data_dir: Path | None, url: str | None) -> Iterator[Client | Folde
         ValerieError: the database is of another version.
     """
     settings = settings_of(data_dir)
-    address_is_set = url is not None or not settings.model_fields_set.isdisjoint(("api_host", "api_port"))
-    if not address_is_set and running.find(settings.data_dir) is None and has_database(settings):
+    configured = settings.api_port != 0 and not settings.model_fields_set.isdisjoint(("api_host", "api_port"))
+    if url is None and not configured and running.find(settings.data_dir) is None and has_database(settings):
         with context_of(data_dir) as context:
             yield Folder(context, up=_up(settings))
         return

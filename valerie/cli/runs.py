@@ -61,8 +61,8 @@ def run(
     """
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
-    from valerie.cli.display import display_of, print_event
-    from valerie.cli.following import exit_code, follow, report_path, show_result
+    from valerie.cli.display import print_event
+    from valerie.cli.following import report_path
     from valerie.cli.shell import save
 
     _bind_to_parent(end_with_parent)
@@ -75,14 +75,9 @@ def run(
             run = system.client.submit(text)
         if json_lines:
             print_event("started", run=run.id, url=system.client.url, variants=run.variant_count)
-        try:
-            progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))
-        except Stopped as stopped:
-            _stop_following(system, run.id, stopped, _run_command(spec, functions, data_dir), data_dir)
-            raise
         path = report or report_path(settings, run.name, run.id)
-        show_result(system.client, run.id, progress, path, json_lines=json_lines)
-        code = exit_code(progress.state)
+        again = _run_command(spec, functions, data_dir)
+        code = _see_to_its_end(system, run, path, again, data_dir, json_lines=json_lines)
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             # Its report is saved already, so that a claim which does not fit the run costs no result.
             answered = _report_with(run.id, statements, None, data_dir)
@@ -294,9 +289,32 @@ def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 
 
 def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Continue a paused or cancelled run."""
-    with _client(url, data_dir) as client:
-        _say_state(client.resume(run_id))
+    """Continue a paused or cancelled run.
+
+    Where no server runs on the data folder, this command starts one, works the
+    run off and shows its result. That also continues a run whose server ended.
+    """
+    from valerie.cli.connecting import source_of, system_of
+    from valerie.cli.folder import Folder
+    from valerie.cli.following import report_path
+    from valerie.errors import Conflict
+    from valerie.runs.products.states import RunState
+
+    with source_of(data_dir, url) as source:
+        if not isinstance(source, Folder):
+            _say_state(source.resume(run_id))
+            return
+        run = source.run(run_id)
+    if RunState(run.state).is_final and run.state != RunState.CANCELLED:
+        raise Conflict(f"run {run.id} is {run.state}; nothing of it is left to do")
+    settings = settings_of(data_dir)
+    with system_of(settings) as system:
+        if run.state in (RunState.CANCELLED, RunState.PAUSED):
+            system.client.resume(run_id)
+        again = _command_line("resume", run_id, data_dir=data_dir)
+        code = _see_to_its_end(system, run, report_path(settings, run.name, run.id), again, data_dir)
+    if code != Exit.OK:
+        raise typer.Exit(code)
 
 
 def retry(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
@@ -377,6 +395,31 @@ def _bind_to_parent(requested: bool) -> None:
         from valerie.parent import end_with_parent
 
         end_with_parent()
+
+
+def _see_to_its_end(
+    system: System, run: Run, report: Path, again: str, data_dir: Path | None, *, json_lines: bool = False
+) -> Exit:
+    """Show the progress of a run, then its result; return the exit code.
+
+    Args:
+        system: that works on the run.
+        run: the run.
+        report: file for its report.
+        again: command that continues the run, if the user stops this one.
+        data_dir: option of the command.
+        json_lines: True prints JSON lines instead.
+    """
+    from valerie.cli.display import display_of
+    from valerie.cli.following import exit_code, follow, show_result
+
+    try:
+        progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))
+    except Stopped as stopped:
+        _stop_following(system, run.id, stopped, again, data_dir)
+        raise
+    show_result(system.client, run.id, progress, report, json_lines=json_lines)
+    return exit_code(progress.state)
 
 
 def _stop_following(system: System, run_id: str, stopped: Stopped, command: str, data_dir: Path | None) -> None:
@@ -462,10 +505,13 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
-    table.add_column("tags", overflow="fold")
+    tagged = any(run.tags for run in runs)
+    if tagged:
+        table.add_column("tags", overflow="fold")
     for run in runs:
         created = moment_text(run.created_at)
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, ", ".join(run.tags))
+        tags = [", ".join(run.tags)] if tagged else []
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, *tags)
     out = console()
     out.print(table)
     for run in runs:

@@ -183,7 +183,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
     if flow.ending is not Ending.MET:
-        raise typer.Exit(Exit.NOT_COMPLETED)
+        raise typer.Exit(Exit.GATE_FAILED)
 
 
 @app.command()

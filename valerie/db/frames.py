@@ -17,6 +17,7 @@ from valerie.db.links import (
     VARIANT_OF_FRAME,
     StoredFrame,
     frame_order,
+    frame_values,
     key_of,
     names_frame,
 )
@@ -31,14 +32,17 @@ from valerie.runs.products.states import ProductState
 _LIT: Final = names_from(Source.LIGHT)
 
 
+#: Statements about one frame are built once: building one takes longer than running it.
+_GET: Final = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(names_frame(Frame))
+
+
 def get(connection: Connection, key: FrameKey) -> StoredFrame:
     """Read one frame.
 
     Raises:
         NotFound: no such frame.
     """
-    query = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(names_frame(Frame, key))
-    row = connection.execute(query).first()
+    row = connection.execute(_GET, frame_values(key)).first()
     if row is None:
         raise NotFound("frame", key)
     return StoredFrame.of(row)
@@ -148,7 +152,8 @@ def annotation_links(connection: Connection, key: FrameKey) -> dict[str, Annotat
     rows = connection.execute(
         select(FrameAnnotation.kind, FrameAnnotation.product, Product.state)
         .join(Product, Product.digest == FrameAnnotation.product)
-        .where(names_frame(FrameAnnotation, key))
-        .order_by(FrameAnnotation.kind)
+        .where(names_frame(FrameAnnotation))
+        .order_by(FrameAnnotation.kind),
+        frame_values(key),
     )
     return {kind: AnnotationLink(product, state) for kind, product, state in rows}

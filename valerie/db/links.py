@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, and_, select
+from sqlalchemy import ColumnElement, and_, bindparam, select
 
 from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -35,14 +35,19 @@ LIGHT_OF_PERSON = and_(
 )
 
 
-def names_frame(table: OfFrames, key: FrameKey) -> ColumnElement[bool]:
-    """Return the condition that a row of ``table`` names this frame."""
+def names_frame(table: OfFrames) -> ColumnElement[bool]:
+    """Return the condition that a row of ``table`` names the frame of `frame_values`."""
     return and_(
-        table.run_id == key.run_id,
-        table.variant_index == key.variant,
-        table.camera_index == key.camera,
-        table.time_index == key.time,
+        table.run_id == bindparam("run_id"),
+        table.variant_index == bindparam("variant"),
+        table.camera_index == bindparam("camera"),
+        table.time_index == bindparam("time"),
     )
+
+
+def frame_values(key: FrameKey) -> dict[str, str | int]:
+    """Return the values of the parameters of `names_frame`."""
+    return asdict(key)
 
 
 def frame_order(table: OfFrames) -> tuple[Any, Any, Any]:

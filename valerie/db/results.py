@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from sqlalchemy import Connection, select
 from sqlalchemy.orm import aliased
 
-from valerie.db.links import OfFrames, frame_order, key_of, names_frame
+from valerie.db.links import OfFrames, frame_order, frame_values, key_of, names_frame
 from valerie.db.long_table import COLUMNS
 from valerie.db.measured import FrameScore
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Product, Score
@@ -80,36 +80,39 @@ class EvaluationRow:
     score: FrameScore | None
 
 
+_prediction, _scores = aliased(Product), aliased(Product)
+#: Built once: building it takes longer than running it.
+_OF_FRAME: Final = (
+    select(
+        Evaluation.sensor_index,
+        Evaluation.function_index,
+        Evaluation.prediction,
+        Evaluation.scores,
+        Evaluation.empty,
+        _prediction.state,
+        _scores.state,
+        Score.confusion,
+        Score.tp,
+        Score.fn,
+        Score.tn,
+        Score.pacc,
+        *(COLUMNS[name] for name in _SCORED),
+    )
+    .join(_prediction, _prediction.digest == Evaluation.prediction)
+    .join(_scores, _scores.digest == Evaluation.scores)
+    .outerjoin(Score, Score.digest == Evaluation.scores)
+    .where(names_frame(Evaluation))
+    .order_by(Evaluation.sensor_index, Evaluation.function_index)
+)
+
+
 def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationRow]:
     """Read the evaluations of one frame: links, states and scores."""
-    prediction, scores = aliased(Product), aliased(Product)
-    query = (
-        select(
-            Evaluation.sensor_index,
-            Evaluation.function_index,
-            Evaluation.prediction,
-            Evaluation.scores,
-            Evaluation.empty,
-            prediction.state,
-            scores.state,
-            Score.confusion,
-            Score.tp,
-            Score.fn,
-            Score.tn,
-            Score.pacc,
-            *(COLUMNS[name] for name in _SCORED),
-        )
-        .join(prediction, prediction.digest == Evaluation.prediction)
-        .join(scores, scores.digest == Evaluation.scores)
-        .outerjoin(Score, Score.digest == Evaluation.scores)
-        .where(names_frame(Evaluation, key))
-        .order_by(Evaluation.sensor_index, Evaluation.function_index)
-    )
     evaluations: list[EvaluationRow] = []
     for (
         sensor, function, prediction_digest, scores_digest, empty, prediction_state, scores_state,
         confusion, tp, fn, tn, pacc, *values,
-    ) in connection.execute(query):  # fmt: skip
+    ) in connection.execute(_OF_FRAME, frame_values(key)):  # fmt: skip
         measures = dict(zip(_SCORED, values, strict=True))
         score = None if confusion is None else FrameScore(confusion, tp, fn, tn, pacc, measures)
         evaluations.append(
@@ -120,16 +123,18 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationR
     return evaluations
 
 
-def product_state(connection: Connection, digest: str) -> ProductState:
-    """Read the state of one product.
+def product_states(connection: Connection, digests: Collection[str]) -> dict[str, ProductState]:
+    """Read the states of products, in the order of the digests.
 
     Raises:
-        NotFound: no such product.
+        NotFound: one does not exist.
     """
-    state = connection.scalar(select(Product.state).where(Product.digest == digest))
-    if state is None:
-        raise NotFound("product", digest)
-    return state
+    query = select(Product.digest, Product.state).where(Product.digest.in_(digests))
+    states = {row.digest: row.state for row in connection.execute(query)}
+    missing = [digest for digest in digests if digest not in states]
+    if missing:
+        raise NotFound("product", missing[0])
+    return {digest: states[digest] for digest in digests}
 
 
 class FailedLink(NamedTuple):

@@ -25,11 +25,13 @@ export function confusionPanel({ get, signal, query, columns, state, remember })
       const pixels = confusion.counts[row][column], share = totals[row] ? pixels / totals[row] : 0;
       if (!pixels) return h("td", {});
       const name = `${confusion.classes[row]}~${names[column]}`, text = share >= 0.0995 ? fixed(100 * share, 0) : share >= 0.0005 ? fixed(100 * share) : "<0.1";
-      return h("td", {}, h("button", {
-        type: "button", class: row === column ? "right-class" : "wrong-class", style: `--share: ${Math.round(100 * Math.sqrt(share))}%`, "aria-pressed": String(name === state.cell),
+      const button = h("button", {
+        type: "button", class: row === column ? "right-class" : "wrong-class", "aria-pressed": String(name === state.cell),
         title: `${confusion.classes[row]} predicted as ${names[column]}: ${count(pixels)} pixels, ${fixed(100 * share, 2)} %`,
         "aria-label": `${confusion.classes[row]} predicted as ${names[column]}: ${fixed(100 * share, 2)} per cent`,
-        on: { click: () => { state.cell = name === state.cell ? null : name; remember(); load(); } } }, text));
+        on: { click: () => { state.cell = name === state.cell ? null : name; remember(); load(); } } }, text);
+      button.style.setProperty("--share", `${Math.round(60 * Math.sqrt(share))}%`);
+      return h("td", {}, button);
     };
     put(matrix, [confusion.counts, state.cell], seen.length ? h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Confusion matrix" },
       h("table", { class: "confusion" },

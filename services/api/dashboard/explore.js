@@ -31,7 +31,7 @@ export async function exploreView({ main, parameters, signal }) {
   const known = (names, otherwise) => { const kept = (names ?? "").split(",").filter((name) => columns.has(name)); return kept.length ? kept : otherwise; };
   const varied = about.columns.filter((one) => one.group === "varied" && differs(one)).map((one) => one.name);
   const several = ["function", "run_id", "camera", "sensor"].filter((name) => columns.get(name)?.names.length > 1);
-  const usual = ["distance_m", "occlusion_rate", "pixel_area", ...varied].filter((name) => columns.has(name) && differs(columns.get(name)));
+  const usual = [...varied, "distance_m", "occlusion_rate", "pixel_area"].filter((name) => columns.has(name) && differs(columns.get(name)));
 
   const state = {
     where: parameters.get("where") ?? "",
@@ -39,14 +39,14 @@ export async function exploreView({ main, parameters, signal }) {
     x: known(parameters.get("x"), [first("distance_m")])[0],
     y: known(parameters.get("y"), [first("pacc")])[0],
     c: columns.has(parameters.get("c")) ? parameters.get("c") : parameters.has("c") ? "" : several[0] ?? "",
-    h: known(parameters.get("h"), [...new Set(["pacc", ...several.slice(0, 1), ...usual])].filter((name) => columns.has(name)).slice(0, 6)),
+    h: known(parameters.get("h"), [...new Set(["pacc", ...several.slice(0, 1), ...usual])].filter((name) => columns.has(name)).slice(0, 8)),
     p: known(parameters.get("p"), [...new Set([...varied.slice(0, 4), "distance_m", "occlusion_rate", "pacc"])].filter((name) => columns.has(name) && differs(columns.get(name))).slice(0, 7)),
     tab: TABS[parameters.get("tab")] ? parameters.get("tab") : "pictures",
     sort: parameters.get("sort") ?? "pacc",
     kind: KINDS[parameters.get("kind")] ? parameters.get("kind") : "errors",
     crop: parameters.get("crop") !== "0",
     fn: parameters.get("fn"), cell: parameters.get("cell"),
-    before: parameters.get("before"), after: parameters.get("after"), outcome: parameters.get("outcome") ?? "broken",
+    before: parameters.get("before"), after: parameters.get("after"), outcome: parameters.get("outcome"),
   };
   const where = () => state.brushes.where(state.where);
   const query = (more = {}) => {

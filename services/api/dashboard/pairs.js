@@ -28,7 +28,8 @@ export function comparisonPanel({ get, signal, query, state, about, remember }) 
   const text = (side) => { const at = side.indexOf(":"); return several ? `${side.slice(at + 1)} · ${side.slice(0, at)}` : side.slice(at + 1); };
   if (!sides.includes(state.before)) state.before = sides[0];
   if (!sides.includes(state.after)) state.after = sides[1] ?? sides[0];
-  if (!OUTCOMES[state.outcome]) state.outcome = "broken";
+  let chosen = Boolean(OUTCOMES[state.outcome]);
+  if (!chosen) state.outcome = "broken";
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
     const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, text(side))));
@@ -41,10 +42,16 @@ export function comparisonPanel({ get, signal, query, state, about, remember }) 
       return;
     }
     const { comparison: one, rows } = await get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome })}`, { signal });
+    const most = Object.keys(OUTCOMES).find((name) => one.outcomes[name]);
+    if (!chosen && most && !one.outcomes[state.outcome]) { // the first outcome that shows something
+      state.outcome = most;
+      await load();
+      return;
+    }
     const points = (value) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${fixed(Math.abs(100 * value))}`;
     const change = one.difference === null ? "" : `Mean pACC ${points(one.difference)} points${one.low === null ? "" : `, 95 % interval ${points(one.low)} to ${points(one.high)}`}, over ${plural(one.places, "place")}.`;
     const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(OUTCOMES).map(([name, label]) =>
-      h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
+      h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
     put(element, [one, state.outcome], outcomes,
       h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. ${change} Found means pACC ≥ ${fixed(about.threshold, 2)}.`),

@@ -313,7 +313,7 @@ def sheet(
 @router.get(
     "/explore/spec",
     responses=problems(404, 409, 422),
-    summary="The spec of a run that refines the region of the selected rows of one run lie, or repeats them nearby",
+    summary="The spec of a run that refines the region of the selected rows of one run, or repeats them nearby",
 )
 def refine(
     exploration: Opened,

@@ -44,7 +44,7 @@ def test_the_list_of_runs_is_whole_on_a_terminal_of_80_columns(
     reason: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runs, "console", lambda: Console(width=80, color_system=None))
-    monkeypatch.setattr("valerie.client.Client.runs", lambda *_: [Run.model_validate({**RUN, "reason": reason})])
+    monkeypatch.setattr("valerie.client.Client.runs", lambda *_, **__: [Run.model_validate({**RUN, "reason": reason})])
     shown = CliRunner().invoke(app, ["status", "--url", "http://h:1"]).stdout
     assert "…" not in shown
     for part in ("r1ng32vh7ygq5", "completed-with-failures", "28,800", "2026-11-21 12:15", reason or "crossing"):

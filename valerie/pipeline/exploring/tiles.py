@@ -14,11 +14,12 @@ from cachetools import LRUCache
 from numpy.typing import NDArray
 from PIL import Image
 
-from valerie.db import frames, measured
+from valerie.db import measured
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.products import ProductReader
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS
 
@@ -62,7 +63,8 @@ class Tiles:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._lock = Lock()
+        self._lock, self._painting = Lock(), Lock()
+        self._reader = ProductReader(context.store)
         self._kept: LRUCache[tuple[Tile, str, bool, int], NDArray[np.uint8]] = LRUCache(
             _KEPT_BYTES, lambda pixels: pixels.nbytes
         )
@@ -94,12 +96,13 @@ class Tiles:
                 return self._kept[key]
         try:
             source = find_picture(self._context, tile.frame, kind=kind, function=tile.function, sensor=tile.sensor)
-            picture = Image.fromarray(paint_picture(self._context, source))
+            with self._painting:
+                picture = Image.fromarray(paint_picture(self._context, source, self._reader))
         except (Conflict, MissingInput, NotFound):
             return None
         area = (0.0, 0.0, float(picture.width), float(picture.height))
         if crop:
-            area = _around(self._box(tile), picture.width, picture.height)
+            area = _around(self._box(source.capture.products.truth, tile.instance_id), picture.width, picture.height)
         elif picture.width * height != picture.height * width:
             area = _filled(picture.width, picture.height, width / height)
         pixels = np.asarray(picture.resize((width, height), Image.Resampling.BILINEAR, box=area))
@@ -107,11 +110,10 @@ class Tiles:
             self._kept[key] = pixels
         return pixels
 
-    def _box(self, tile: Tile) -> Sequence[int] | None:
+    def _box(self, truth: str, instance_id: int) -> Sequence[int] | None:
         with reading(self._context.engine) as connection:
-            frame = frames.get(connection, tile.frame)
-            persons = measured.person_views(connection, frame.products.truth)
-        return next((person.amodal_box for person in persons if person.instance_id == tile.instance_id), None)
+            persons = measured.person_views(connection, truth)
+        return next((person.amodal_box for person in persons if person.instance_id == instance_id), None)
 
 
 def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:

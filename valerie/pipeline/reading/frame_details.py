@@ -162,7 +162,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     resolved = run.resolved
     with reading(context.engine) as connection:
         frame = frames.get(connection, key)
-        states = [results.product_state(connection, digest) for digest in frame.products.required]
+        states = list(results.product_states(connection, frame.products.required).values())
         annotations = frames.annotation_links(connection, key)
         persons = measured.person_views(connection, frame.products.truth)
         light = annotations.get("light")

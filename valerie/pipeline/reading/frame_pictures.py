@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.db import frames, results, runs
+from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.painting import PAINTING_REVISION, FramePainter
 from valerie.pipeline.reading.products import ProductReader
@@ -68,12 +68,12 @@ def find_picture(
         Conflict: a product that the picture needs is not available yet.
     """
     kind = PictureKind.parse(kind)
+    resolved = started_run(context, key.run_id).resolved
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
         frame = frames.get(connection, key)
-        annotations = frames.annotation_links(connection, key)
-        evaluations = results.frame_evaluations(connection, key)
-        states = {product: results.product_state(connection, product) for product in frame.products.required}
+        annotations = frames.annotation_links(connection, key) if resolved.annotations else {}
+        evaluations = results.frame_evaluations(connection, key) if kind in FUNCTION_KINDS else []
+        states = results.product_states(connection, frame.products.required)
     states |= {link.product: link.state for link in annotations.values()}
     place = (sensor_index(sensor, resolved), function_index(function, resolved))
     evaluation = next((row for row in evaluations if (row.sensor_index, row.function_index) == place), None)
@@ -94,14 +94,19 @@ def find_picture(
     return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
 
 
-def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
+def paint_picture(context: Context, source: ShownProducts, reader: ProductReader | None = None) -> NDArray[np.uint8]:
     """Paint a picture: (H, W, 3) uint8 sRGB.
+
+    Args:
+        context: of this process.
+        source: of the picture.
+        reader: keeps backgrounds from one picture to the next; for one thread at a time.
 
     Raises:
         UnknownName: no such kind, or the kind needs a function and the run has none.
         MissingInput: an object is gone.
     """
-    painter = FramePainter(ProductReader(context.store))
+    painter = FramePainter(reader or ProductReader(context.store))
     return painter.paint(
         source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
     )

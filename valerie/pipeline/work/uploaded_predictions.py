@@ -139,7 +139,7 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
 
 def _state(context: Context, digest: str) -> str:
     with reading(context.engine) as connection:
-        return results.product_state(connection, digest)
+        return results.product_states(connection, [digest])[digest]
 
 
 _WHY_NOT: Final = {
