@@ -32,7 +32,8 @@ from valerie.rendering.raster.upload.scenes import Prepared
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.graph.model import Camera, Scene
 
-#: Part of every truth's digest. Raise it by hand whenever the truth of some geometry changes.
+#: Part of every truth's digest. Raise it by hand whenever the truth of some geometry changes, or what
+#: `valerie.rendering.visibility` measures on it, which is stored with it.
 REVISION: Final = 2
 
 _CAMERAS: Final = 4

@@ -15,9 +15,6 @@ from valerie.rendering.base import GroundTruth, PersonTruth, View, bounds
 from valerie.rendering.scene_reading import instance_roots
 from valerie.scene.graph.model import Camera, Node, Scene
 
-#: Raise it by hand whenever a column's meaning changes.
-REVISION: Final = 1
-
 #: Reasons why a person has no visible pixel.
 ABSENT: Final = "absent"
 OUTSIDE: Final = "outside the image"

@@ -410,7 +410,7 @@ def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipe
         {"variant_index": 0, "frame_id": "r-000000-0", "sensor": "", "function": function, "pacc": value}
         for function, value in zip(reversed(functions), (0.25, 0.75), strict=True)
     ]
-    outcomes = known.study.outcomes(rows, 2, ())
+    outcomes = known.study.outcomes(rows, 2, (), 0.0)
     assert outcomes.by_variant == [(0.75, 0.25), (None, None)]
 
 
