@@ -14,7 +14,12 @@ from valerie.loading import load_document
 from valerie.runs.document.draft import FieldChange, ParameterChange, changed_draft, draft_of, read_draft
 from valerie.runs.resolving.spec import parse
 
-EXAMPLES = sorted((Path(__file__).parents[4] / "examples").glob("*.yaml"))
+#: Specs; a study has a measure.
+EXAMPLES = [
+    path
+    for path in sorted((Path(__file__).parents[4] / "examples").glob("*.yaml"))
+    if "measure" not in load_document(path.read_text())
+]
 COMMENTED = """\
 # Who wrote this
 name: first   # a name
