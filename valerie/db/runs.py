@@ -239,12 +239,12 @@ def lineage(connection: Connection, run_id: str, *, most: int = 300) -> list[Rel
             .order_by(Run.created_at, Run.id)
             .limit(most)
         )
-        found = [one for one in read_all(connection, query, Relative) if one.id not in relatives]
-        if not found:
+        new = [run for run in read_all(connection, query, Relative) if run.id not in relatives]
+        if not new:
             break
-        relatives |= {one.id: one for one in found[: most - len(relatives)]}
-        generation = Run.parent_run.in_([one.id for one in found])
-    return sorted(relatives.values(), key=lambda one: (one.created_at, one.id))
+        relatives |= {run.id: run for run in new[: most - len(relatives)]}
+        generation = Run.parent_run.in_([run.id for run in new])
+    return sorted(relatives.values(), key=lambda run: (run.created_at, run.id))
 
 
 def in_states(connection: Connection, states: Collection[RunState]) -> list[RunRow]:

@@ -48,7 +48,7 @@ def draft(changes: DraftChanges) -> DraftRead:
     text = changed_draft(changes.text, changes.changes)
     document = read_draft(text)
     return DraftRead.model_validate(
-        {"text": text, **document._asdict(), "vary": [one._asdict() for one in document.vary]}
+        {"text": text, **document._asdict(), "vary": [entry._asdict() for entry in document.vary]}
     )
 
 
@@ -80,8 +80,8 @@ def preview(
     previews: Previews = request.app.state.previews
     return [
         PreviewRead(
-            variant=one.variant,
-            picture=None if one.picture is None else base64.b64encode(one.picture).decode(),
+            variant=shown.variant,
+            picture=None if shown.picture is None else base64.b64encode(shown.picture).decode(),
         )
-        for one in previews.render(spec, variant, camera=camera, accepted=accepted)
+        for shown in previews.render(spec, variant, camera=camera, accepted=accepted)
     ]

@@ -40,4 +40,4 @@ def _findings(context: Context, run_id: str) -> list[str]:
         Conflict: it has not completed.
     """
     findings = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))["findings"]
-    return [one["sentence"] for one in (*findings["items"], *findings["candidates"])]
+    return [finding["sentence"] for finding in (*findings["items"], *findings["candidates"])]

@@ -138,8 +138,8 @@ def workers(context: Context) -> list[BusyWorker]:
         alive = processes.workers(connection, now=database_time(connection))
         held = totals.held(connection)
     makes: defaultdict[str, Counter[ProductKind]] = defaultdict(Counter)
-    for one in held:
-        makes[one.owner.rpartition(".")[0]][one.kind] += one.products
+    for owner, kind, products in held:
+        makes[owner.rpartition(".")[0]][kind] += products
     return [BusyWorker(**vars(worker), makes=dict(makes[worker.id])) for worker in alive]
 
 
@@ -190,11 +190,11 @@ def work(context: Context, hours: int) -> Work:
         since = int(database_time(connection)) - width * _SPANS
         bins = totals.costs_since(connection, since, width)
         failures = totals.failure_reasons(connection)
-    costs = {one.kind: CostSeries(one.kind, [0] * _SPANS, [None] * _SPANS) for one in bins}
-    for one in bins:
-        number = min(one.number, _SPANS - 1)
-        costs[one.kind].products[number] = one.products
-        costs[one.kind].cpu_seconds[number] = one.cpu_seconds / one.products
+    costs = {span.kind: CostSeries(span.kind, [0] * _SPANS, [None] * _SPANS) for span in bins}
+    for span in bins:
+        number = min(span.number, _SPANS - 1)
+        costs[span.kind].products[number] = span.products
+        costs[span.kind].cpu_seconds[number] = span.cpu_seconds / span.products
     return Work(
         since=float(since),
         span_s=float(width),

@@ -115,7 +115,7 @@ class Previews:
             raise MissingDependency(f"this server cannot render previews: {answer.error}")
         if answer.error is not None:
             raise RenderingError(f"preview: {answer.error}")
-        return [base64.b64decode(one) for one in answer.pictures]
+        return [base64.b64decode(picture) for picture in answer.pictures]
 
     def _asked(self, job: PreviewJob) -> PreviewAnswer:
         """Return the child's answer; a child that had ended for want of work is started again."""
@@ -150,9 +150,9 @@ class Previews:
 
 def _nearest_accepted(resolved: ResolvedRun, index: int) -> int:
     """Return the accepted variant next to an index, or the index itself where all around it are rejected."""
-    near = (index + sign * distance for distance in range(_NEAR) for sign in (1, -1))
-    inside = (one for one in near if 0 <= one < resolved.space.size)
-    return next((one for one in inside if resolved.rejection(resolved.space[one].values) is None), index)
+    neighbours = (index + sign * distance for distance in range(_NEAR) for sign in (1, -1))
+    inside = (near for near in neighbours if 0 <= near < resolved.space.size)
+    return next((near for near in inside if resolved.rejection(resolved.space[near].values) is None), index)
 
 
 def _job(context: Context, resolved: ResolvedRun, camera: str, variants: Sequence[int]) -> PreviewJob:

@@ -141,11 +141,15 @@ def draft_of(spec: RunSpec) -> str:
     document: Written = spec.model_dump(mode="json", exclude_defaults=True)
     blocks = document.pop("blocks", [])
     if len(blocks) == 1 and not blocks[0].get("constants") and blocks[0]:
-        document |= {**blocks[0], **({"vary": _mapping(blocks[0]["vary"])} if "vary" in blocks[0] else {})}
+        document |= _block(blocks[0])
     elif blocks:
-        document["blocks"] = [{**one, **({"vary": _mapping(one["vary"])} if "vary" in one else {})} for one in blocks]
+        document["blocks"] = [_block(block) for block in blocks]
     order = {name: i for i, name in enumerate((*_FIELDS, "blocks"))}
     return "".join(_field(key, document[key]) + "\n" for key in sorted(document, key=order.__getitem__))
+
+
+def _block(block: Written) -> Written:
+    return {**block, "vary": _mapping(block["vary"])} if "vary" in block else block
 
 
 def _mapping(vary: Sequence[Mapping[str, JsonValue]]) -> JsonValue:
@@ -198,7 +202,7 @@ def _with_varied(text: str, document: Written, parameter: str, entry: JsonValue)
         known = vary if isinstance(vary, dict) else {}
         return text if entry is None and parameter not in known else _with_entry(text, "vary", known, parameter, entry)
     places = Normalization({"vary": vary}).document["blocks"][0]["vary"]
-    kept = [one for one, read in zip(vary, places, strict=True) if read.get("parameter") != parameter]
+    kept = [written for written, read in zip(vary, places, strict=True) if read.get("parameter") != parameter]
     if entry is not None:
         position = next((i for i, read in enumerate(places) if read.get("parameter") == parameter), len(kept))
         kept.insert(position, {parameter: entry})
@@ -207,7 +211,7 @@ def _with_varied(text: str, document: Written, parameter: str, entry: JsonValue)
 
 def _with_entry(text: str, field: str, known: Written, name: str, value: JsonValue) -> str:
     """Return the text with an entry of a mapping at the top level set, or removed where ``value`` is None."""
-    after = {key: one for key, one in known.items() if key != name} if value is None else {**known, name: value}
+    after = {key: kept for key, kept in known.items() if key != name} if value is None else {**known, name: value}
     root = _composed(text)
     node = next((node for key, node in root.value if key.value == field), None)
     if not after or root.flow_style or not isinstance(node, yaml.MappingNode) or node.flow_style:
@@ -233,7 +237,7 @@ def _inserted(text: str, pairs: Mapping[str, tuple[yaml.Node, yaml.Node]], field
 
 def _rewritten(text: str, field: str, value: JsonValue) -> str:
     """Return a document in flow style, such as JSON, with a field set or removed."""
-    document = {key: one for key, one in load_document(text).items() if key != field or value is not None}
+    document = {key: kept for key, kept in load_document(text).items() if key != field or value is not None}
     if value is not None:
         document[field] = value
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
@@ -297,16 +301,16 @@ def _composed(text: str) -> yaml.MappingNode:
 def _field(name: str, value: JsonValue) -> str:
     """Return a field at the top level as text: parameters and lists of structures one to a line."""
     if isinstance(value, dict) and name in ("vary", "constants"):
-        return "\n".join([f"{name}:", *(f"{_INDENT}{_written(key)}: {_written(one)}" for key, one in value.items())])
-    if isinstance(value, list) and value and all(isinstance(one, dict | list) for one in value):
-        return "\n".join([f"{name}:", *(f"{_INDENT}- {_written(one)}" for one in value)])
+        return "\n".join([f"{name}:", *(f"{_INDENT}{_written(key)}: {_written(item)}" for key, item in value.items())])
+    if isinstance(value, list) and value and all(isinstance(item, dict | list) for item in value):
+        return "\n".join([f"{name}:", *(f"{_INDENT}- {_written(item)}" for item in value)])
     return f"{name}: {_written(value)}"
 
 
 def _written(value: JsonValue) -> str:
     """Return a value in YAML's flow style, on one line, so that it reads back as itself."""
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{_written(key)}: {_written(one)}' for key, one in value.items())}}}"
+        return f"{{{', '.join(f'{_written(key)}: {_written(item)}' for key, item in value.items())}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     if isinstance(value, str):
@@ -316,7 +320,7 @@ def _written(value: JsonValue) -> str:
 
 def _quoted(text: str) -> str:
     """Return a text in YAML's double quotes. JSON's escapes are not enough: YAML knows more line breaks and no surrogates."""
-    return f'"{"".join(_escaped(one) for one in text)}"'
+    return f'"{"".join(_escaped(character) for character in text)}"'
 
 
 def _escaped(character: str) -> str:
