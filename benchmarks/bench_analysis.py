@@ -1,8 +1,8 @@
 """Measure CPU time and memory of the analysis and the report of a large run.
 
 ``python -m benchmarks.bench_analysis [--frames 30720] [--no-report]``: a planted grid of two functions with an effect of the
-sun, of the size of the paper's experiment: 2 characters, 3 cameras, 10 × 16 places, 8 headings, 4 suns. More or fewer
-frames have more or fewer places. The report has no pictures of frames.
+sun, as large as the paper's experiment: 2 characters, 3 cameras, 10 × 16 places, 8 headings, 4 suns. ``--frames`` changes the
+number of places. The report has no pictures of frames.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from valerie.analysis.report.model import Provenance, ReportInput
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 
-#: Places across, headings, suns, characters, cameras.
+#: Numbers of places across, headings, suns, characters and cameras.
 OTHERS = (10, 8, 4, 2, 3)
 
 

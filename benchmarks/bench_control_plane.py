@@ -1,10 +1,10 @@
-"""Measure the overhead of a product: real processes, real queues, engines that cost nothing.
+"""Measure the overhead per product: real processes and queues, engines of negligible cost.
 
 Starts the one-machine mode (Redis, API with control loop, one worker per queue) with the blank engine and function on a tiny
 asset, and reads the CPU time of every process:
 
-- *feeding*: 30,000 variants in this process, as the control loop feeds them: every row written, every message sent to a Redis,
-  none of it processed;
+- *feeding*: 30,000 variants in this process, as the control loop feeds them: every row written, every message sent to Redis,
+  nothing processed;
 - *running*: runs of growing size. ``--largest N`` sets the largest (default 30,000 variants of one camera: 120,001
   products; 100,000 take ten to twenty minutes of CPU).
 """
@@ -41,7 +41,7 @@ FED = 30_000
 
 
 def document(variants: int) -> dict[str, Any]:
-    """Return the spec of a run of exactly ``variants`` legal variants, all seen by one camera."""
+    """Return the spec of a run of exactly ``variants`` legal variants with one camera."""
     return {
         "name": f"{variants} variants",
         "asset": "box-street",
@@ -60,7 +60,7 @@ def document(variants: int) -> dict[str, Any]:
 
 
 def cpu_seconds(system: System) -> dict[str, float]:
-    """Return the CPU seconds of each service so far, including its running and its ended child processes."""
+    """Return the CPU seconds of each service so far, including its running and ended child processes."""
     used: dict[str, float] = {}
     for name, pid in system.supervisor.pids().items():
         total = 0.0
@@ -114,7 +114,7 @@ def measure(system: System, variants: int) -> dict[str, Any]:
 
 
 def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
-    """Measure one run of `FED` variants: CPU seconds of this process for the rows, and for the messages."""
+    """Measure the feeding of `FED` variants: CPU seconds of this process for the rows, and for the messages."""
     folder.mkdir()
     socket = folder / "redis.sock"
     settings = load_settings(

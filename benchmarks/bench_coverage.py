@@ -1,17 +1,17 @@
-"""Measure coverage and width of the intervals on planted data with a known true mean, beside those of other methods.
+"""Measure coverage and width of the intervals, and of other methods, on planted data with a known true mean.
 
 ``make bench-coverage``, or ``python -m benchmarks.bench_coverage [--repetitions N --family reported|tuning]``. A cell of the
-table is a design, a world (`benchmarks.planted`) and a number of units. `valerie.statistics.intervals.mean_interval` sees
-the data of every repetition as a run would have them. Its choice of method and its refusals are part of the measurement.
+table is a design, a world (`benchmarks.planted`) and a number of units. `valerie.statistics.intervals.mean_interval` gets
+the data of every repetition in the form of a run's. Its choice of method and its refusals are part of the measurement.
 A cell fails
 
-- where the printed intervals cover less than 94 %, by a one-sided binomial test at 0.1 %;
-- where they are on average wider than 1.3 × the narrowest other method that passes this test in this cell;
-- where more than 5 % are refused, from 50 units on.
+- if the printed intervals cover less than 94 %, by a one-sided binomial test at 0.1 %;
+- if they are on average wider than 1.3 × the narrowest other method that passes this test in this cell;
+- if more than 5 % are refused, from 50 units on.
 
-The goal applies to means and shares. The benchmark also measures pooled ratios, whose units weigh differently, and Sobol' and
-Latin hypercube designs without replicates (in one piece). The other methods live here and not in the package: each fails
-somewhere, or is wider.
+The goal applies to means and shares. The benchmark also measures pooled ratios, whose units have different weights, and
+Sobol' and Latin hypercube designs without replicates (in one piece). The other methods are here and not in the package,
+since each fails in some cell or is wider.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ RESAMPLES: Final = 999
 CHUNK: Final = 250
 #: Designs that consist of replicates.
 EVEN: Final = ("sobol", "latin hypercube")
-#: The designs' names for `sampling_units`; a grid has sites beside it.
+#: The designs' names for `sampling_units`; for a grid, the sites are passed too.
 NAMES: Final = {
     "independent": "random",
     "clustered": "random",
@@ -65,7 +65,7 @@ NAMES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Sums:
-    """Sums of whole units: (repetitions, units) of scores and of rows; (repetitions,) of rows."""
+    """Sums over units: (repetitions, units) of scores and of row weights; (repetitions,) of row weights."""
 
     scores: Floats
     sizes: Floats
@@ -124,7 +124,7 @@ def bootstrap(sums: Sums) -> Bounds:
 
 
 def bootstrap_t(sums: Sums) -> Bounds:
-    """Return the interval of a studentised cluster bootstrap; half a unit at each end keeps variances above 0."""
+    """Return the interval of a studentised cluster bootstrap; half a unit at each end keeps the variances above 0."""
     weights = _draws(sums.units)
     rows = sums.sizes @ weights
     mean = (sums.scores @ weights) / rows
@@ -152,7 +152,7 @@ def variance_floor(sums: Sums) -> Bounds:
 
 
 def betting(sums: Sums) -> Bounds:
-    """Return the interval of a hedged capital process on the means of units.
+    """Return the interval of a hedged capital process on the units' means.
 
     Waudby-Smith and Ramdas 2024, doi:10.1093/jrsssb/qkad009.
     """
@@ -221,7 +221,7 @@ OF_SHARES: Final[dict[str, Method]] = {
 
 @dataclass(slots=True)
 class Tally:
-    """Counts of intervals, printed and correct, and their mean width."""
+    """Counts of intervals, printed and correct, and the sum of their widths."""
 
     printed: int = 0
     held: int = 0
@@ -254,14 +254,14 @@ class Cell:
     """One cell of the table.
 
     Attributes:
-        quantity: ``mean``; ``share`` of scores of at least 0.5; ``pooled``, the mean by pixels; ``one piece``, the mean of
-            a design without replicates.
-        design, world, units: of the planted data.
-        estimand: the quantity that the interval states.
+        quantity: ``mean``; ``share`` of scores of at least 0.5; ``pooled``, the mean weighted by pixels; ``one piece``, the mean
+            of a design without replicates.
+        design, world, units: the planted data.
+        estimand: the quantity that the interval is for.
         truth: the true value.
-        coverage, width: of the intervals that were printed.
+        coverage, width: figures of the printed intervals.
         refused: share of repetitions without an interval.
-        best, ratio: the narrowest other method that covers, and the width in units of its width.
+        best, ratio: the narrowest other method that covers, and the width relative to its width.
         failures: the parts of the goal that the cell misses.
         others: coverage and width of the other methods.
     """

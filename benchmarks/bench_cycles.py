@@ -3,9 +3,10 @@
 ``python -m benchmarks.bench_cycles [STEP …]``, of
 
 * ``render``: renders parts of frames into ``--folder``. Resumes after Ctrl-C or a crash. Needs Blender.
-* ``score``: scores all parts rendered so far, into ``var/bench/cycles.json``. Compares layers with full frames, beside two seeds:
-  grey levels and pACC. Compares qualities with many samples: error, pACC, CPU seconds. Needs no Blender; networks may be newer.
-* ``reach``: measures the change of indirect light around a pedestrian by distance in body heights, beside the noise.
+* ``score``: scores all parts rendered so far, into ``var/bench/cycles.json``. Compares layers with full frames, and two seeds
+  with each other, in grey levels and pACC. Compares qualities with a reference of many samples: error, pACC, CPU seconds. Needs
+  no Blender; the networks may have changed since.
+* ``reach``: measures the change of indirect light around a pedestrian by distance in body heights, and the noise.
 
 Without a step, all three run at a small size. The validation in docs/benchmarks.md takes hours; `benchmarks.cycles_frames`
 explains its windows and samples:
@@ -39,14 +40,14 @@ from valerie.scene.variation.variant import apply
 from valerie.settings import load_settings
 
 STEPS = ("render", "score", "reach")
-#: Least distance of pedestrians in the table of presets: 1024 samples of a near pedestrian's window cost too much.
+#: Smallest distance of pedestrians in the table of presets: 1024 samples of a near pedestrian's window cost too much.
 PRESETS_BEYOND_M = 32.0
-#: Least number of their visible pixels: hidden pedestrians have no pACC.
+#: Smallest number of their visible pixels: hidden pedestrians have no pACC.
 PRESETS_VISIBLE = 100
 
 
 def render(folder: Path, asset: SceneAsset, frames: list[Planned], *, seeds: int, presets: int) -> None:
-    """Render all frames; the first ``seeds`` in two seeds, the first ``presets`` distant, visible ones at every quality."""
+    """Render all frames: the first ``seeds`` with two seeds, the first ``presets`` distant, visible ones at every quality."""
     holder = BlenderHolder(load_settings())
     engine = CyclesRenderer(holder=holder)
     size = frames[0].view
@@ -94,10 +95,10 @@ def engine(**settings: Any) -> CyclesRenderer:
 
 
 def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any]:
-    """Return the relative change of light outside a pedestrian's pixels and shadow, in rings of half a body height."""
+    """Return the relative change of light outside a pedestrian's pixels and shadow, in rings of a quarter of a body height."""
     scene = apply({"scene.person-1.pos.x": 1.0, "scene.person-1.pos.y": 8.0}, asset)
     renderer, height = engine(samples=64, denoise=False), 1.8
-    # With the same seed, a path that does not meet the person has the same value in both.
+    # With the same seed, a path that does not hit the person has the same value in both.
     without, with_person = renderer.background(scene, view).pixels, renderer.full(scene, view).pixels
     other = engine(samples=64, denoise=True, seed=1).background(scene, view).pixels
     smooth = engine(samples=64, denoise=True).background(scene, view).pixels

@@ -1,10 +1,10 @@
 """Measure the calibration of perception-error models on planted truth.
 
 ``make bench-error-model``, or ``python -m benchmarks.bench_error_model [--repetitions N]``. Persons stand at places of a
-grid; each place has a difficulty of its own that no column shows. The *true* error compares a model with the known
-probability of a miss at 4,000 other places, the *held-out* one is what a user sees. *Files* counts models that are given
-out, *below 2 %* those of them whose true error is at most 2 %, *bound* all models whose true error is at most the stated
-bound for new places.
+grid; each place has its own difficulty, which no column shows. The *true* error compares a model with the known
+probability of a miss at 4,000 other places; the *held-out* error is the one that users see. *Files* counts the models that are
+exported, *below 2 %* those of them whose true error is at most 2 %. *Bound* is the share of all models whose true error is at
+most the stated bound for new places.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from valerie.analysis.rows.design import Design
 from valerie.statistics.calibration import calibration, quantile_shares
 
 Floats = NDArray[np.float64]
-#: Deviation of rows of one place, in logits.
+#: Standard deviation of the rows of one place, in logits.
 _WITHIN: Final = 1.2
 _PERSONS: Final = 24
 
-#: Name to the mean logit at (distance, occlusion, area, contrast) and the deviation between places.
+#: Name to the mean logit at (distance, occlusion, area, contrast) and the standard deviation between places.
 WORLDS: Final[dict[str, tuple[Callable[[Floats], Floats], float]]] = {
     "smooth": (lambda x: 4 - 0.13 * x[:, 0] - 4 * x[:, 1] + 3 * np.abs(x[:, 3]), 0.5),
     "smooth, places differ": (lambda x: 4 - 0.13 * x[:, 0] - 4 * x[:, 1] + 3 * np.abs(x[:, 3]), 1.2),
@@ -38,7 +38,7 @@ WORLDS: Final[dict[str, tuple[Callable[[Floats], Floats], float]]] = {
 
 
 def persons(world: str, places: int, rng: np.random.Generator) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
-    """Return columns, pACC, place and the true probability of a miss of each person."""
+    """Return columns, pACC, place and true probability of a miss of each person."""
     mean, deviation = WORLDS[world]
     place = np.repeat(np.arange(places), _PERSONS)
     distance, occlusion = rng.uniform(5, 40, places)[place], rng.beta(0.6, 2, places)[place]

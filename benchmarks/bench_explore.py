@@ -1,8 +1,8 @@
-"""The page Explore over a million rows: time to the first view, from a brush to all linked views, memory of the tab.
+"""Measure the page Explore with a million rows: time to the first view, from a brush to all linked views, memory of the tab.
 
-A planted table of a run stands in the artifact store as if the run had completed; Debian's Chromium draws with its software
-renderer. ``python -m benchmarks.bench_explore [ROWS]``. Thumbnails are measured over a drawn run, of whose frames the server
-keeps what it has painted once.
+A planted table is stored as that of a completed run; Debian's Chromium draws with its software renderer.
+``python -m benchmarks.bench_explore [ROWS]``. Thumbnails are measured on a run of drawn frames; the server caches
+thumbnails that it has painted.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SHOWN = "() => performance.getEntriesByName('explore-shown').length"
 
 
 def planted(run: str, rows: int) -> EvaluationTable:
-    """Return rows of two functions behind two cameras, of drawn variants; a twentieth has no pACC."""
+    """Return rows of two functions and two cameras, from random variants; a twentieth has no pACC."""
     generator = np.random.default_rng(17)
     variants = rows // 4
     distance = 5 + 55 * generator.random(rows)
@@ -62,7 +62,7 @@ def planted(run: str, rows: int) -> EvaluationTable:
 
 
 def first_view(page: Page, address: str) -> float:
-    """Return seconds from opening the page until every view of it is drawn."""
+    """Return the seconds from opening the page until all its views are drawn."""
     started = time.perf_counter()
     page.goto(address)
     page.wait_for_function(_SHOWN, timeout=120_000)
@@ -70,7 +70,7 @@ def first_view(page: Page, address: str) -> float:
 
 
 def brush(page: Page, generator: np.random.Generator) -> float:
-    """Drag over a histogram; return milliseconds from the release to all linked views."""
+    """Drag over a histogram; return the milliseconds from the request to all linked views."""
     page.wait_for_timeout(700)  # rates, which follow the views
     bars = page.locator(".histogram-canvas").nth(int(generator.integers(3)))
     bars.scroll_into_view_if_needed()
@@ -93,15 +93,15 @@ def brush(page: Page, generator: np.random.Generator) -> float:
 
 
 def thumbnails(client: httpx.Client, run: str) -> dict[str, float]:
-    """Return thumbnails per second, painted for the first time and from what is kept."""
+    """Return thumbnails per second, painted for the first time and from the cache."""
     rows = client.get("/v1/explore/rows", params={"run": run, "limit": 64}).json()["items"]
     tiles = [f"{row['frame_id']}:{row['instance_id'] or 0}:{row['function']}:{row['sensor']}" for row in rows][:64]
-    asked: dict[str, Any] = {"tile": tiles, "kind": "errors", "crop": True}
+    parameters: dict[str, Any] = {"tile": tiles, "kind": "errors", "crop": True}
     rates = {}
     for name, rounds in (("first", 1), ("kept", 10)):
         started = time.perf_counter()
         for _ in range(rounds):
-            client.get("/v1/explore/sheet", params=asked).raise_for_status()
+            client.get("/v1/explore/sheet", params=parameters).raise_for_status()
         rates[name] = rounds * len(tiles) / (time.perf_counter() - started)
     return rates
 

@@ -1,9 +1,9 @@
 """Measure error rates and power of findings, verdicts, the gate and curves on planted truth.
 
 ``make bench-findings``, or ``python -m benchmarks.bench_findings [--repetitions N]``. The worlds are those of
-`benchmarks.planted` on which no method was chosen, one with heavy tails, and curves of its own. The tables show failures
+`benchmarks.planted` that were not used to choose methods, one with heavy tails, and separate curves. The tables show failures
 and successes alike. *Confirmed* counts findings of `valerie.statistics.confirmation.find`. *Named* counts effects by Holm's
-procedure over all main effects and all places at once: the result of a comparison without confirmation.
+procedure over all main effects and all places at once: the result without confirmation.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ Generator = np.random.Generator
 
 
 def _heavy(u: Floats) -> Floats:
-    """Return sums of Student's t with two degrees of freedom: no variance, no bounds."""
+    """Return sums of Student's t with two degrees of freedom, without variance or bounds."""
     t = (2 * u - 1) / np.sqrt(2 * u * (1 - u))
     return np.asarray(0.7 + 0.06 * t.sum(axis=-1))
 
 
 WORLDS: Final[dict[str, World]] = {**REPORTED, "heavy tails": _heavy}
-#: Places across, places along, suns, characters, cameras.
+#: Numbers of places across, places along, suns, characters and cameras.
 PAPER_SMALL: Final = (6, 8, 4, 2, 3)
 FIRST_RUN: Final = (3, 4, 2, 2, 3)
 
 
-# Scores without any effect of a factor ------------------------------------------------------------------------------------
+# Scores without an effect of any factor -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +71,13 @@ class Rows:
 
 
 def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float = 0.0) -> Rows:
-    """Return the rows of a grid: places differ, suns and characters act differently in each, and rows differ besides.
+    """Return the rows of a grid: places differ, suns and characters act differently at each, and rows vary randomly.
 
     Args:
-        world: of hidden numbers that no factor changes.
-        shape: as `PAPER_SMALL`.
-        rng: of everything drawn.
-        reach_m: places 3 m apart share their first three numbers over this distance; 0: not at all.
+        world: function of hidden numbers that no factor changes.
+        shape: numbers as in `PAPER_SMALL`.
+        rng: source of all random numbers.
+        reach_m: correlation length of the first three numbers over places 3 m apart; 0: places are independent.
     """
     x, y, sun, character, camera = (axis.ravel() for axis in np.meshgrid(*map(np.arange, shape), indexing="ij"))
     place = x * shape[1] + y
@@ -90,7 +90,7 @@ def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float
 
 
 def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
-    """Return (G, 3) uniform numbers of a smooth random field over places 3 m apart."""
+    """Return (G, 3) uniform numbers of a correlated random field over places 3 m apart."""
     x, y = (3.0 * axis.ravel() for axis in np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"))
     distance = np.hypot(x[:, None] - x, y[:, None] - y)
     root = np.linalg.cholesky(np.exp(-distance / reach_m) + 1e-9 * np.eye(len(x)))
@@ -98,7 +98,7 @@ def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
 
 
 def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
-    """Return variants of six factors without any effect, one row each."""
+    """Return variants of six factors without effects, one row each."""
     if design == "sobol":
         position = qmc.Sobol(6, rng=rng).random(units)
     elif design == "latin hypercube":
@@ -110,7 +110,7 @@ def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
 
 
 def clustered(world: World, units: int, rng: Generator) -> Rows:
-    """Return places with 2 to 8 rows; three factors are drawn for the place, three for the row."""
+    """Return places with 2 to 8 rows; three factors are drawn per place, three per row."""
     place = np.repeat(np.arange(units), rng.integers(2, 9, units))
     u = rng.random((units, 6))[place]
     u[:, 4:] = rng.random((len(place), 2))
@@ -120,7 +120,7 @@ def clustered(world: World, units: int, rng: Generator) -> Rows:
 
 
 def lowered(rows: Rows, factor: str, points: float, rng: Generator, *, kind: str) -> Rows:
-    """Lower the mean of a factor's last level by ``points``: every score in proportion, or some places to 0 as a whole."""
+    """Lower the mean of a factor's last level by ``points``: all scores in proportion, or all scores of some places to 0."""
     where = rows.factors[factor] == rows.factors[factor].max()
     share = points / rows.values[where].mean()
     values = rows.values.copy()
@@ -172,7 +172,7 @@ def true_findings(repetitions: int) -> Iterator[Row]:
         for name, world in REPORTED.items():
             for kind in ("all places a little", "some places to 0"):
                 yield _effect(size, shape, name, world, "sun", kind, repetitions)
-    # Between places: the last row along the street.
+    # An effect between places: the last row along the street.
     for size, shape in {"6 x 8 x 4 x 2 x 3": PAPER_SMALL, "3 x 4 x 2 x 2 x 3": FIRST_RUN}.items():
         yield _effect(size, shape, "mild", REPORTED["mild"], "y", "all places a little", repetitions)
 
@@ -187,7 +187,7 @@ def _effect(
         observations = lowered(crossed(world, shape, rng), factor, 0.2, rng, kind=kind).observed()
         holding = [item.candidate for item in find(observations, seed=repetition).items if item.confirmed]
         confirmed += any(item.changes[0].factor == factor and len(item.changes) == 1 for item in holding)
-        # A loss at some places changes interactions too, so only findings on other factors are false.
+        # A loss at some places changes interactions too: only findings on other factors are false.
         others += any(all(change.factor != factor for change in item.changes) for item in holding)
         main = contrasts(observations, interactions=False)
         adjusted = holm([c.p_value for c in main])
@@ -209,7 +209,7 @@ def _effect(
 
 
 def from_tables(repetitions: int) -> Iterator[Row]:
-    """Yield what the analysis of whole runs says: two functions, a long table in, findings out."""
+    """Yield results of the analysis of whole runs of two functions, from long table to findings."""
     for name in ("mild", "piled"):
         for points in (0.0, 0.2):
             rng = np.random.default_rng(18)
@@ -260,7 +260,7 @@ def _alike(truth: float, units: int, rows: int, rng: Generator) -> Floats:
 
 
 def _two_kinds(truth: float, units: int, rows: int, rng: Generator) -> Floats:
-    """Return rows of which every tenth place fails half or more, and the others hardly any."""
+    """Return rows with failure rates of 9 times the mean in a tenth of the places, and of a ninth of the mean in the others."""
     hard = rng.random((units, 1)) < 0.1
     share = np.where(hard, 1 - 9 * (1 - truth), 1 - (1 - truth) / 9)
     return (rng.random((units, rows)) < share).astype(float)
@@ -289,7 +289,7 @@ def _verdicts(
     }
 
 
-#: Design to numbers of variants; fewer than 20 of an even design are independent.
+#: Design to numbers of variants; fewer than 20 variants of an even design are independent.
 DRAWN: Final = {"random": (50, 400), "sobol": (16, 64, 256), "halton": (256,), "latin_hypercube": (50, 200)}
 #: Person-rows of one variant; the first share of the variants failed for good.
 ROWS: Final = 4
@@ -297,7 +297,7 @@ LOST: Final = 0.03
 
 
 def table_verdicts(repetitions: int) -> Iterator[Row]:
-    """Judge a requirement whose bound is the truth, from the tables of whole runs; every verdict is then a false one."""
+    """Judge a requirement whose bound is the truth, from the tables of whole runs; then every verdict is false."""
     for design, counts in DRAWN.items():
         for count in counts:
             for name, world in REPORTED.items():
@@ -311,7 +311,7 @@ def _table_verdicts(
 ) -> Row:
     rng = np.random.default_rng(16)
     share = statistic.startswith("share")
-    # Rows of a variant are alike in all but the last two hidden numbers; the region is what the first half of them show.
+    # Rows of a variant share all hidden numbers but the last two; the region contains the first half of them.
     bound = planted.truth(planted.passed(world) if share else world, "independent")
     required = requirement(f"{statistic} >= {bound!r}", where="distance_m < 20")
     outcomes: Counter[Outcome] = Counter()
@@ -339,7 +339,7 @@ def _table_verdicts(
         )
         outcomes[verdict.outcome] += 1
     false = (outcomes[Outcome.MET] + outcomes[Outcome.NOT_MET]) / repetitions
-    # With 1,000 repetitions, 5 % is exceeded by 2.3 points once in 1,000.
+    # If the true rate is 5 %, one row in 1,000 exceeds it by chance.
     limit = 0.05 + 3.1 * float(np.sqrt(0.05 * 0.95 / repetitions))
     return {
         "design": f"{design}, {count}",
@@ -371,7 +371,7 @@ def gates(repetitions: int) -> Iterator[Row]:
 
 
 def _two_versions(world: World, places: int, change: str, rng: Generator) -> tuple[Floats, Floats]:
-    """Return (slices, places, 6) scores of two versions that see the same frames, and differ in two of six numbers.
+    """Return (slices, places, 6) scores of two versions on the same frames, which differ in two of six numbers.
 
     The first `WORSE` slices become worse, unless ``change`` is none.
     """
@@ -469,7 +469,7 @@ def _curve(
 
 
 def _bin_averages(curve: Callable[[Floats], Floats], lows: tuple[float, ...], at: Floats) -> Floats:
-    """Return the average of the curve over the bin of each point, as a free curve estimates it."""
+    """Return the curve's average over each point's bin, which a free curve estimates."""
     edges = np.array([*lows, 1.0])
     averages = np.array([curve(np.linspace(a, b, 200)).mean() for a, b in pairwise(edges.tolist())])
     return np.asarray(averages[np.searchsorted(edges[1:-1], at, side="right")])
@@ -484,7 +484,7 @@ NOISE: Final = 0.05
 
 
 def importance(repetitions: int) -> Iterator[Row]:
-    """Yield how often contrast, which alone acts, and its decoys are named; and the error of shares that are known."""
+    """Yield how often contrast, the only cause, and its decoys are named; and the errors of shares with known truth."""
     for rows in (1, 5):
         for count in (100, 300, 1000):
             for name in ("slope", "hump"):
@@ -495,7 +495,7 @@ def importance(repetitions: int) -> Iterator[Row]:
 
 
 def _named_columns(name: str, count: int, rows: int, repetitions: int) -> Row:
-    """Plant ``count`` rows, ``rows`` of them in each place; those of one place share half of the variance of contrast."""
+    """Plant ``count`` rows, ``rows`` per place; the rows of a place share half of the variance of contrast."""
     rng = np.random.default_rng(21)
     curves: dict[str, Callable[[Floats], Floats]] = {
         "slope": lambda u: 0.2 + 0.6 * u,
@@ -535,7 +535,7 @@ def _shares(design: str, noise: float, repetitions: int) -> Row:
         a, _, c, d = crossed_levels
         parts = 0.4 * a / 5, 0.1 * c, 0.2 * (2 * (c % 2) - 1) * (2 * d - 1)
         scores = np.sum(parts, axis=0) + noise * rng.standard_normal(len(a))
-        # Variances of the parts over equally frequent levels; the interaction belongs to c and d in equal parts.
+        # Variances of the parts over equally frequent levels; the interaction is split equally between c and d.
         variances = np.array([0.08**2 * 35 / 12, 0.0, 0.1**2 * 15 / 12 + 0.02, 0.02])
         truth = variances / (variances.sum() + noise**2)
         factors = dict(zip("abcd", crossed_levels, strict=True))

@@ -1,8 +1,8 @@
 """Measure `valerie run examples/first-run.yaml` in a new data folder: wall time, and CPU seconds by process and by product.
 
 ``python -m benchmarks.bench_first_run [--beside CHECKOUT] [--repeats 1]``. With ``--beside``, the code of another checkout runs
-the same spec in turn, so that both see the same neighbours on a busy machine. The last column is the wall time divided by what it
-would be if every core had worked all the time.
+the same spec in turn, so that both compete with the same load on a busy machine. The last column is the wall time, divided by
+the wall time if every core had worked throughout.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _children_cpu() -> float:
 
 
 class _Watch:
-    """Looks at the CPU times of all descendants of a process; what a process uses after the last look is missing."""
+    """Samples the CPU times of all descendants of a process; CPU time after a process's last sample is missing."""
 
     def __init__(self, pid: int) -> None:
         self._root = psutil.Process(pid)

@@ -1,13 +1,13 @@
-"""Measure guided validation on planted scores, beside plain Monte Carlo.
+"""Measure guided validation on planted scores, compared with plain Monte Carlo.
 
 ``make bench-guided``, or ``python -m benchmarks.bench_guided [--seed S --repetitions N --rate P --budget N --batch N]``.
-The planted scores (`benchmarks.planted_scores`) follow from the seed, and every repetition has another one. For each family:
+The planted scores (`benchmarks.planted_scores`) follow from the seed, which differs between repetitions. For each family:
 
 - *explain*: evaluations of minimal pairs from one failing and one passing point;
-- *estimate*: coverage of both intervals, width in units of plain Monte Carlo's (its coverage, by the same number of points,
-  stands beside), the share of repetitions in which the model-assisted number may be used, and its coverage there.
+- *estimate*: coverage of both intervals and of plain Monte Carlo with the same number of points, their widths relative to plain
+  Monte Carlo's, the share of repetitions in which the model-assisted number may be used, and its coverage there.
 
-A line is marked where a coverage is below 94 % by a one-sided binomial test at 0.1 %, or the width is above 1.5.
+A line is marked if a coverage is below 94 % by a one-sided binomial test at 0.1 %, or the width is above 1.5.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from valerie.statistics.units import sampling_units
 GOAL: Final = 0.94
 SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
-#: Points among which a failing and a passing one are sought for a minimal pair.
+#: Random points among which a failing and a passing one are sought for a minimal pair.
 SOUGHT: Final = 2**14
-#: Estimates of one planted score.
+#: Number of estimates per planted score.
 DRAWS: Final = 5
 GOALS: Final = ("find", "map", "compare", "cascade", "estimate")
 #: Failure rate, budget and batch of the cells.
@@ -51,15 +51,15 @@ class Row:
     """Figures of one family.
 
     Attributes:
-        family: of planted scores.
-        rate, budget, batch: failure rate, number of evaluations, largest number of them at a time.
-        seed: of the first repetition.
-        repetitions: number of estimates, `DRAWS` of each planted score.
-        pair_evaluations: median and largest number of evaluations of a minimal pair.
-        coverage_free, coverage_assisted, coverage_plain: of the two intervals, and of plain Monte Carlo's.
-        width_free, width_assisted: mean widths in units of plain Monte Carlo's.
+        family: family of planted scores.
+        rate, budget, batch: failure rate, number of evaluations, largest number of evaluations at a time.
+        seed: seed of the first repetition.
+        repetitions: number of estimates, `DRAWS` per planted score.
+        pair_evaluations: median and largest number of evaluations for a minimal pair.
+        coverage_free, coverage_assisted, coverage_plain: coverage of the two intervals, and of plain Monte Carlo's.
+        width_free, width_assisted: mean widths relative to plain Monte Carlo's.
         calibrated: share of repetitions in which the rule allows the model-assisted number.
-        coverage_calibrated: of the model-assisted interval there; None without any.
+        coverage_calibrated: coverage of the model-assisted interval there; None if there are none.
         overhead: CPU seconds of a batch, without the evaluations.
         failures: the goals that are missed.
     """
@@ -83,7 +83,7 @@ class Row:
 
 
 def cube(dimensions: int) -> Domain:
-    """Return a domain of uniform numbers in 0…1."""
+    """Return a domain of uniform parameters in 0…1."""
     definitions = [
         ParameterDefinition.model_validate(
             {"path": f"scene.x{i}", "type": "FLOAT", "minimum": 0, "maximum": 1, "default": 0, "affects": "geometry"}
@@ -94,7 +94,7 @@ def cube(dimensions: int) -> Domain:
 
 
 def pair_evaluations(planted: planted_scores.Planted, seed: int) -> int:
-    """Return the number of evaluations of a minimal pair."""
+    """Return the number of evaluations for a minimal pair."""
     points = np.random.default_rng([seed, 1, 2]).random((SOUGHT, planted.dimensions))
     scores = planted.score(points)
     failing, passing = points[scores < planted_scores.AT_LEAST][0], points[scores >= planted_scores.AT_LEAST][0]
@@ -177,7 +177,7 @@ def show(rows: Sequence[Row]) -> None:
 
 
 def measure_others(goals: Sequence[str], seed: int, repetitions: int) -> None:
-    """Measure the goals besides the estimates, a fifteenth as often where a repetition is dear; store each line."""
+    """Measure the goals other than estimates, a fifteenth as often if a repetition is expensive; store each line."""
     few = max(repetitions // 15, 2)
     runs: list[Callable[[], Any]] = []
     if "find" in goals:

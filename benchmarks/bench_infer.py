@@ -1,9 +1,9 @@
 """Measure the paper's two networks: CPU seconds per full-HD frame, in eager fp32 and in every engine and precision.
 
-``python -m benchmarks.bench_infer [--threads 1] [--frames 2] [--networks NAME …] [--size 1920x1080]``. Every row is a process of
-its own that opens the function as a worker does. The large networks are mmsegmentation's deeplabv3plus_r101-d8 and fpn_r101 with
-random weights, which changes no cost. The agreement of labels is measured with the trained small networks on rendered frames,
-against eager fp32: the network as torch makes it, without VALERIE's engine, on the input that every engine gets.
+``python -m benchmarks.bench_infer [--threads 1] [--frames 2] [--networks NAME …] [--size 1920x1080]``. Every row is a separate
+process that opens the function as a worker does. The large networks are mmsegmentation's deeplabv3plus_r101-d8 and fpn_r101 with
+random weights, which does not affect the cost. The agreement of labels is measured with the trained small networks on rendered
+frames, against eager fp32: the network in plain torch, without VALERIE's engine, on the input that every engine gets.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def in_own_process(task: str, folder: Path, *arguments: object) -> None:
 
 
 def render(folder: Path, width: int, height: int) -> None:
-    """Render frames of the street with the pedestrian near and far, under two suns."""
+    """Render frames of the street with the pedestrian near and far, for two directions of the sun."""
     from valerie import plugins
     from valerie.rendering.base import View
     from valerie.scene.assets.asset import load_asset
@@ -136,7 +136,7 @@ def write(folder: Path, *networks: str) -> None:
 
 
 def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
-    """Measure seconds per frame after a first frame, in this process, and write the labels to the folder."""
+    """Measure seconds per frame after a first frame in this process, and write the labels to the folder."""
     from valerie.errors import MissingDependency
     from valerie.perception.running.adaptation import plan
     from valerie.perception.running.opening import open_function
@@ -184,7 +184,7 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
 
 
 def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.uint8]]:
-    """Return the network as plain torch runs it: default memory order, fp32 throughout, one operation after the other.
+    """Return a function that runs the network in plain torch: default memory format, fp32 throughout, one operation at a time.
 
     Frames are reduced and padded as the file's document says, as for every engine.
     """
@@ -196,12 +196,12 @@ def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.
     from valerie.perception.shipped import file_document
 
     torch.set_num_threads(threads)
-    taken = file_document(path.stem, path).input
+    input_document = file_document(path.stem, path).input
     network, header = load_network(path)
     mean, std = torch.tensor(header.mean).view(1, 3, 1, 1), torch.tensor(header.std).view(1, 3, 1, 1)
 
     def predict(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        steps = plan(taken, *picture.shape[:2])
+        steps = plan(input_document, *picture.shape[:2])
         (piece,) = steps.pieces(picture)
         with torch.inference_mode():
             values = torch.from_numpy(piece.copy()).permute(2, 0, 1)[None].contiguous().float().div(255)
@@ -234,7 +234,7 @@ def show(network: str, engine: str, precision: str, row: dict[str, Any]) -> None
 
 
 def table(figures: dict[str, Any]) -> list[str]:
-    """Return a Markdown table of CPU seconds per frame of all networks; speed-ups only where there is an aim."""
+    """Return a Markdown table of CPU seconds per frame of all networks; speed-ups only for those with an aim."""
     heads, rows = [], []
     for network, modes in figures.items():
         facts = modes["eager fp32"]

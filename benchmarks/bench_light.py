@@ -1,8 +1,9 @@
 """Compare the brightness of a street in the raster engine and in Cycles: ratios per class under four skies.
 
-``make bench-light``, or ``python -m benchmarks.bench_light [--width W --height H --samples N]``; some four minutes of one core.
-The background of `urban-street` from ``camera-1``. A class's ratio is that of its mean linear values in the two engines. The
-*difference* of a sky is the mean, over all pixels but the sky's, of the ratio of the brighter to the darker engine (geometric).
+``make bench-light``, or ``python -m benchmarks.bench_light [--width W --height H --samples N]``; about four minutes of one core.
+It renders the background of `urban-street` from ``camera-1``. A class's ratio is that of its mean linear values in the two
+engines. The *difference* of a sky is the geometric mean, over all pixels except the sky's, of the ratio of the brighter to the
+darker engine.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ SKIES: Final[dict[str, Mapping[str, Value]]] = {
     "overcast": {"scene.environment-1.cloud_cover": 1.0},
     "rain": {"scene.environment-1.cloud_cover": 1.0, "scene.environment-1.rain": 15.0},
 }
-#: Least share of the picture that a reported class covers.
+#: Smallest share of the picture that a reported class covers.
 LEAST: Final = 0.01
-#: Linear values below which no tone curve differs from black.
+#: Linear value below which every tone curve gives black.
 BLACK: Final = 2e-3
 
 

@@ -1,9 +1,9 @@
-"""Measure the memory of each worker over many frames: real processes, the raster engine, both networks. It must stay flat.
+"""Measure the memory of each worker over many frames, which must not grow: real processes, the raster engine, both networks.
 
 ``python -m benchmarks.bench_memory [--frames 2000]`` samples the resident memory of each worker throughout. The figure is the
 median of the last fifth minus the median of the second fifth (the first fifth warms up).
 
-``--rendering-only`` measures the render worker's part alone, in this process: layers and truths of small frames with changing
+``--rendering-only`` measures only the render worker's part, in this process: layers and truths of small frames with changing
 places, suns and cameras, encoded and dropped. It writes ``var/bench/memory_rendering.json``.
 """
 
@@ -29,7 +29,7 @@ from valerie.scene.assets.asset import load_asset
 from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 
-#: Consecutive frames under one camera and sun with ``--rendering-only``.
+#: Consecutive frames with one camera and sun with ``--rendering-only``.
 GROUP = 40
 
 
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def rendering_only(frames: int) -> dict[str, object]:
-    """Measure the memory that the render worker's part takes over ``frames`` frames of 96 × 54 pixels."""
+    """Measure the memory of the render worker's part over ``frames`` frames of 96 × 54 pixels."""
     asset = load_asset("urban-street")
     engine, truth_pass = plugins.create_renderer("raster"), plugins.create_truth_pass("")
     process, random = psutil.Process(), np.random.default_rng(0)

@@ -1,11 +1,11 @@
 """Measure the shipped networks on the paper's pattern: pACC, precision and mIoU, over frames with a person and over all.
 
-``python -m benchmarks.bench_networks [--data-dir DIR] [--cycles]``. Runs ``examples/pattern-sample.yaml`` as ``valerie run``
-does, which reuses the products of the data folder, and reads the confusion matrices that its evaluations stored. With
-``--cycles`` Cycles renders the same variants too, at quality ``draft``: hours on two cores.
+``python -m benchmarks.bench_networks [--data-dir DIR] [--cycles]``. Runs ``examples/pattern-sample.yaml`` with ``valerie run``,
+which reuses the products of the data folder, and reads the stored confusion matrices. With ``--cycles``, Cycles renders the
+same variants too, at quality ``draft``, which takes hours on two cores.
 
-The aim applies to pooled counts over the frames with at least 100 visible pixels of persons, since a smaller person is a mere
-speck. The table also shows frame means, and figures over all frames.
+The aim applies to pooled counts over the frames with at least 100 visible pixels of persons, since smaller persons are only
+specks. The table also shows frame means, and figures over all frames.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from valerie.settings import Settings, load_settings
 from valerie.storage import codecs
 
 SPEC: Final = Path("examples/pattern-sample.yaml")
-#: Least number of visible pixels of persons in a frame that counts for the aim.
+#: Smallest number of visible pixels of persons in a frame that counts for the aim.
 LEAST_PIXELS: Final = 100
 #: Aims for the pooled figures on frames of the raster engine.
 AIMS: Final = {"pacc": 0.85, "precision": 0.75, "miou": 0.60}
@@ -70,10 +70,10 @@ def main() -> None:
 
 
 def validate(document: Mapping[str, Any], settings: Settings) -> tuple[str, str]:
-    """Run a validation through the real system, which reports its progress; return the run's id and its final state.
+    """Run a validation with ``valerie run``, which reports its progress; return the run's id and its final state.
 
     Raises:
-        SystemExit: it did not end with results.
+        SystemExit: the run did not end with results.
     """
     command = [sys.executable, "-m", "valerie", "run", "-", "--data-dir", str(settings.data_dir), "--json"]
     process = subprocess.run(command, input=json.dumps(document), stdout=subprocess.PIPE, text=True, check=False)
@@ -85,7 +85,7 @@ def validate(document: Mapping[str, Any], settings: Settings) -> tuple[str, str]
 
 
 def measured(settings: Settings, run_id: str) -> dict[str, Any]:
-    """Return the figures of each function over the run's evaluated frames behind the first sensor setting."""
+    """Return the figures of each function over the run's evaluated frames with the first sensor setting."""
     context = open_context(settings)
     try:
         with reading(context.engine) as connection:
@@ -110,15 +110,15 @@ def statistics(matrices: Sequence[ConfusionMatrix], least: int = LEAST_PIXELS) -
     """Return figures over the frames with at least ``least`` visible pixels of persons, and over all frames.
 
     Args:
-        matrices: (19, 20) per frame; the row of the truth's persons counts what is visible of them.
-        least: pixels.
+        matrices: (19, 20) per frame; the row of the true class person counts visible pixels.
+        least: smallest number of visible pixels.
     """
     visible = [matrix for matrix in matrices if matrix[PERSON.train_id].sum() >= least]
     return {"visible": figures_of(visible), "all": figures_of(matrices)}
 
 
 def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
-    """Return ratios in [0, 1]: pooled, and as means over the frames that define them, with the number of these frames."""
+    """Return ratios in [0, 1]: pooled, and as means over the frames in which they are defined, with the number of these."""
     scores = collection_scores(matrices)
     person = scores.of(PERSON)
     both: dict[str, Averages] = {
@@ -133,7 +133,7 @@ def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
 
 
 def show(engine: str, functions: Mapping[str, Any], aims: Mapping[str, float]) -> None:
-    """Print a line per function, choice of frames and average, and a line with the verdict on the aim."""
+    """Print a line per function, choice of frames and average, and a line on whether the aim is reached."""
     names = ("pacc", "precision", "iou", "miou")
     heads = ("pACC", "precision", "IoU", "mIoU")
     wide = max(len(name) for name in functions)

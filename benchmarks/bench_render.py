@@ -2,9 +2,9 @@
 
 Pattern: 3 cameras × 4 suns × 30 poses at 1920 × 1080 (section 6 of the paper; poses drawn from `examples/paper-pattern.yaml`).
 A frame is the linear image, class, instance and depth maps and amodal masks, encoded and written to a folder.
-Each engine runs in a process of its own, single-threaded; CPU seconds are those of the whole process, Python included.
+Each engine runs in its own single-threaded process; CPU seconds are those of the whole process, including Python.
 
-- ``raster.cold``: the first frame of each (camera, sun), with its background; every third of them has a new camera too.
+- ``raster.cold``: the first frame of each (camera, sun), with its background; every fourth of them has a new camera too.
 - ``raster.warm``: the other frames.
 - ``pyrender``: the same data from pyrender 0.1.45 as its users call it: the scene with its default 4× MSAA and sun shadows as
   8-bit RGB, a SEG pass for ids and depth, one SEG pass per person for the amodal mask; stored with the codecs of this project.
@@ -44,7 +44,7 @@ WIDTH, HEIGHT = 1920, 1080
 
 
 def poses(asset: SceneAsset, count: int) -> list[dict[str, Value]]:
-    """Return legal places, headings and outfits of the paper's pattern, drawn evenly with a fixed seed."""
+    """Return legal places, headings and outfits of the paper's pattern, drawn uniformly with a fixed seed."""
     random = np.random.default_rng(6)
     places: list[dict[str, Value]] = []
     while len(places) < count:
@@ -147,7 +147,7 @@ def measure_raster(count: int) -> dict[str, Any]:
 
 
 def measure_pyrender(count: int, frames: int) -> dict[str, Any]:
-    """Measure stock pyrender: its own renderer, materials and passes, nothing of this project's engine."""
+    """Measure stock pyrender: its own renderer, materials and passes, without this project's engine."""
     asset = load_asset("urban-street")
     chosen = [
         (camera, values) for camera, _, group in variants(asset, count) for values in group[:: max(1, count // 2)][:2]
@@ -167,7 +167,7 @@ def measure_pyrender(count: int, frames: int) -> dict[str, Any]:
 
 
 class StockPyrender:
-    """A scene of this project in pyrender's own terms."""
+    """Renderer of VALERIE's scenes with stock pyrender."""
 
     def __init__(self, asset: SceneAsset) -> None:
         os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
@@ -223,7 +223,7 @@ class StockPyrender:
         return LinearImage(linear), GroundTruth(classes, instances, axis_depth, tuple(persons))
 
     def _mesh(self, meshes: Any, scene: Scene) -> Any:
-        """Return one pyrender mesh per node, uploaded once; ids are per node, so nodes share nothing."""
+        """Return the pyrender mesh of a node, created once; None without meshes. Nodes share none, since ids are per node."""
         if not meshes:
             return None
         key = id(meshes)

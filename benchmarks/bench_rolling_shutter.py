@@ -1,7 +1,7 @@
-"""Measure CPU seconds per frame behind a rolling shutter: 960 × 540, `urban-street`, one walking person.
+"""Measure CPU seconds per frame with a rolling shutter: 960 × 540, `urban-street`, one walking person.
 
-Lines are read every 20 µs, and with a standing camera every 100 and 1,000 µs; the camera stands, turns by 30° per second (a bend)
-or drives at 10 m/s. The frame's own background, layer and truth are not counted. ``python -m benchmarks.bench_rolling_shutter``
+Lines are read every 20 µs, with a standing camera also every 100 and 1,000 µs; the camera stands, turns by 30° per second (a
+bend) or drives at 10 m/s. The frame's background, layer and truth are not counted. ``python -m benchmarks.bench_rolling_shutter``
 writes ``var/bench/rolling-shutter.json``.
 """
 
@@ -22,13 +22,13 @@ from valerie.sensing.sensor import read_lines
 from valerie.sensing.settings import SensorSetting
 
 VIEW = View("camera-1", 960, 540)
-#: Turn in degrees per second, and speed in metres per second, of each camera.
+#: Turn rate in degrees per second, and speed in metres per second, of each camera.
 CAMERAS = {"stands": (0.0, 0.0), "turns": (30.0, 0.0), "drives": (0.0, 10.0)}
 LINE_TIMES_US = (20, 100, 1000)
 
 
 def main() -> None:
-    """Measure each camera and line time once, after a first frame that loads the engine."""
+    """Measure each camera and line time once, after a first measurement that loads the engine."""
     asset, engine, truth_pass = load_asset("urban-street"), RasterRenderer(), TruthPass()
     start = float(asset.manifest.by_path["scene.camera-1.pos.y"].default)
 

@@ -1,7 +1,7 @@
 """Measure the CPU milliseconds per megapixel of each effect of the sensor stage.
 
 ``make bench-sensor``, or ``python -m benchmarks.bench_sensor [--width W --height H --repeat N]``. The image consists of random
-tiles over a road-like depth. *First* includes the tables and maps that later pictures with the same setting share.
+tiles with the depth of a road. *First* includes the tables and maps that later pictures with the same setting share.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
 
 
 def frame(width: int, height: int) -> tuple[NDArray[np.float16], Shot]:
-    """Return an image of tiles of 20 pixels, and a depth that grows towards a horizon."""
+    """Return an image of tiles of 20 pixels, and the sensor's other inputs: a depth that grows towards a horizon, and motion."""
     rng = np.random.default_rng(0)
     tiles = rng.gamma(1.5, 0.3, (-(-height // 20), -(-width // 20), 3))
     linear = np.kron(tiles, np.ones((20, 20, 1)))[:height, :width].astype(np.float16)

@@ -4,10 +4,10 @@
 
 The costs are CPU seconds of this process with warm caches (the first product of each kind does not count). They include the
 worker's decoding of inputs and encoding of the product. Two resolutions give the fixed and the per-megapixel part. On a busy
-machine, ``--sizes`` keeps the seconds that were measured on a quiet one.
+machine, ``--sizes`` keeps the seconds that were measured on an idle one.
 
-``start`` is not measured here: it is the CPU time of all processes of `valerie run examples/first-run.yaml`, in a data folder
-of its own, minus that of the products.
+``start`` is not measured here: it is the CPU time of all processes of `valerie run examples/first-run.yaml` in a new data
+folder, minus that of the products.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ from valerie.storage.annotations import Annotation, encode_annotation
 RESOLUTIONS = ((960, 540), (1920, 1080))
 SUNS_DEG = (150.0, 210.0, 240.0)
 CAMERAS = ("camera-1", "camera-2", "camera-3")
-#: The part that the truths of a camera share; no product of its own.
+#: The part that the truths of a camera share; not a separate product.
 STATICS: Final = "statics"
 PLACES_M = (8.0, 12.0, 16.0, 20.0, 30.0)
-#: `benchmarks.bench_cycles` measures Cycles, which takes minutes a picture; its entries stay.
+#: `benchmarks.bench_cycles` measures Cycles, which takes minutes per picture; its entries are kept.
 ENGINES = ("raster", "pyrender")
 TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "forecasting" / "costs.json"
 
-#: (kind, maker) to resolution to (CPU seconds, bytes) of each product.
+#: (kind, maker) and resolution to (CPU seconds, bytes) of each product.
 Samples = dict[tuple[str, str], dict[tuple[int, int], list[tuple[float, int]]]]
 
 
@@ -121,7 +121,7 @@ def measure_truth(samples: Samples) -> None:
 
 
 def measure_annotations(samples: Samples) -> None:
-    """Measure the annotations of one moment; the light includes the preparation of its inputs."""
+    """Measure the annotations of single frames; the light includes the preparation of its inputs."""
     asset = load_asset("urban-street")
     truth_pass, engine = plugins.create_truth_pass(""), RasterRenderer()
     for width, height in RESOLUTIONS:
@@ -147,7 +147,7 @@ def measure_annotations(samples: Samples) -> None:
 
 
 def measure_functions(samples: Samples) -> None:
-    """Measure the shipped functions on pictures of the street: they reduce larger frames, and real label maps compress well."""
+    """Measure the shipped functions on pictures of the street, since realistic label maps compress well."""
     asset, engine = load_asset("urban-street"), RasterRenderer()
     pictures = {}
     for width, height in RESOLUTIONS:
@@ -171,7 +171,7 @@ PARTS: Final = {
 
 
 class timed:  # noqa: N801  reads as a statement
-    """Context that records CPU seconds and bytes of one product."""
+    """Context manager that records CPU seconds and bytes of one product."""
 
     def __init__(self, samples: Samples, kind: str, maker: str, view: View) -> None:
         self._into = samples[kind, maker][view.width, view.height]
@@ -189,7 +189,7 @@ class timed:  # noqa: N801  reads as a statement
 
 def table(samples: Samples, *, sizes_only: bool) -> dict[str, Any]:
     known: dict[str, Any] = json.loads(TABLE.read_text("utf-8"))
-    # Entries without a new measurement stay, such as those of Cycles.
+    # Entries without a new measurement are kept, such as those of Cycles.
     costs: dict[str, dict[str, Any]] = known["costs"]
     for (kind, maker), by_resolution in samples.items():
         # The first product of each resolution fills caches.

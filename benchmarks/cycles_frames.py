@@ -1,8 +1,8 @@
 """Plan and compose whole frames of a path tracer from a window around the pedestrian and a background.
 
-A pixel of a render inside a border is the pixel of the whole render, bit for bit (tests/cycles). So the full render of a
-frame is needed only where it can differ from a background of its own seed by more than noise: in a window, the rectangle of
-the layer and the margin that the denoiser reads (`denoised_window`).
+A pixel of a render inside a border equals that of the whole render, bit for bit (tests/cycles). So the full render of a
+frame is needed only where it can differ from a background of the same seed by more than noise: in a window, which consists of
+the layer's rectangle and the margin that the denoiser reads (`denoised_window`).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
-#: Places of pedestrians: metres across the street, and along it from the line of the cameras.
+#: Places of pedestrians: metres across the street, and along it from the cameras' line.
 _ACROSS_M: Final = (-2.0, 7.0)
 _DISTANCE_M: Final = (16.0, 64.0)
 _CAMERAS_AT_M: Final = -12.0
-#: Consecutive frames of one group: a background is the most expensive part.
+#: Number of consecutive frames in one group, since a background is the most expensive part.
 _BLOCK: Final = 50
 
 
@@ -49,12 +49,12 @@ GROUPS: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planned:
-    """One pedestrian before one background.
+    """One pedestrian in front of one background.
 
     Attributes:
         index: number of the frame, from 0.
-        rectangle: of the layer.
-        window: the rectangle of the full render.
+        rectangle: rectangle of the layer.
+        window: rectangle of the full render.
     """
 
     index: int
@@ -66,7 +66,7 @@ class Planned:
 
     @property
     def core(self) -> Rectangle:
-        """Return the rectangle in the window's own pixels."""
+        """Return the layer's rectangle in pixels of the window."""
         inside = self.rectangle
         return Rectangle(inside.x - self.window.x, inside.y - self.window.y, inside.width, inside.height)
 
@@ -78,13 +78,13 @@ class Planned:
 
 
 def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
-    """Return the first ``count`` frames: distances even in their logarithm, all outfits and headings, two cameras and suns.
+    """Return the first ``count`` frames: distances uniform in their logarithm, all outfits and headings, two cameras and suns.
 
     Places follow Roberts' low-discrepancy sequence (R₃; *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), so
-    that any beginning of the list is spread evenly. Illegal places (inside a car) and places out of view are skipped.
+    that the first frames of any number are spread evenly. Illegal places (inside a car) and places out of view are skipped.
     """
     outfits = [name for name in asset.manifest.definition("scene.person-1.character").choices if name != "absent"]
-    root = 1.2207440846057596  # of x⁴ = x + 1
+    root = 1.2207440846057596  # solves x⁴ = x + 1
     steps = np.array([1 / root, 1 / root**2, 1 / root**3])
     frames: list[Planned] = []
     for number in counted():
@@ -109,7 +109,7 @@ def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Plan
 
 
 def put(window: Guided, at: Rectangle, background: Guided) -> Guided:
-    """Return the whole frame: a background of the window's kind with the window inserted."""
+    """Return the whole frame: the background with the window inserted."""
     whole = [layer.copy() for layer in background]
     for layer, part in zip(whole, window, strict=True):
         layer[at.slices] = part
@@ -121,7 +121,7 @@ def cut(frame: Guided, part: Rectangle) -> Guided:
 
 
 def mean(first: Guided, second: Guided) -> Guided:
-    """Return the mean of two seeds: a picture of twice the samples."""
+    """Return the mean of renders with two seeds, which is equivalent to one with twice the samples."""
     return Guided(*((a + b) / np.float32(2) for a, b in zip(first, second, strict=True)))
 
 

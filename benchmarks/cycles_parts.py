@@ -1,7 +1,7 @@
-"""Keep parts of pictures in a folder, one line of JSON each, so that an interrupted run never renders a part twice.
+"""Keep parts of pictures in a folder, so that an interrupted run never renders a part twice.
 
-``setup.json`` states the setup of all parts of the folder. ``parts.jsonl`` has a line for each part, written after its arrays,
-so a part that a crash cut off has no line and is rendered again.
+``setup.json`` states the setup of all parts of the folder. ``parts.jsonl`` has a line for each part, written after its arrays:
+a part that a crash cut off has no line and is rendered again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Parts:
         setup: the setup that makes parts comparable.
 
     Raises:
-        InvalidInput: the folder holds parts of another setup.
+        InvalidInput: the folder contains parts of another setup.
     """
 
     def __init__(self, folder: Path, setup: Mapping[str, Any]) -> None:
@@ -72,7 +72,7 @@ class Parts:
         self._records[key] = record
 
     def remove_arrays(self, keys: Iterable[str]) -> None:
-        """Remove the arrays of parts that went into another part, and keep their records."""
+        """Remove the arrays of parts that were merged into another part; keep their records."""
         for key in keys:
             self._file(key).unlink(missing_ok=True)
 
@@ -81,7 +81,7 @@ class Parts:
 
 
 def append_line(path: Path, record: Mapping[str, Any]) -> None:
-    """Append a line and flush it; a line that a crash cut off gets its end first."""
+    """Append a line and flush it; a line that a crash cut off is ended first."""
     with path.open("a+b") as lines:
         size = lines.seek(0, os.SEEK_END)
         lines.seek(max(size - 1, 0))
@@ -91,7 +91,7 @@ def append_line(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Return the whole lines of a file, without a line that a crash cut off."""
+    """Yield the records of a file, without lines that a crash cut off."""
     with suppress(FileNotFoundError):
         for line in path.read_text().splitlines():
             with suppress(json.JSONDecodeError):

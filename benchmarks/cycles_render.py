@@ -1,4 +1,4 @@
-"""Render windows and backgrounds into a folder, the slow half of Cycles' validation; every beginning of the order is useful."""
+"""Render windows and backgrounds into a folder, the slow half of Cycles' validation; partial results are useful."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from valerie.rendering.ground_truth import TruthPass
 
 #: Samples of the preset ``standard``, the engine's default.
 SAMPLES: Final = PRESETS["standard"].samples
-#: Seeds of the layer and the background below it, of the full frame for comparison, and of the reference of the presets.
+#: Seeds of the layer and its background, of the full frame for comparison, and of the presets' reference.
 LAYER_SEED, FULL_SEED, REFERENCE_SEED = 0, 1, 9
 #: Samples of the presets, compared with `REFERENCE`.
 COUNTS: Final = (16, 64, 256)
 REFERENCE: Final = PRESETS["paper"].samples
-#: Number of frames whose layer is also rendered by the engine, to show that a window's cut is the engine's layer.
+#: Number of frames whose layer the engine also renders, to check that a window's crop equals the engine's layer.
 CHECKED: Final = 2
 #: Light paths between two stored states: about a minute of one core.
 STRIP: Final = 6_000_000
@@ -39,9 +39,9 @@ class Studio:
     """Renderer of the parts that a folder lacks.
 
     Args:
-        parts: the folder.
-        holder: of the Blender.
-        say: gets a line about each new part.
+        parts: the folder's parts.
+        holder: holder of the Blender process.
+        say: prints a line about each new part.
         strip: light paths between two stored states.
     """
 
@@ -56,10 +56,10 @@ class Studio:
         self._made = 0
 
     def frame(self, planned: Planned, *, other_seed: bool = True) -> bool:
-        """Render everything that judges one frame's layer, optionally with a full render of another seed.
+        """Render all parts that are needed to judge one frame's layer, optionally with a full render of another seed.
 
         Returns:
-            Whether any part was missing.
+            True if any part was missing.
         """
         before = self._made
         for seed in (LAYER_SEED, FULL_SEED) if other_seed else (LAYER_SEED,):
@@ -74,7 +74,7 @@ class Studio:
         return self._made > before
 
     def presets(self, planned: Planned) -> bool:
-        """Render one pedestrian at every quality and as the reference; return whether any part was missing."""
+        """Render one pedestrian at every quality and as the reference; return True if any part was missing."""
         before = self._made
         for samples in COUNTS:
             self._window(planned, samples, LAYER_SEED)
@@ -100,10 +100,10 @@ class Studio:
         self._render(key, planned, planned.window, samples, seed, movables=True)
 
     def _check(self, planned: Planned) -> None:
-        """Record two differences, at the size of the comparison, that must be 0 for the method to hold.
+        """Record two differences, at the comparison's resolution, that must be 0 for the method to be valid.
 
-        ``border``: a border of the background against the same pixels of the whole one. ``layer``: the engine's own layer
-        against the denoised cut of the window, as float16.
+        ``border``: the background rendered inside a border, against the same pixels of the whole one. ``layer``: the engine's own
+        layer against the denoised crop of the window, as float16.
         """
         key = f"{planned.index}/checks"
         if key in self._parts:
@@ -130,7 +130,7 @@ class Studio:
         self._say(f"{key}: {figures}")
 
     def _render(self, key: str, planned: Planned, where: Rectangle, samples: int, seed: int, *, movables: bool) -> None:
-        """Render a rectangle, strip by strip where it is large, so that an interruption loses one strip at most."""
+        """Render a rectangle, strip by strip if it is large, so that an interruption loses at most one strip."""
         if key in self._parts:
             return
         settings, strips = _settings(samples, seed), list(strips_of(where, samples, self._strip))
@@ -165,12 +165,12 @@ class Studio:
         return {"pixels": linear(translation.denoised(self._holder.get(), frame)).pixels}
 
     def _layer(self, window: Guided, core: Rectangle) -> dict[str, NDArray[Any]]:
-        """Return a layer as the engine makes it: denoised with the pixels around it, which are then cut off."""
+        """Return a layer made like the engine's: denoised with the pixels around it, then cropped."""
         return {"pixels": np.ascontiguousarray(self._denoised(window)["pixels"][core.slices])}
 
 
 def strips_of(where: Rectangle, samples: int, paths: int = STRIP) -> Iterator[Rectangle]:
-    """Return full-width parts of a rectangle, from top to bottom, of about ``paths`` light paths."""
+    """Yield full-width parts of a rectangle, from top to bottom, of about ``paths`` light paths each."""
     count = min(max(round(where.width * where.height * samples / paths), 1), where.height)
     rows = [where.y + where.height * number // count for number in range(count + 1)]
     for top, bottom in pairwise(rows):
@@ -178,10 +178,10 @@ def strips_of(where: Rectangle, samples: int, paths: int = STRIP) -> Iterator[Re
 
 
 def around(group: Group, samples: int, seed: int) -> Iterator[tuple[str, int, int]]:
-    """Return (key, samples, seed) of the backgrounds that surround a window.
+    """Yield (key, samples, seed) of the backgrounds that surround a window.
 
-    A window of up to `SAMPLES` samples gets a background of as many. A window of more gets the mean of two seeds of
-    `SAMPLES` each, which looks the same at a fraction of the cost.
+    A window of up to `SAMPLES` samples gets a background with as many. A window of more samples gets the mean of two backgrounds
+    of `SAMPLES` each with different seeds, which looks the same at a fraction of the cost.
     """
     seeds = (LAYER_SEED, FULL_SEED) if samples > SAMPLES else (seed,)
     for number in seeds:

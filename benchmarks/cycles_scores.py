@@ -1,6 +1,7 @@
 """Score networks on the composed frames and compute the statistics, the quick half of Cycles' validation.
 
-``scores.jsonl`` keeps the scores beside the parts, by the network's digest. Another network takes seconds a frame and no Blender.
+``scores.jsonl``, next to the parts, keeps the scores by the network's digest. Scoring another network takes seconds per frame
+and no Blender.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 
 LEVEL: Final = 0.9
-#: Upper limit of linear values in their errors: the sun in chrome would outweigh the street.
+#: Clipping limit of linear values for errors: reflections of the sun in chrome would outweigh the street.
 _BRIGHTEST: Final = 2.0
 
 Picture = NDArray[np.uint8]
@@ -99,7 +100,7 @@ def levels(image: LinearImage) -> Picture:
 
 
 def rms(first: NDArray[Any], second: NDArray[Any], where: NDArray[np.bool_]) -> float:
-    """Return the root mean square difference, in the values' own unit."""
+    """Return the root mean square difference, in the values' unit."""
     return float(np.sqrt(((first[where].astype(np.float64) - second[where].astype(np.float64)) ** 2).mean()))
 
 
@@ -110,7 +111,7 @@ def region(rectangle: Rectangle, shape: tuple[int, ...]) -> NDArray[np.bool_]:
 
 
 def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
-    """Return the layered frame and the full frames of all rendered seeds, each noisy and denoised."""
+    """Return the frame of layer and background, and the full frames of all rendered seeds, each noisy and denoised."""
     background = background_key(planned.group, SAMPLES, LAYER_SEED)
     under = {"noisy": linear(parts.arrays(background)["noisy"]), "denoised": image(parts, f"{background}/denoised")}
     core = planned.core.slices
@@ -144,12 +145,12 @@ def image(parts: Parts, key: str) -> LinearImage:
 
 
 class Scores:
-    """Cache of the pACC of every picture and function, in points.
+    """Cache of the pACC of every picture and function, in percentage points.
 
     Args:
-        parts: of the folder.
-        folder: the folder of the parts.
-        functions: by name.
+        parts: the parts.
+        folder: the parts' folder.
+        functions: name to function.
     """
 
     def __init__(self, parts: Parts, folder: Path, functions: dict[str, PerceptionFunction]) -> None:
@@ -163,7 +164,7 @@ class Scores:
         return tuple(self._functions)
 
     def of(self, planned: Planned, names: Iterable[str], images: Mapping[str, Picture]) -> dict[str, list[float]]:
-        """Return the pACC of each named picture by function; empty where nobody is visible. Only new pictures are predicted."""
+        """Return the pACC of each named picture by function; empty if no person is visible. Only new pictures are predicted."""
         pictures = list(names)
         mask = self._parts.arrays(f"{planned.index}/person")["mask"]
         if not mask.any():
@@ -213,7 +214,7 @@ def _by_pair(measured: Sequence[Mapping[str, float]]) -> dict[str, Any]:
 
 
 def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
-    """Compare every quality with the reference in the windows: grey levels, linear values up to `_BRIGHTEST`, pACC, cost."""
+    """Compare every quality with the reference in the windows: grey levels, linear values up to `_BRIGHTEST`, pACC and cost."""
     chosen = [planned for planned in frames if window_key(planned, REFERENCE, REFERENCE_SEED) in parts]
     names = [f"{samples}{kind}" for samples in COUNTS for kind in ("", " denoised")]
     errors: dict[str, list[float]] = {name: [] for name in names}
@@ -242,7 +243,7 @@ def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[
 
 
 def cost(parts: Parts) -> dict[str, Any]:
-    """Return CPU seconds per megapixel of each number of samples and of the denoiser, over all parts."""
+    """Return the CPU seconds per megapixel, by number of samples and for the denoiser, over all parts."""
     spent: dict[str, list[tuple[float, int]]] = {}
     for record in parts:
         words = record["key"].split("/")

@@ -1,8 +1,8 @@
 """Measure the goals find, map, compare and cascade on planted truth.
 
-*find* (`benchmarks.planted_modes`): planted modes in which a failure was repeated, beside as many scrambled Sobol' points.
-Batch k knows the scores up to batch k − 2. *map* (`benchmarks.planted_scores` in six dimensions, 30 % failing): wrong calls
-with 243 points, beside a grid of 729, interpolated, and beside the same process on Sobol' points alone. *compare* and
+*find* (`benchmarks.planted_modes`): number of planted modes with a repeated failure, compared with as many scrambled Sobol'
+points. Batch k knows the scores up to batch k − 2. *map* (`benchmarks.planted_scores` in six dimensions, 30 % failing): wrong
+calls with 243 points, compared with an interpolated grid of 729 and with the same model on Sobol' points only. *compare* and
 *cascade*: coverage.
 """
 
@@ -41,7 +41,7 @@ _CHECKED: Final = 4_000
 
 @dataclass(frozen=True, slots=True)
 class FindRow:
-    """Mean numbers of modes after each budget, found, reported and met by Sobol' points; CPU seconds of a batch."""
+    """Mean numbers of modes found, reported and hit by Sobol' points after each budget; CPU seconds per batch."""
 
     goal: str
     family: str
@@ -54,7 +54,7 @@ class FindRow:
 
 
 def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int, ...]) -> FindRow:
-    """Measure searches for modes, with covariates where the family has them; batches are a 32nd of the budget."""
+    """Measure searches for modes, with covariates if the family has them; a batch is a 32nd of the budget."""
     table, overhead = [], []
     for repetition in range(seed, seed + repetitions):
         planted = planted_modes.Planted(family, repetition)
@@ -63,7 +63,7 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
         row = []
         for budget in budgets:
             modes, clusters, seconds = _search(planted, repetition, budget)
-            # Sobol' points pay for the repeats of their failures, too.
+            # Repeats of failures count against the budget of Sobol' points, too.
             met = planted.modes(sobol[np.arange(1, len(sobol) + 1) + np.cumsum(fails) <= budget])
             row.append((modes, clusters, met.any(axis=0).sum()))
             overhead.append(seconds)
@@ -73,7 +73,7 @@ def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int
 
 
 def _search(planted: planted_modes.Planted, seed: int, budget: int) -> tuple[int, int, float]:
-    """Return the modes found and reported, and the CPU seconds of a batch."""
+    """Return the numbers of modes found and reported, and the CPU seconds per batch."""
     covariates = planted.covariates if planted.family == "covariates" else None
     strategy = Find(Cube(planted.dimensions), at_least=AT_LEAST, seed=seed, covariates=covariates)
     told, asked = _Told(), Counter[bytes]()
@@ -126,7 +126,7 @@ def _scores(planted: planted_modes.Planted, asked: Counter[bytes], points: Float
 
 @dataclass(frozen=True, slots=True)
 class MapRow:
-    """Mean shares of wrong calls of all points; of the map, those that it calls, and what it does not know."""
+    """Mean shares of wrong calls (of a map, among the points that it calls) and of points that a map leaves unknown."""
 
     goal: str
     family: str
@@ -175,7 +175,7 @@ def measure_map(family: str, *, seed: int, repetitions: int, batch: int = 60) ->
 
 
 def _wrong(calls: np.typing.NDArray[np.str_], truth: Floats) -> list[float]:
-    """Return the share of wrong calls among the points that are called, and the share that is not known."""
+    """Return the share of wrong calls among the called points, and the share of unknown points."""
     right = np.where(np.isnan(truth), Call.UNDEFINED, np.where(truth < AT_LEAST, Call.FAIL, Call.PASS))
     known = calls != Call.NOT_KNOWN
     return [float(np.mean(calls[known] != right[known])) if known.any() else 0.0, float(np.mean(~known))]
@@ -192,7 +192,7 @@ def _grid_wrong(score: Callable[[Floats], Floats], points: Floats, truth: Floats
 
 @dataclass(frozen=True, slots=True)
 class CoverageRow:
-    """Coverage of an interval, and its mean cost."""
+    """Coverage of an interval, its mean number of pairs, and the mean saving."""
 
     goal: str
     case: str
@@ -203,7 +203,7 @@ class CoverageRow:
 
 
 def measure_compare(case: str, *, seed: int, repetitions: int) -> CoverageRow:
-    """Measure the coverage of differences that stop at half a width of 0.02, or 0.005 for rare flips."""
+    """Measure the coverage of differences that stop at a half-width of 0.02, or 0.005 for rare flips."""
     flips = {"mild": None, "flips in 5 %": 0.05, "flips in 0.5 %": 0.005}[case]
     within = 0.02 if flips is None or flips > 0.01 else 0.005
 
@@ -225,7 +225,7 @@ def measure_compare(case: str, *, seed: int, repetitions: int) -> CoverageRow:
 
 
 def measure_cascade(case: str, *, seed: int, repetitions: int) -> CoverageRow:
-    """Measure the coverage of estimates from two engines that cost 1 and 25; 40 batches of 60."""
+    """Measure the coverage of estimates from two engines with costs of 1 and 25, in 40 batches of 60."""
     rare = case.startswith("rare")
     spread = {"correlation 0.8": 0.45, "correlation 0.95": 0.2, "rare failures": 0.0}[case]
 

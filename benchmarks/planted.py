@@ -1,6 +1,6 @@
-"""Draw planted data: scores of persons with a known true mean, by every design that a run can have.
+"""Draw planted data: scores of persons with a known true mean, for every design that a run can have.
 
-A *world* is a function of six numbers in [0, 1) with values in [0, 1]: the score of a network if the numbers were the
+A *world* is a function of six numbers in [0, 1) with values in [0, 1]: a network's score as if the numbers were the
 street, the place, the light and the camera. A *design* states how often each of the six is drawn:
 
 ================ ==================================================== ==================================
@@ -15,7 +15,7 @@ latin hypercube  all by Latin hypercubes, in replicates               the box
 ================ ==================================================== ==================================
 
 Worlds come in two families. Methods are chosen on ``TUNING`` and reported on ``REPORTED``. No world is in both families, and
-their shapes differ (uniform against normal effects, corners against balls), so a method cannot have learnt the answers.
+their shapes differ (uniform against normal effects, corners against balls), so that methods are not tuned to the reported ones.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ World = Callable[[Floats], Floats]
 
 DIMENSIONS: Final = 6
 DESIGNS: Final = ("independent", "clustered", "crossed grid", "sobol", "latin hypercube")
-#: Listed values of numbers 3 and 4 in the crossed grid: four places, two suns.
+#: Listed values of numbers 3 and 4 in the crossed grid: four places and two suns.
 NODES: Final = (np.array([0.2, 0.4, 0.6, 0.8]), np.array([0.25, 0.75]))
-#: Largest number of rows of a unit in the clustered design; the smallest is 1.
+#: Largest number of rows of a unit in the clustered design; the smallest is 2.
 MOST_ROWS: Final = 8
-#: log2 of the number of points behind a truth, in each of `_TRUTH_SCRAMBLES` scrambles.
+#: log2 of the number of points for a truth, in each of `_TRUTH_SCRAMBLES` scrambles.
 _TRUTH_POINTS: Final = 16
 _TRUTH_SCRAMBLES: Final = 8
 
@@ -62,14 +62,14 @@ class Draws:
 
 
 def _mild(u: Floats) -> Floats:
-    """Return scores spread over the middle: hardly any lies within a tenth of 0 or 1."""
+    """Return scores spread over the middle: few are within a tenth of 0 or 1."""
     far = 0.5 * u[..., 0] ** 2 * (0.6 + 0.4 * u[..., 1])
     dark = 0.35 * (u[..., 2] > 0.4) * np.sqrt(u[..., 3])
     return np.asarray(0.99 - far - dark - 0.07 * u[..., 4] ** 2 - 0.07 * u[..., 5])
 
 
 def _piled(u: Floats) -> Floats:
-    """Return scores most of which are exactly 0 or exactly 1."""
+    """Return scores that are mostly exactly 0 or exactly 1."""
     margin = 1.1 - u[..., 0] - 0.7 * u[..., 1] * u[..., 2] + 0.4 * np.cos(2 * np.pi * u[..., 3])
     return np.asarray(np.clip(3 * (margin - 0.25 * u[..., 4] - 0.3 * u[..., 5]), 0, 1))
 
@@ -88,14 +88,14 @@ def _waves_tuning(u: Floats) -> Floats:
 
 
 def _ramp_tuning(u: Floats) -> Floats:
-    """Return scores of which four in nine are exactly 1 and a third exactly 0."""
+    """Return scores: four in nine are exactly 1, a third exactly 0."""
     c = 2 * u - 1
     effects = c[..., 0] + 0.8 * c[..., 1] + 0.7 * np.sin(2 * np.pi * u[..., 2]) + 0.6 * c[..., 3]
     return np.asarray(np.clip(0.75 + 1.6 * (effects + 0.3 * c[..., 4] + 0.5 * c[..., 5]), 0, 1))
 
 
 def _corner_tuning(u: Floats) -> Floats:
-    """Return scores near 1, except in a corner that holds 5 % of the box."""
+    """Return scores near 1, except in a corner with 5 % of the box."""
     corner = (u[..., 0] > 0.7) & (u[..., 1] < 0.46) & (u[..., 2] > 0.54) & (u[..., 5] < 0.8)
     return np.asarray(np.where(corner, 0.4 * u[..., 3], 1 - 0.05 * u[..., 4] ** 2))
 
@@ -126,7 +126,7 @@ def _wall_tuning(u: Floats) -> Floats:
 
 
 def _rare_tuning(volume: float) -> World:
-    """Return a world with two balls in numbers 0–2 that together hold about ``volume`` of the box."""
+    """Return a world with two balls in numbers 0–2, together about ``volume`` of the box."""
     radius = (volume * 3 / (8 * np.pi)) ** (1 / 3)
 
     def world(u: Floats) -> Floats:
@@ -157,7 +157,7 @@ TUNING: Final = MappingProxyType(
 
 @cache
 def passed(world: World, threshold: float = 0.5) -> World:
-    """Return the world whose score is 1 where that of ``world`` reaches ``threshold``, else 0: its mean is a share."""
+    """Return the world whose score is 1 if that of ``world`` reaches ``threshold``, else 0: its mean is a share."""
     return lambda u: (world(u) >= threshold).astype(float)
 
 
@@ -167,13 +167,13 @@ def alike(u: Floats) -> Floats:
 
 
 def pixels(u: Floats) -> Floats:
-    """Return weights in proportion to a person's pixels: up to 20 times as much near the camera as far away."""
+    """Return weights proportional to a person's pixels: up to 20 times as many near the camera as far away."""
     return np.asarray((1 + 3.5 * u[..., 3]) ** -2)
 
 
 @cache
 def truth(world: World, design: str, weigh: World = alike) -> float:
-    """Return the true weighted mean of ``world`` over what ``design`` draws from; exact to about 1e-4."""
+    """Return the true weighted mean of ``world`` over the population of ``design``; exact to about 1e-4."""
     means = []
     for seed in range(_TRUTH_SCRAMBLES):
         u = qmc.Sobol(DIMENSIONS, rng=np.random.default_rng(seed)).random_base2(_TRUTH_POINTS)
@@ -196,13 +196,13 @@ def draw(
     """Draw data of ``world`` by ``design``.
 
     Args:
-        world: of `REPORTED` or `TUNING`.
+        world: one of `REPORTED` or `TUNING`.
         design: one of `DESIGNS`.
         units: number of units in each repetition.
         repetitions: number of experiments.
-        seed: of everything drawn.
-        replicates: (units,) replicate of each unit, for the last two designs; by default, all units are of one replicate.
-        weigh: gives the weight of each row.
+        seed: seed of all random numbers.
+        replicates: (units,) replicate of each unit, for the last two designs; by default, all units are in one replicate.
+        weigh: returns the weight of each row.
     """
     rng = np.random.default_rng(seed)
     if design in {"sobol", "latin hypercube"}:
@@ -217,17 +217,17 @@ def draw(
     if design == "clustered":
         u = np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), MOST_ROWS, axis=2)
         u[..., 4:] = rng.random((*u.shape[:3], 2))
-        # Units differ in size, and size does not change the score.
+        # Units differ in size, which does not affect the score.
         sizes = rng.integers(2, MOST_ROWS + 1, (repetitions, units, 1))
         return Draws(world(u), weigh(u) * (np.arange(MOST_ROWS) < sizes))
     u = _on_nodes(np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), 8, axis=2))
-    # These numbers differ from picture to picture within a street.
+    # This number differs from picture to picture within a street.
     u[..., 5] = rng.random(u.shape[:3])
     return Draws(world(u), weigh(u))
 
 
 def _on_nodes(u: Floats) -> Floats:
-    """Put numbers 3 and 4 of (…, 8, 6) on the listed nodes."""
+    """Set numbers 3 and 4 of (…, 8, 6) to the listed nodes."""
     place, sun = np.meshgrid(*NODES, indexing="ij")
     u[..., 3], u[..., 4] = place.ravel(), sun.ravel()
     return u
@@ -242,10 +242,10 @@ def _sobol_bits(size: int) -> NDArray[np.uint32]:
 
 
 def _sobol(rng: np.random.Generator, repetitions: int, size: int) -> Floats:
-    """Return (repetitions, size, dimensions): independent scrambles as scipy makes them, all at once.
+    """Return (repetitions, size, dimensions): independent scrambles like scipy's, all at once.
 
     Linear matrix scramble and digital shift (Matoušek 1998, doi:10.1006/jcom.1998.0489): the first ``size`` points have
-    few binary digits, so only these digits' columns of the random matrix are drawn.
+    few binary digits, so that only these digits' columns of the random matrix are drawn.
     """
     base = _sobol_bits(size)
     shape = (repetitions, 1, DIMENSIONS)

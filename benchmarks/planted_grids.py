@@ -1,4 +1,4 @@
-"""Long tables with planted scores, as the analysis reads them at the end of a run."""
+"""Build long tables with planted scores, in the form that the analysis reads at the end of a run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def planted_grid(
 
     Args:
         values: function to (N,) scores, which are clipped to 0…1 and rounded to 1/10,000.
-        factors: level (N,) of each row in ``character``, ``camera``, and any of ``x``, ``y``, ``heading`` and ``sun``.
+        factors: (N,) levels of the rows in ``character``, ``camera``, and any of ``x``, ``y``, ``heading`` and ``sun``.
     """
     numbers = {name: codes for name, codes in factors.items() if name in _NUMBERS}
     camera, variant = factors["camera"], combine([*numbers.values(), factors["character"]])

@@ -1,18 +1,18 @@
-"""Draw planted scores with distinct modes of failure from a seed, for searches.
+"""Draw planted scores with distinct failure modes from a seed, for searches.
 
-Ten modes hold between 1e-2 and 1e-5 of the cube, each three to five parameters. Elsewhere scores are rugged and pass.
+Ten modes take between 1e-2 and 1e-5 of the cube, each in three to five parameters. Elsewhere scores are rugged and pass.
 
 ============ =================================================================================
-family       what a mode is
+family       form of a mode
 ============ =================================================================================
 slopes       a ball; scores fall towards it from 2.3 times its radius on
-cliffs       a ball; nothing around it tells of it
+cliffs       a ball; the scores around it do not reveal it
 covariates   a ball in two of four covariates and two parameters, with slopes
 mixed        one half slopes, one half cliffs
 ============ =================================================================================
 
-A covariate is a smooth function of three parameters that costs nothing to compute, as a distance does. `Planted.covariates`
-gives their quantiles. One score in 200 fails by chance, under one seed of what is random alone.
+A covariate is a smooth function of three parameters that costs nothing to compute, such as a distance. `Planted.covariates`
+returns their quantiles. One score in 200 fails by chance, independently in each repeat.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ class Planted:
 
     Args:
         family: one of `FAMILIES`.
-        seed: of everything drawn.
+        seed: seed of all random numbers.
 
     Attributes:
         family: see above.
-        dimensions: of the cube, 6 to 12.
+        dimensions: number of the cube's dimensions, 6 to 12.
     """
 
     def __init__(self, family: str, seed: int) -> None:
@@ -98,11 +98,11 @@ class Planted:
         )
 
     def modes(self, points: Floats) -> NDArray[np.bool_]:
-        """Return which modes points lie in, (n, modes)."""
+        """Return a mask, (n, modes) bool, of the modes that contain each point."""
         return self._distances(points) < 1
 
     def score(self, points: Floats, repeat: int = 0) -> Floats:
-        """Return scores under one seed of what is random."""
+        """Return (n,) scores; chance failures depend on ``repeat``."""
         rugged = np.cos(points @ self._waves.T + self._phases).mean(axis=1)
         margin = 2.0 + 1.2 * rugged
         for mode, distance in zip(self._modes, self._distances(points).T, strict=True):

@@ -1,18 +1,18 @@
 """Draw planted scores from a seed: functions of the unit cube with a known failure rate, for guided validation.
 
 ================= ============================================================================
-family            scores fail where
+family            condition of a failure
 ================= ============================================================================
-smooth            a rotated linear combination with a gentle bend is high
+smooth            a random linear combination with a gentle bend is high
 disjoint          a point lies in one of four balls
 interaction-only  a product of pairs is high; no parameter matters alone
 discontinuous     a point lies in a box of three parameters; scores step elsewhere
-hidden mode       half as smooth, half in a ball around which scores say nothing of it
+hidden mode       half as smooth, half in a ball that the scores around it do not reveal
 partly undefined  as smooth; scores are undefined in a tenth of the cube
 ================= ============================================================================
 
-A score is the logistic function of a margin, and fails below 0.5. The margin is shifted so that the failure rate is what was
-asked for, on points that no repetition draws: 2^18 of them, 2^21 below a rate of 0.005.
+A score is the logistic function of a margin, and fails below 0.5. The margin is shifted to give the requested failure rate on
+points that no repetition draws: 2^18 of them, or 2^21 for a rate below 0.005.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Planted:
 
     Attributes:
         family: one of `FAMILIES`.
-        dimensions: of the cube, 6 to 12.
+        dimensions: number of the cube's dimensions, 6 to 12.
         score: (n, dimensions) points to (n,) scores in 0…1, NaN where undefined.
         rate: the failure rate.
     """
@@ -53,7 +53,7 @@ class Planted:
 
 
 def plant(family: str, seed: int, rate: float, dimensions: int | None = None) -> Planted:
-    """Return the score of a family that follows from the seed; by default, so does the number of dimensions."""
+    """Return the score of a family, which follows from the seed; by default, so does the number of dimensions."""
     rng = np.random.default_rng([seed, crc32(family.encode())])
     drawn = int(rng.integers(6, 13))
     dimensions = drawn if dimensions is None else dimensions
@@ -76,7 +76,7 @@ Margin = Callable[[Floats], Floats]
 
 
 def _shifted(load: Margin, cube: Floats, rate: float) -> Margin:
-    """Return the margin that is below 0 for a share ``rate`` of the cube, with a standard deviation of 2."""
+    """Return a margin that is below 0 for a share ``rate`` of the cube, with a standard deviation of 2."""
     loads = load(cube)
     bound, scale = float(np.quantile(loads, 1 - rate)), 2 / float(loads.std())
     return lambda points: scale * (bound - load(points))

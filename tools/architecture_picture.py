@@ -21,14 +21,14 @@ YELLOW, GREY = (AMBER, "#fdf6e7"), ("#9aa5b1", "#f5f7fa")
 INFRASTRUCTURE: Final = frozenset({"broker", "db", "logs", "storage"})
 
 LEFT, WIDTH, TOP, GAP = 52.0, 528.0, 66.0, 8.0
-#: Packages whose inner layers are drawn, by the contract that states them.
+#: Packages whose inner layers are drawn, by the name of their contract.
 DETAILED: Final = ("pipeline", "scene")
 
 _LAYERS = tuple[tuple[str, ...], ...]
 
 
 def layers(contract: str = "layers") -> _LAYERS:
-    """Return the rows of a layers contract from the top down, as names without ``valerie.``."""
+    """Return the rows of a layers contract from top to bottom, as names without ``valerie.``."""
     text = _contracts()[f"importlinter:contract:{contract}"]["layers"]
     return tuple(
         tuple(name.strip().removeprefix("valerie.") for name in row.split("|")) for row in text.split("\n") if row
@@ -92,7 +92,7 @@ def _line(path: str, *, ring: bool = False, both: bool = False) -> str:
 
 
 def _packages() -> tuple[list[str], float]:
-    """Return the rows of packages and the height at which they end."""
+    """Return the rows of packages, and the y coordinate of their lower end."""
     modules = _contracts()["importlinter:contract:science"]["source_modules"].split()
     science = {name.removeprefix("valerie.") for name in modules}
     parts: list[str] = []
@@ -115,7 +115,7 @@ def _packages() -> tuple[list[str], float]:
 
 
 def _chain(rows: _LAYERS, centre: float, y: float, stroke: str) -> Iterator[str]:
-    """Yield small boxes from the importing to the imported rows."""
+    """Yield small boxes, from the importing to the imported rows."""
     labels = [" · ".join(row) for row in rows]
     widths = [6.2 * len(label) + 12 for label in labels]
     x = centre - (sum(widths) + 16 * (len(widths) - 1)) / 2

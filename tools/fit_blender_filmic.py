@@ -1,6 +1,6 @@
 """Fit the numbers of `valerie.sensing.blender_filmic` to Blender's Filmic view transform.
 
-Run it with the Python of a Blender environment (`bpy`); it needs nothing of this project and prints the numbers::
+Run it with the Python of a Blender environment (`bpy`); it needs nothing else from this project and prints the numbers::
 
     python tools/fit_blender_filmic.py
 
@@ -19,7 +19,7 @@ LOWEST_STOP, STOPS, SIZE, SHOWN, NODES = -12.473931188, 25.0, 33, 0.66, 65
 
 
 def shown(linear, view, folder):
-    """Return (H, W, 3) linear Rec. 709 as ``view`` shows it: float64 in [0, 1]."""
+    """Return linear Rec. 709 colours, (H, W, 3), as ``view`` displays them: float64 in [0, 1]."""
     height, width, _ = linear.shape
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = linear
@@ -44,12 +44,12 @@ def shown(linear, view, folder):
 
 
 def linear_of(scale):
-    """Return the linear value at a place of the logarithmic scale, 0 to 1."""
+    """Return the linear value at a position on the logarithmic scale, 0 to 1."""
     return 2.0 ** (LOWEST_STOP + STOPS * scale)
 
 
 def fitted_shares(folder):
-    """Return, by step of the brightest channel, how far a darker one moves towards it (median over all darker steps)."""
+    """Return, by step of the brightest channel, the share by which a darker one moves towards it (median over darker steps)."""
     steps = linear_of(np.arange(SIZE) / (SIZE - 1))
     bright, dark = np.meshgrid(steps, steps, indexing="ij")
     after = shown(np.stack([bright, dark, dark], axis=-1), "Filmic Log", folder)[..., 1]
@@ -64,7 +64,7 @@ def fitted_shares(folder):
 
 
 def fitted_nodes(folder):
-    """Return the contrast curve at evenly spaced places."""
+    """Return the contrast curve at evenly spaced positions."""
     grey = 2.0 ** np.linspace(LOWEST_STOP - 0.5, LOWEST_STOP + 17.0, 1 << 14)
     ramp = np.repeat(grey.reshape(64, 256, 1), 3, axis=2)
     log, display = (shown(ramp, view, folder)[..., 1].ravel() for view in ("Filmic Log", "Filmic"))

@@ -1,7 +1,7 @@
 """Render the gallery: ``docs/images/gallery.jpg``, and ``docs/images/street-<engine>.jpg`` for every engine.
 
 ``make gallery`` runs it. A row of the contact sheet is one light and weather with its own pedestrians, a column one engine.
-All engines get the same scene document; a tile says so where an engine cannot show it or is not installed.
+All engines get the same scene document; a tile says so if an engine cannot show it or is not installed.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ CONDITIONS: Final = (
 
 @cache
 def street(season: str) -> SceneAsset:
-    """Return the street with everybody in it."""
+    """Return the street with four persons."""
     return load_asset({"name": "urban-street", "persons": 4, "season": season})
 
 
@@ -141,7 +141,7 @@ def picture(engine: Renderer, asset: SceneAsset, condition: Condition, size: tup
 
 
 def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[np.uint8] | str:
-    """Return the tile's picture, or the engine's message about what it cannot show."""
+    """Return the tile's picture, or the engine's message if it cannot show the condition."""
     try:
         return picture(engine, asset, condition, TILE)
     except RenderingError as error:
@@ -149,7 +149,7 @@ def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[
 
 
 def refusal(engine: str, condition: Condition) -> str | None:
-    """Return the reason why an engine cannot show a condition, as for a spec; None if it can."""
+    """Return the reason why an engine cannot show a condition, as in the check of a spec; None if it can."""
     names = {path.removeprefix("environment-1.") for path in condition.values if path.startswith("environment-1.")}
     lacking = sorted(names & (EVERYTHING - plugins.declared_engine(engine).shows))
     return f"{engine} has no {', '.join(lacking)}" if lacking else None

@@ -1,6 +1,6 @@
 """Render ``docs/images/light.jpg`` for docs/light.md: one tile per light and weather, by the raster engine.
 
-``python -m tools.light_pictures`` runs it; a minute of CPU time.
+``python -m tools.light_pictures`` runs it and takes a minute of CPU time.
 """
 
 from __future__ import annotations

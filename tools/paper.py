@@ -59,7 +59,7 @@ def draw_light(rows: Path, picture: Path) -> None:
                 Image.open(BytesIO(static_figure(panel))).convert("RGB").resize((640, 380), Image.Resampling.LANCZOS)
             )
             tiles.append(captioned(drawn, drawn.size, f"{title}, {panel.total:,} persons"))
-    contact_sheet(tiles, columns=2).save(picture, optimize=True)
+    contact_sheet(tiles, columns=2).quantize(64).save(picture, optimize=True)
 
 
 def keep_cycles() -> None:

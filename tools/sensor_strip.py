@@ -1,7 +1,7 @@
-"""Render ``docs/images/sensor.jpg``: one frame of the generated street behind each effect of the sensor stage.
+"""Render ``docs/images/sensor.jpg``: one frame of the generated street with each effect of the sensor stage.
 
 ``make sensor-strip`` runs it. `valerie.sensing.sensor.develop` computes every tile from the same linear image. Tiles marked
-"detail" show the middle pixel by pixel, the others the whole picture at half its size.
+"detail" show a central crop pixel by pixel, the others the whole picture at half its size.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from valerie.sensing.settings import SensorSetting
 
 OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "sensor.jpg"
 CAMERA: Final = "camera-1"
-#: A person near enough to be seen in a tile.
+#: A person near enough to be visible in a tile.
 VARIANT: Final = {
     "scene.person-1.pos.x": 4.2,
     "scene.person-1.pos.y": 6.0,
     "scene.sun-1.azimuth": 150.0,
     "scene.sun-1.elevation": 35.0,
 }
-#: Turn rate of the camera in the shutter's tiles: a car in a bend.
+#: Turn rate of the camera in the shutter's tiles, as in a bend.
 YAW_DEG_PER_S: Final = 40.0
 ROLLING: Final = SensorSetting.model_validate({"shutter": {"line_time_us": 60}})
 WIDTH, HEIGHT = 960, 540
 COLUMNS: Final = 4
-#: Exposure of all tiles that name no other.
+#: Exposure of tiles that name no other.
 EXPOSURE_EV: Final = 0.8
 
-#: (caption, setting, whether the tile shows the middle pixel by pixel).
+#: (caption, setting, whether the tile shows the crop pixel by pixel).
 TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("filmic", {}, False),
     ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
@@ -82,7 +82,7 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
 
 
 def frame() -> tuple[NDArray[np.float16], NDArray[np.float16], Shot]:
-    """Return the linear image, the same as a rolling shutter reads it, and the sensor's other inputs."""
+    """Return the linear image, the same image with a rolling shutter, and the sensor's other inputs."""
     asset = load_asset("urban-street")
     scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
     engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
@@ -105,7 +105,7 @@ def frame() -> tuple[NDArray[np.float16], NDArray[np.float16], Shot]:
 
 
 def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
-    """Return the picture at half its size with a caption below."""
+    """Return half of the picture's size, a crop or the whole, with a caption below."""
     width, height = WIDTH // 2, HEIGHT // 2
     image = Image.fromarray(picture)
     if detail:

@@ -195,13 +195,13 @@ class Function(_Read):
 
     Attributes:
         name, digest, architecture, precision, engine, provenance: entries of its card.
-        numeric_classes: numeric classes in which running workers offer it.
+        numeric_classes: those in which running workers offer it.
         card: title and text of each row of the card.
         problem: reason why it cannot be used; None if it can.
         reference: name of this version in specs; None for an installed function.
         kind: network, onnx, huggingface, http or predictions; None for a class of an installed package.
         version: number of the registered version.
-        classes, unmapped: Cityscapes classes that it can predict, and its own classes that count as void.
+        classes, unmapped: Cityscapes classes that it predicts, and its own classes that count as void.
         judged_by: Cityscapes classes in its scores over all classes; empty for all.
         created_at: time of registration.
         document: document of a registered version; None in lists.

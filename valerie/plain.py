@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 #: An object of a JSON document that another program or format defines, or that VALERIE writes but does not read: JSON Schema,
-#:OpenAPI, COCO, OpenLABEL, glTF, plotly, messages to Blender, the inputs of a digest, printed results.
+#: OpenAPI, COCO, OpenLABEL, glTF, plotly, messages to Blender, the inputs of a digest, printed results.
 JsonObject = dict[str, Any]
 #: A document, or a part of one, as its author wrote it. No model has checked it yet.
 Written = dict[str, Any]

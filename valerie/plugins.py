@@ -174,8 +174,8 @@ def engine_settings(name: str, engine: Engine, settings: Mapping[str, Value]) ->
         )
     unknown = [key for key in settings if key not in model.model_fields]
     if unknown:
-        what = f"setting of {name}"
-        raise InvalidInputs([UnknownName(what, key, model.model_fields, field=f"renderer.{key}") for key in unknown])
+        kind = f"setting of {name}"
+        raise InvalidInputs([UnknownName(kind, key, model.model_fields, field=f"renderer.{key}") for key in unknown])
     try:
         return model.model_validate(dict(settings))
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Start the API with the control loop: `python -m services.api`; ``--control-only`` starts the loop alone."""
+"""Start the API with the control loop: `python -m services.api`; ``--control-only`` starts only the loop."""
 
 from __future__ import annotations
 

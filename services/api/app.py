@@ -41,10 +41,10 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
 
     Args:
         settings: None: read from the environment.
-        control: whether to run the control loop too; False where it runs alone (`python -m services.api --control-only`).
+        control: whether to run the control loop too; False if it runs separately (`python -m services.api --control-only`).
 
     Raises:
-        InvalidInput: it would listen on the network without a token.
+        InvalidInput: the server would listen on the network without a token.
         Conflict: a newer version has written the database.
     """
     settings = settings or load_settings()

@@ -84,11 +84,11 @@ def decode_cursor(cursor: str | None, *parts: Part) -> tuple[Any, ...] | None:
     """Return the values of a cursor from `encode_cursor`; None without a cursor.
 
     Args:
-        cursor: from the request.
+        cursor: cursor of the request.
         parts: one check per value: `index`, `text`, `moment` or `value_of_column`.
 
     Raises:
-        InvalidInput: no cursor of this list.
+        InvalidInput: not a cursor of this list.
     """
     if cursor is None:
         return None

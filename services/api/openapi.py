@@ -121,7 +121,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
         "token": {
             "type": "http",
             "scheme": "bearer",
-            "description": "The value of VALERIE_API_TOKEN. A server that listens on its own machine alone may have none.",
+            "description": "The value of VALERIE_API_TOKEN. A server that listens only on its own machine may have none.",
         }
     }
     open_paths = ("/healthz", "/readyz")
@@ -135,11 +135,11 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
 def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
     """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
 
-    Examples are written again even where the generator took them over: it drops every null, which the schemas require.
+    Examples that the generator copied are replaced too: it drops every null, which the schemas require.
     """
     for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):
         models = {str(route.status_code or 200): route.response_model}
-        models |= {str(status): one["model"] for status, one in route.responses.items() if "model" in one}
+        models |= {str(status): answer["model"] for status, answer in route.responses.items() if "model" in answer}
         for method in route.methods or ():
             for status, response in document["paths"][route.path][method.lower()]["responses"].items():
                 own = route.responses.get(int(status), {}).get("content", {})
@@ -154,7 +154,7 @@ def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
     """Build an example of a JSON schema from the examples of its fields; an optional field without one is null.
 
     Args:
-        schema: to build for.
+        schema: the schema.
         models: definitions that it refers to; None: its own.
 
     Raises:
@@ -166,10 +166,10 @@ def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
     if "$ref" in schema:
         return example_of(_referred(schema, models), models)
     if "anyOf" in schema:
-        references = [one for one in schema["anyOf"] if "$ref" in one]
+        references = [option for option in schema["anyOf"] if "$ref" in option]
         return example_of(references[0], models) if references else schema.get("default")
     if "properties" in schema:
-        return {name: example_of(one, models) for name, one in schema["properties"].items()}
+        return {name: example_of(member, models) for name, member in schema["properties"].items()}
     if "propertyNames" in schema:
         names = _referred(schema["propertyNames"], models)["enum"]
         return dict.fromkeys(names, example_of(schema["additionalProperties"], models))

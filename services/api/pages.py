@@ -1,4 +1,4 @@
-"""The dashboard's files, with a policy that allows its own scripts and requests to this server alone."""
+"""The dashboard's files, with a policy that allows only its own scripts, and requests only to this server."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class DashboardFiles(StaticFiles):
         super().__init__(directory=str(resources.files("services.api") / "dashboard"), html=True)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Add the policy, and make browsers ask again so that a new version shows at the next reload."""
+        """Add the policy, and make browsers revalidate, so that a new version shows at the next reload."""
         response = await super().get_response(path, scope)
         return _guarded(response)
 

@@ -93,7 +93,7 @@ class ProblemResponse(JSONResponse):
 
 
 def problem(status: int, title: str, detail: str, *, errors: Sequence[FieldProblem] | None = None) -> JSONResponse:
-    """Return one problem document; ``errors`` is a member of it where it is not None."""
+    """Return one problem document; ``errors`` is a member unless it is None."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail}
     return ProblemResponse(document | ({} if errors is None else {"errors": errors}), status_code=int(status))
 
@@ -107,7 +107,7 @@ def install(app: FastAPI) -> None:
         deciding: ValerieError = error
         if isinstance(error, InvalidInput):
             problems = error.problems if isinstance(error, InvalidInputs) else (error,)
-            errors = [_field_problem(one) for one in problems]
+            errors = [_field_problem(entry) for entry in problems]
             deciding = problems[0] if len(problems) == 1 else error
         status, title = next((status, title) for kind, status, title in _KINDS if isinstance(deciding, kind))
         return problem(status, title, str(error), errors=errors)
@@ -116,14 +116,14 @@ def install(app: FastAPI) -> None:
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
         errors = [
             FieldProblem(
-                field=".".join(str(part) for part in one["loc"][1:]) or str(one["loc"][0]),
-                message=one["msg"],
-                value=_plain(one.get("input")),
-                limit=_limit(one.get("ctx", {})),
+                field=".".join(str(part) for part in entry["loc"][1:]) or str(entry["loc"][0]),
+                message=entry["msg"],
+                value=_plain(entry.get("input")),
+                limit=_limit(entry.get("ctx", {})),
             )
-            for one in error.errors()
+            for entry in error.errors()
         ]
-        detail = "; ".join(f"{one['field']}: {one['message']}" for one in errors)
+        detail = "; ".join(f"{entry['field']}: {entry['message']}" for entry in errors)
         return problem(HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT, detail, errors=errors)
 
     @app.exception_handler(HTTPException)
@@ -148,7 +148,7 @@ def _field_problem(error: InvalidInput) -> FieldProblem:
     return FieldProblem(field=error.field, message=error.message, value=_plain(value), limit=_plain(limit))
 
 
-#: Bounds of pydantic to their text.
+#: Bound of pydantic to its text.
 _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length": "at most {} characters or items",
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 

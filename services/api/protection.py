@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from services.api.problems import INVALID_INPUT, problem
 from valerie.settings import Settings
 
-#: Paths that need no token: probes of load balancers. The dashboard's files hold no data; its page asks for the token.
+#: Paths that need no token: probes of load balancers. The dashboard's files contain no data; its page asks for the token.
 _OPEN_PATHS = ("/healthz", "/readyz")
 _OPEN_PREFIXES = ("/dashboard",)
 
@@ -117,7 +117,7 @@ class Protection:
     def _foreign(self, request: Request) -> bool:
         """Return True if the request comes from a page of another origin or was sent to a foreign host name.
 
-        A name that was bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
+        A name bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
         """
         if self._token is not None:
             return False
@@ -130,7 +130,7 @@ class Protection:
         return name not in _LOOPBACK_NAMES or elsewhere
 
     async def _body(self, receive: Receive) -> bytes | None:
-        """Return the whole body, or None as soon as it exceeds the limit, as a stream without a declared length may."""
+        """Return the whole body, or None once it exceeds the limit, as a stream without a declared length may."""
         parts: list[bytes] = []
         size = 0
         while True:
@@ -146,7 +146,7 @@ class Protection:
 
 
 def _counted(receive: Receive, limit: int) -> Receive:
-    """Return a receiver for large bodies, which stops the endpoint that reads more than ``limit`` bytes."""
+    """Return a receiver for large bodies, which stops an endpoint that reads more than ``limit`` bytes."""
     size = 0
 
     async def counting() -> Message:

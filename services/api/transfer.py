@@ -1,4 +1,4 @@
-"""Byte responses with entity tags and ranges (RFC 9110, sections 8.8.3, 13 and 14), which read only the bytes that they send."""
+"""Byte responses with entity tags and ranges (RFC 9110, sections 8.8.3, 13 and 14), which read only the bytes they send."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from services.api.schemas.base import DIGEST
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
 _GZIP: Final = re.compile(r"\bgzip\b(?!\s*;\s*q=0(?:\.0*)?\s*(?:,|$))", re.ASCII | re.IGNORECASE)
-#: Clients ask again each time, which costs a 304 and no picture; proxies keep nothing.
+#: Clients revalidate each time, which costs a 304 and no picture; proxies store nothing.
 _CACHE: Final = "private, no-cache"
 
 _ETAG: Final = f'"{DIGEST}"'
@@ -30,12 +30,12 @@ IfNoneMatch = Annotated[
 
 def _holds(known: str | None, etag: str) -> bool:
     """Return True if ``If-None-Match`` names a version. Weak and strong tags are compared alike."""
-    tags = [] if known is None else [one.strip().removeprefix("W/") for one in known.split(",")]
+    tags = [] if known is None else [tag.strip().removeprefix("W/") for tag in known.split(",")]
     return etag.removeprefix("W/") in tags or tags == ["*"]
 
 
 class RequestConditions:
-    """Conditions of a request: the version that the client has, and the part that it wants."""
+    """Conditions of a request: the client's version, and the part that it requests."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ ConditionsDependency = Annotated[RequestConditions, Depends()]
 
 
 def send_page(page: BaseModel, *, known: str | None, encodings: str | None) -> Response:
-    """Return a page of a list that clients ask for again and again: 304 Not Modified, or JSON, compressed if possible.
+    """Return a page of a list that clients poll: 304 Not Modified, or JSON, compressed if possible.
 
     Args:
         page: the page.
@@ -101,9 +101,9 @@ def send(
     """Return the whole content, the requested part, or 304 Not Modified.
 
     Args:
-        conditions: of the request.
+        conditions: conditions of the request.
         tag: entity tag; different contents have different tags.
-        media_type: of the content.
+        media_type: media type of the content.
         size: returns the number of bytes; called unless the client has the content.
         read: (first, length) → bytes; called for the bytes that are sent.
         headers: further headers.

@@ -1,4 +1,4 @@
-"""Uploaded forms, written to disk; `services.api.protection` has limited their size before."""
+"""Uploaded forms, written to disk; `services.api.protection` limits their size."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Form:
     """The parts of a form with one file.
 
     Attributes:
-        texts: name to text of the parts in `_TEXTS` that the form has.
+        texts: name to text, for the parts in `_TEXTS` that the form has.
         payload: path of the file under a safe name; None without a file.
-        folder: for files that are made from it; removed with the request.
+        folder: folder for files made from it; removed with the request.
     """
 
     texts: dict[str, str]
@@ -85,6 +85,6 @@ async def _text(name: str, part: UploadFile | str) -> str:
 
 
 def _safe(filename: str | None) -> str:
-    """Return the last part of a file name, with letters, digits, dots, underscores and hyphens alone."""
+    """Return the last part of a file name, reduced to letters, digits, dots, underscores and hyphens."""
     last = re.split(r"[/\\]", filename or "")[-1]
     return re.sub(r"[^A-Za-z0-9._-]+", "-", last).lstrip(".-")[-100:] or "payload"

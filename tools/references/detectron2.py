@@ -1,7 +1,7 @@
 """Make references with detectron2 and its projects DeepLab and PointRend: ``python -m tools.references.detectron2 CHECKOUT``.
 
-It needs ``fvcore``, ``iopath``, ``omegaconf``, ``hydra-core``, ``yacs``, ``cloudpickle``, ``tabulate`` and ``termcolor``;
-torchvision and detectron2's compiled operators, which these networks do not use, are left out.
+It needs ``fvcore``, ``iopath``, ``omegaconf``, ``hydra-core``, ``yacs``, ``cloudpickle``, ``tabulate`` and ``termcolor``,
+but neither torchvision nor detectron2's compiled operators, which these networks do not use.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Fill an origin's network by the recipe, and compare or keep its logits; shared by the scripts of this folder.
 
-Each script takes the folder of an unpacked checkout of the origin's code and imports that code unchanged, and nothing of
+Each script takes the folder of an unpacked checkout of the origin's code and imports that code unchanged, and nothing from
 ``valerie``. Without ``--write`` it compares with the kept references, and exits with 1 if one differs.
 """
 
@@ -23,7 +23,7 @@ from torch import nn
 
 from tools.references import recipe
 
-#: Largest difference of equal logits: other versions of torch and other processors round the same sums differently.
+#: Tolerance for logits: other versions of torch and other processors round the same sums differently.
 TOLERANCE: Final = 2e-5
 
 Shapes = dict[str, list[int]]
@@ -35,20 +35,20 @@ Built = tuple[nn.Module, Forward]
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Code of other people: its source, and the packages that affect the result."""
+    """Third-party code: its source, and the packages that affect the result."""
 
     script: str
     source: str
     commit: str
     made: str
     packages: tuple[str, ...] = ("torch",)
-    #: Beginnings of the names of tensors that the network under test does not have: heads for training only.
+    #: Prefixes of tensors that the network under test does not have: heads used only in training.
     unused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One reference: the name of its file, our name of the network, and the origin's builder."""
+    """One reference: its file's name, VALERIE's name of the network, and the origin's builder."""
 
     name: str
     layout: str
@@ -56,7 +56,7 @@ class Case:
     settings: Mapping[str, Any]
     build: Callable[[], Built]
     architecture: str = ""
-    #: Whether the list of all tensors is kept, or its digest only.
+    #: Whether the list of all tensors is kept, or only its digest.
     whole: bool = False
 
 
@@ -89,7 +89,7 @@ class _Empty(ModuleType):
 
 
 def filled(model: nn.Module) -> Shapes:
-    """Give every tensor of ``model`` the recipe's values, and return their names and shapes in the model's order."""
+    """Set every tensor of ``model`` to the recipe's values; return names and shapes in the model's order."""
     shapes = {name: list(value.shape) for name, value in model.state_dict().items()}
     model.load_state_dict(
         {
@@ -104,7 +104,7 @@ def filled(model: nn.Module) -> Shapes:
 
 
 def reference_of(origin: Origin, case: Case) -> dict[str, Any]:
-    """Return the reference of ``case`` by the origin's code, as the file has it."""
+    """Compute the reference of ``case`` with the origin's code, in the form of its file."""
     model, forward = case.build()
     shapes = filled(model)
     with torch.inference_mode():
@@ -135,7 +135,7 @@ def reference_of(origin: Origin, case: Case) -> dict[str, Any]:
 
 
 def text_of(reference: Mapping[str, Any]) -> str:
-    """Return the file of a reference: a line for each class and each tensor."""
+    """Return the text of a reference's file: a line for each class and each tensor."""
     lists = {"logits": ("[]", _lines(reference["logits"]))}
     if "keys" in reference:
         lists["keys"] = ("{}", (f"{json.dumps(key)}: {_short(shape)}" for key, shape in reference["keys"].items()))
@@ -158,7 +158,7 @@ def _short(value: object) -> str:
 
 
 def difference(kept: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[float, list[str]]:
-    """Return the largest difference of a logit, and the other entries that differ, package versions excepted."""
+    """Return the largest difference of a logit, and the other entries that differ, except package versions."""
     entries = (kept.keys() | now.keys()) - {"logits", "logits_standard_deviation", "packages"}
     differing = sorted(entry for entry in entries if kept.get(entry) != now.get(entry))
     return float(np.abs(np.subtract(kept["logits"], now["logits"])).max()), differing
@@ -168,9 +168,9 @@ def main(origin: Origin, cases_of: Callable[[Path], Sequence[Case]], folder: Pat
     """Compare or write the references of one origin; return 1 if one differs.
 
     Args:
-        origin: whose code it is.
-        cases_of: the references to make, by the folder of the checkout.
-        folder: of the kept references.
+        origin: the code.
+        cases_of: returns the references to make, for the folder of the checkout.
+        folder: folder of the kept references.
     """
     parser = argparse.ArgumentParser(description=f"Reference logits by the code of {origin.source}.")
     parser.add_argument("checkout", type=Path, help=f"folder of that code, unpacked, at commit {origin.commit}")

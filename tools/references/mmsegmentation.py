@@ -1,7 +1,7 @@
 """Make references with mmsegmentation 1.2.2: ``python -m tools.references.mmsegmentation CHECKOUT``.
 
-The folder is a checkout, or the site-packages in which the package ``mmsegmentation`` lies; it needs ``mmengine`` and
-``mmcv-lite`` beside it.
+The folder is a checkout, or the site-packages that contain the package ``mmsegmentation``; ``mmengine`` and ``mmcv-lite``
+are needed too.
 """
 
 import sys
@@ -28,7 +28,7 @@ ORIGIN = Origin(
     unused=("auxiliary_head.",),
 )
 
-#: Name of the reference to configuration; those that keep the list of tensors are in WHOLE.
+#: Name of the reference to configuration; the references in WHOLE keep the list of tensors.
 FILES = {
     "deeplabv3plus-r101c-os8": "deeplabv3plus/deeplabv3plus_r101-d8_4xb2-80k_cityscapes-512x1024.py",
     "deeplabv3plus-r101c-os8-aligned": "deeplabv3plus/deeplabv3plus_r101-d8_4xb2-80k_cityscapes-769x769.py",

@@ -1,7 +1,7 @@
 """Make weights and a picture that follow from a name and a shape, so that no weights need to be kept.
 
-The references of ``tests/unit/perception/fixtures/checkpoints`` are the logits of the origins' own code for them. The tests give
-our networks the same weights and the same picture. Nothing here knows a network.
+The references of ``tests/unit/perception/fixtures/checkpoints`` are the logits that the origins' code computes from them. The
+tests give VALERIE's networks the same weights and picture. Nothing here is specific to a network.
 """
 
 import hashlib
@@ -48,7 +48,7 @@ def picture() -> NDArray[np.float32]:
 
 
 def sampled(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the (C, 4, 6) kept logits of (1, C, 64, 96)."""
+    """Return the logits that are kept, (C, 4, 6), of all, (1, C, 64, 96)."""
     return logits[0, :, 3::16, 5::16]
 
 

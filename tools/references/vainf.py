@@ -1,4 +1,4 @@
-"""Make references with VainF/DeepLabV3Plus-Pytorch: ``python -m tools.references.vainf CHECKOUT``. It needs torch alone."""
+"""Make references with VainF/DeepLabV3Plus-Pytorch: ``python -m tools.references.vainf CHECKOUT``. It needs only torch."""
 
 import sys
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ ORIGIN = Origin(
 
 
 def cases_of(_: Path) -> Sequence[Case]:
-    """Return both depths at both output strides; the stride changes no tensor, so one list of tensors is kept."""
+    """Return both depths at both output strides. The stride changes no tensor, so only one list of tensors is kept."""
     return [
         Case(
             name=f"deeplabv3plus-r{depth}" + ("-os8" if stride == 8 else ""),

@@ -19,7 +19,7 @@ from urban_street.human.surface import Indices, Points, edges_of, even_edges, ne
 #: Distance that separates the surfaces of different regions in the lookup of the nearest point, metres.
 _REGION_STEP: Final = 10.0
 #: Fall per step, metres. It is far below gravity's (g/60² = 2.7 mm), since a few Jacobi iterations would let heavy cloth
-#:stretch. Only the settled shape matters.
+#: stretch. Only the settled shape matters.
 _FALL: Final = 0.00015
 _DAMPING: Final = 0.85
 _REACH: Final = 0.03

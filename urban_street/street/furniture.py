@@ -30,7 +30,7 @@ _ROUND, _TRIANGLE = {0, 1, 2}, {3}
 
 
 #: The lamp of a post. It points down from the middle of the lantern's lens, 0.12 m² of some 12,000 cd/m², warm white (3,000 K).
-#:Posts 20 to 30 m apart give the road some 10 lx, within the range of EN 13201 for residential streets (P classes: 2 … 15 lx).
+#: Posts 20 to 30 m apart give the road some 10 lx, within the range of EN 13201 for residential streets (P classes: 2 … 15 lx).
 LANTERN: Final = Light(
     color=(1.0, 0.71, 0.42),
     intensity=1500.0,

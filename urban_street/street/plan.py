@@ -15,7 +15,7 @@ Polygon = tuple[Point, ...]
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
 #: y of the starts of carriageway and rows of houses, and the carriageway's reach beyond the rows, metres. Houses close both
-#:ends.
+#: ends.
 ROAD_START, ROW_START = -33.0, -27.0
 _ROAD_BEYOND = 7.2
 #: Edges of the driving lane, metres from the left kerb. Parking bays are beside it.

@@ -22,7 +22,7 @@ GLOWING: Final = frozenset({WHITE, RED})
 #: Distance of the light in front of its lens, metres.
 _BEFORE: Final = 0.06
 #: A dipped beam. UN Regulation 112 requires at least 10,100 cd towards the road 75 m ahead, and at most 625 cd above the
-#:cut-off.
+#: cut-off.
 _HEAD: Final = Light(
     color=(1.0, 0.90, 0.76), intensity=12_000.0, inner=math.radians(25.0), outer=math.radians(40.0), beam="dipped", radius=0.05,
     switch="car", luminance=300_000.0,

@@ -1,4 +1,4 @@
-"""`valerie claims`: put the claims of a paper or a data sheet beside what a run shows of them."""
+"""`valerie claims`: test the claims of a paper or a data sheet on a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from valerie.analysis.claims.claims import Claims, LedgerEntry
 
-#: Formats of the ledger, by the end of the file's name.
+#: Formats of the ledger, by file suffix.
 _FORMATS = (".csv", ".parquet", ".json", ".md")
 
 
@@ -55,7 +55,7 @@ def read_claims(path: Path) -> Claims:
     """Read a document of claims.
 
     Raises:
-        InvalidInput: the file cannot be read, or is no such document.
+        InvalidInput: the file cannot be read, or is not a document of claims.
     """
     from valerie.analysis.claims.claims import parse_claims
     from valerie.loading import load_document

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def renderables(beside: Beside) -> list[RenderableType]:
-    """Return the differences by function, the views that fell furthest, and the conclusions."""
+    """Return the differences by function, the views with the largest drops, and the conclusions."""
     from rich.table import Table
     from rich.text import Text
 
@@ -22,14 +22,16 @@ def renderables(beside: Beside) -> list[RenderableType]:
         Text(f"{beside.here} (here) and {beside.there} (there): {beside.frames:,} frames show the same scenes", "bold")
     ]
     parts += [Text(f"  {difference}", "dim") for difference in beside.differs]
-    for one in beside.functions:
-        rank = "" if one.rank_correlation is None else f", rank correlation {one.rank_correlation:.3f}"
-        table = Table(box=None, pad_edge=False, header_style="dim", title=f"{one.function}{rank}", title_justify="left")
+    for comparison in beside.functions:
+        rank = "" if comparison.rank_correlation is None else f", rank correlation {comparison.rank_correlation:.3f}"
+        table = Table(
+            box=None, pad_edge=False, header_style="dim", title=f"{comparison.function}{rank}", title_justify="left"
+        )
         table.add_column("persons")
         for name in ("pairs", "pACC here, %", "there, %", "difference, points"):
             table.add_column(name, justify="right", no_wrap=True)
         table.add_column("")
-        for part in one.slices:
+        for part in comparison.slices:
             own = part.difference
             table.add_row(
                 part.name,
@@ -45,7 +47,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
                 f"  fell from {percent(pair.here)} to {percent(pair.there)} %: {pair.frame_here} → {pair.frame_there}",
                 "dim",
             )
-            for pair in one.fell
+            for pair in comparison.fell
         ]
     if beside.conclusions:
         parts.append(Text("Conclusions, on the shared frames", "bold"))

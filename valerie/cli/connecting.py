@@ -27,10 +27,10 @@ class System:
     """A running server.
 
     Attributes:
-        client: of the server.
-        owned: True if this command started it and will end it.
+        client: client of the server.
+        owned: True if this command started the server and will end it.
         check: raises if a process of an owned system keeps ending.
-        supervisor: of an owned system.
+        supervisor: supervisor of an owned system.
     """
 
     client: Client
@@ -49,7 +49,7 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
         server = running.find(settings.data_dir)
         explicit = settings.model_fields_set
         if server is None and "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port")):
-            # The server at the configured address may be that of another folder.
+            # The server at the configured address may belong to another folder.
             raise ServerUnavailableError(
                 f"no server runs on the data folder {settings.data_dir}; start one with `{_up(settings)}`, "
                 "or name another with --url"
@@ -90,7 +90,7 @@ def system_of(settings: Settings) -> Iterator[System]:
             yield System(client, owned=False, check=lambda: None)
         return
     say(f"starting Redis, the API and the workers (logs: {settings.data_dir / 'logs'})")
-    from valerie.embedded.supervisor import Supervisor  # commands that only ask a server need no Redis
+    from valerie.embedded.supervisor import Supervisor  # commands that only query a server need no Redis
 
     with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         if settings.api_port not in (0, supervisor.settings.api_port):
@@ -100,7 +100,7 @@ def system_of(settings: Settings) -> Iterator[System]:
 
 @contextmanager
 def own_assets(settings: Settings, client: Client) -> Iterator[None]:
-    """Explain why a server does not know an asset that lies in the caller's own folder.
+    """Explain why a server does not know an asset of the caller's own folder.
 
     Raises:
         InvalidInput: the server refused such an asset.
@@ -115,7 +115,7 @@ def own_assets(settings: Settings, client: Client) -> Iterator[None]:
             raise
         raise InvalidInput(
             f"the server at {client.url} does not know this asset: it reads the folder that VALERIE_ASSET_DIR named when "
-            f"it was started, and the asset lies in {settings.asset_dir}; start the server again with that folder",
+            f"it was started, and the asset is in {settings.asset_dir}; restart the server with that folder",
             field="asset",
             value=refused[1],
         ) from error

@@ -1,4 +1,4 @@
-"""`valerie error-model`: how likely each function of a run misses a person, as a model for simulations of a planner."""
+"""`valerie error-model`: for planner simulations, fit the probability that each function of a run misses a person."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def error_model(
         typer.Option(
             "--given",
             metavar="COLUMN,…",
-            help="Columns that the model is asked by.",
-            show_default="distance, occlusion, pixel area, irradiance and contrast, as far as the run has them",
+            help="Columns that the model takes as inputs.",
+            show_default="those of distance, occlusion, pixel area, irradiance and contrast that the run has",
         ),
     ] = None,
     as_json: Json = False,
@@ -43,9 +43,9 @@ def error_model(
 ) -> None:
     """Fit the probability of a miss and quantiles of pACC, given distance, occlusion, size and light.
 
-    Writes ONNX, a table and a card, and stores them for `valerie evidence export`. A model is checked on
-    whole places that it has not seen. Exits with 3 if a function gets no model: too few places, or a
-    calibration error above 2 %.
+    Writes ONNX, a table and a card, and stores them for `valerie evidence export`. Each model is tested on
+    held-out places. Exits with 3 if a function gets no model: too few places, or a calibration error
+    above 2 %.
     """
     from valerie.analysis.error_model.files import CARD, ErrorModelCard
     from valerie.analysis.error_model.model import GIVEN
@@ -64,13 +64,13 @@ def error_model(
 
 
 def _lines(card: ErrorModelCard) -> list[str]:
-    """Return the card in words."""
+    """Return the card as lines of text."""
     lines = [f"a miss is a person with pACC below {card.threshold:g}"]
     for model in card.models:
         state = model.file or f"no file, since a calibration error exceeds {card.limit:.0%}"
         lines += [
             f"{model.function}: {state}",
-            f"  asked by {', '.join(column.name for column in model.columns)}; {model.rows:,} persons, {model.places:,} places",
+            f"  inputs: {', '.join(column.name for column in model.columns)}; {model.rows:,} persons, {model.places:,} places",
             f"  {model.sentence}",
             f"  inside: {model.inside:.0%} of the persons at held-out places",
         ]

@@ -62,7 +62,7 @@ def evaluate(
                 return open_pinned(sides[name].called, sides[name].pin, context=deployment, threads=threads)
             return open_reference(name, context=deployment, threads=threads)
 
-        for name in sides:  # fails before hours of work if one is gone or has another numeric class here
+        for name in sides:  # fails before hours of work if one is missing or has another numeric class here
             open_function(name).close()
         result = evaluate_dataset(
             folder,

@@ -57,10 +57,11 @@ def export(
 def verify(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder that `valerie evidence export` wrote.")],
     key: Annotated[
-        Path | None, typer.Option("--key", metavar="FILE", help="Public key of the signer; without it, anyone may be.")
+        Path | None,
+        typer.Option("--key", metavar="FILE", help="Public key of the signer; without it, any signer passes."),
     ] = None,
     replay: Annotated[
-        int, typer.Option("--replay", metavar="N", min=0, help="Also make N frames again, chosen by chance.")
+        int, typer.Option("--replay", metavar="N", min=0, help="Also render N frames again, chosen at random.")
     ] = 0,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -68,8 +69,8 @@ def verify(
     """Check an evidence folder offline; nothing in it is executed.
 
     Exits with 3 if a file is missing, changed, not listed, a link or too large,
-    if the key did not sign the folder, or if a frame made again differs; with 5 if
-    a frame cannot be made again on this machine.
+    if the key did not sign the folder, or if a replayed frame differs; with 5 if
+    a frame cannot be replayed on this machine.
     """
     from valerie.pipeline.evidence.manifest import Refused
     from valerie.pipeline.evidence.verifying import verify as verify_folder
@@ -100,7 +101,7 @@ def verify(
         for picture in pictures:
             typer.echo(f"{picture.file or 'frames'}: {picture.verdict}")
         if replay and not pictures:
-            typer.echo("no frame to make again: findings and verdicts name none")
+            typer.echo("no frame to replay: findings and verdicts name none")
     verdicts = {picture.verdict for picture in pictures}
     if "differs" in verdicts:
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)
@@ -111,11 +112,11 @@ def verify(
 @_keys.command()
 def new(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File for the private key; FILE.pub gets the public one.")
+        Path, typer.Argument(metavar="FILE", help="File for the private key; the public one goes into FILE.pub.")
     ],
 ) -> None:
-    """Make an Ed25519 key pair: FILE, readable by you alone, and FILE.pub for those who check."""
+    """Make an Ed25519 key pair: FILE, readable only by you, and FILE.pub for those who verify."""
     from valerie.pipeline.evidence.signing import new_key
 
     key_id = new_key(file)
-    typer.echo(f"{file}: key {key_id}; give {file}.pub to those who check")
+    typer.echo(f"{file}: key {key_id}; give {file}.pub to those who verify")

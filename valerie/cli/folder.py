@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Folder:
-    """The questions of `valerie.client.Client` about runs and studies, answered from the data folder.
+    """The methods of `valerie.client.Client` about runs and studies, reading from the data folder.
 
     Every method with an id may raise `NotFound`; those about the results of a run raise `Conflict` before it has ended.
     """
@@ -26,8 +26,8 @@ class Folder:
         """Read from an open deployment.
 
         Args:
-            context: of the deployment.
-            up: the command line that starts a server on the folder.
+            context: context of the deployment.
+            up: command line that starts a server on the folder.
         """
         self._context = context
         self._up = up

@@ -27,10 +27,10 @@ _EXIT: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """Seconds of waiting.
+    """Waiting times, seconds.
 
     Attributes:
-        poll: between two questions for the progress.
+        poll: time between two requests for the progress.
         restart: longest restart of a server after a crash.
         start: longest start of the workers of a system that this command started.
     """
@@ -78,8 +78,8 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
     """Show the result of an ended run: verdicts, the table of the paper's section 6.2, failures, the path of the report.
 
     Args:
-        client: of the server.
-        run_id: of the run.
+        client: client of the server.
+        run_id: id of the run.
         progress: final progress of the run.
         report: file for the report; None writes none.
         json_lines: True prints one JSON line instead.
@@ -126,7 +126,7 @@ def _summary(source: Client | Folder, run_id: str, progress: Progress) -> RunSum
 
 
 def _print_first(summary: RunSummary) -> None:
-    """Print what stands before all other results: warnings, then verdicts."""
+    """Print the first part of the results: warnings, then verdicts."""
     from valerie.analysis.summary.summary import Summary
     from valerie.analysis.summary.text import warnings_renderable
     from valerie.analysis.verdicts.text import verdicts_renderable

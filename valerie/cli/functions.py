@@ -55,8 +55,8 @@ def import_(
 ) -> None:
     """Convert, check and register a function under test.
 
-    Nothing in the file is run. This works here, or in the server that runs on the data
-    folder. Functions behind HTTP and uploaded predictions need only a document.
+    Nothing in the file is run. The import happens here, or in the server that runs on the
+    data folder. Functions behind HTTP and uploaded predictions need only a document.
     """
     if file is None and document is None:
         raise InvalidInput("nothing to import", field="FILE", limit="a file, or --document SIDE.yaml, or both")
@@ -116,7 +116,7 @@ def export(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Write a registered function as document and file, as `valerie function import` takes them."""
+    """Write a registered function as document and file, for `valerie function import`."""
     import yaml
 
     with open_registry(settings_of(data_dir), url) as registry:

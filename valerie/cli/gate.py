@@ -1,4 +1,4 @@
-"""`valerie gate`: let a change pass or not, by the requirements of a run and by a baseline."""
+"""`valerie gate`: pass or fail a change, by the requirements of a run and by a baseline."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def gate(
         ),
     ] = None,
     function: Annotated[
-        str | None, typer.Option("--function", metavar="NAME", help="Compare this function alone with the baseline.")
+        str | None, typer.Option("--function", metavar="NAME", help="Compare only this function with the baseline.")
     ] = None,
     junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML.")] = None,
     output: Annotated[
@@ -70,11 +70,11 @@ def gate(
     ] = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Exit with 6 unless a run meets its requirements and is nowhere worse than the baseline.
+    """Exit with 6 unless a run meets its requirements and is not worse than the baseline in any slice.
 
-    A requirement that is not met fails, and so does one that is undecided. The
-    baseline is compared on identical frames, slice by slice; at most 5 % of the
-    slices that are named worse are expected to be so by chance.
+    Requirements that are not met or undecided fail. The baseline is compared on
+    identical frames, slice by slice; at most 5 % of the slices reported as worse are
+    expected to be reported by chance.
     """
     from valerie.analysis.verdicts.gate import called
     from valerie.analysis.verdicts.gate import gate as judge
@@ -123,7 +123,7 @@ def _say_places(run: GateRun, *, function: str | None, effect: float, deviation:
 
 
 def renderables(result: GateResult) -> list[RenderableType]:
-    """Return a gate's result for a rich console: verdicts, then what became worse, then all other slices."""
+    """Return a gate's result for a rich console: verdicts, then the slices that became worse, then all others."""
     from rich.text import Text
 
     from valerie.analysis.verdicts.gate import slice_text
@@ -141,7 +141,7 @@ def renderables(result: GateResult) -> list[RenderableType]:
         if version.unmatched:
             parts.append(Text(f"  {version.unmatched:,} rows have no counterpart and are not compared.", style="dim"))
         parts.append("")
-    parts.append(Text("The gate is open." if result.passed else "The gate is shut.", style="bold"))
+    parts.append(Text("The gate passes." if result.passed else "The gate fails.", style="bold"))
     return parts
 
 
@@ -155,7 +155,7 @@ def _verdicts(result: GateResult, suffix: str) -> bytes:
 
 
 def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
-    """Return the function that reads a run from a server, or from the data folder."""
+    """Return a function that reads a run from a server, or from the data folder."""
     if url is None:
         from valerie.cli.deployment import context_of
         from valerie.pipeline.reading.gate import read_gate_run

@@ -1,4 +1,4 @@
-"""Output for people that goes to a file or a pipe."""
+"""Human-readable output that goes to a file or a pipe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ANY_WIDTH: Final = 10_000
 
 
 class PipedConsole(Console):
-    """A console without trailing spaces, with which rich fills tables and paragraphs."""
+    """A console that drops the trailing spaces with which rich pads tables and paragraphs."""
 
     def __init__(self, *, stderr: bool) -> None:
         super().__init__(stderr=stderr, highlight=False, markup=False, width=_ANY_WIDTH)

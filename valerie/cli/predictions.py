@@ -1,4 +1,4 @@
-"""The command that uploads predictions; `valerie.cli.frames` exports the frames that they belong to."""
+"""The command that uploads predictions; `valerie.cli.frames` exports the frames to predict."""
 
 from __future__ import annotations
 

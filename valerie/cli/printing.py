@@ -1,4 +1,4 @@
-"""HTML as PDF, printed by a Chromium that is installed."""
+"""Print HTML as PDF with an installed Chromium."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Final
 
 from valerie.errors import MissingDependency, RenderingError
 
-#: Commands that print a page without a window.
+#: Browsers that print a page without a window.
 _BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "chrome", "microsoft-edge")
-#: Longest time for one page.
+#: Timeout for one page.
 _SECONDS: Final = 300
 
 
 def pdf_of(html: bytes) -> bytes:
-    """Return a page as PDF, with the styles that it has for paper.
+    """Return a page as PDF, with its print styles.
 
     Raises:
         MissingDependency: there is no Chromium.
-        RenderingError: it printed nothing.
+        RenderingError: Chromium printed nothing.
     """
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if browser is None:

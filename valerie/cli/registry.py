@@ -1,4 +1,4 @@
-"""The registry of functions, of a server or of the data folder while no server runs on it, and the way of a file into it."""
+"""The function registry of a server, or of the data folder while no server runs on it, and the registration of files."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from valerie.pipeline.functions.catalog import FunctionEntry
     from valerie.settings import Settings
 
-#: Suffixes of the document that lies beside a file and has its name.
+#: Suffixes of a document with a file's name, in the same folder.
 _SIDECARS: Final = (".yaml", ".yml", ".json")
 
-#: Opens a registry when it is called.
+#: Opens a registry when called.
 Opening = Callable[[], AbstractContextManager["Registry"]]
 
 
 class Registry(Protocol):
-    """A registry, here or in a server."""
+    """A registry, here or on a server."""
 
     def functions(self) -> list[Function]: ...
     def function(self, reference: str) -> Function: ...
@@ -99,7 +99,7 @@ class _Local:
 
 
 def _as_server_shows(entry: FunctionEntry) -> Function:
-    """Return an entry of the catalog as the server answers it."""
+    """Return an entry of the catalog in the form of a server's answer."""
     from pydantic import TypeAdapter
 
     from valerie.client import Function
@@ -116,8 +116,7 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
     Args:
         settings: of this process.
         url: of a server.
-        create: create the data folder's registry if it is missing; if False, an empty one that leaves nothing behind
-            replaces it.
+        create: create the data folder's registry if it is missing; if False, use a temporary empty one instead.
     """
     from valerie.cli.connecting import client_of
     from valerie.embedded import running
@@ -149,7 +148,7 @@ def register_file(
     """Read a function's files and let the registry convert, check and register it.
 
     Args:
-        opening: of the registry; called when all files were read.
+        opening: opens the registry; called after all files were read.
         file: checkpoint, ONNX file or Hugging Face folder; None for kinds without one.
         document: facts that the file does not state; None: the file of the same name with a suffix in `_SIDECARS`.
         texts: name, engine and precision, which override the document.
@@ -167,7 +166,7 @@ def register_file(
         beside = (file.with_suffix(suffix) for suffix in _SIDECARS)
         document = next((path for path in beside if path.is_file()), None)
         if document is not None:
-            say(f"with the document {document}, which lies beside it")
+            say(f"using the document {document}")
     if document is not None:
         texts = {"document": _text(document), **texts}
     payload = file
@@ -178,10 +177,10 @@ def register_file(
 
 
 def functions_named(value: str, opening: Opening) -> list[str]:
-    """Resolve the value of ``--functions``: names of functions and files, with commas between them.
+    """Resolve the value of ``--functions``: names of functions and files, separated by commas.
 
     A file is registered, unless it is already, and stands for exactly that version. An item with the suffix of a function's file
-    is a file if that exists; an item with a slash is never a name and must exist.
+    is a file if that exists; an item with a slash is always a file and must exist.
 
     Returns:
         References for a spec.
@@ -201,15 +200,15 @@ def functions_named(value: str, opening: Opening) -> list[str]:
             references.append(item)
             continue
         registered, new = register_file(opening, path)
-        what = "registered" if new else "registered already"
-        say(f"{item} is {what} as {registered.reference}; `{command_name()} function show` prints its card")
+        state = "registered" if new else "registered already"
+        say(f"{item} is {state} as {registered.reference}; `{command_name()} function show` prints its card")
         assert registered.reference is not None, "a registered version has a reference"
         references.append(registered.reference)
     return references
 
 
 def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
-    """Return document and weights of a folder: the configuration is read here, the registry opens the weights."""
+    """Return document and weights file of a folder: the configuration is read here, the weights by the registry."""
     from valerie.loading import load_document
     from valerie.perception.importing.huggingface import read_huggingface
 

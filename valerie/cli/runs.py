@@ -47,7 +47,7 @@ def run(
     ] = None,
     claims: Annotated[
         Path | None,
-        typer.Option("--claims", metavar="FILE", help="Also test these claims, and put them into the report."),
+        typer.Option("--claims", metavar="FILE", help="Also test these claims, and include them in the report."),
     ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
@@ -192,14 +192,12 @@ def report(
     ] = None,
     claims: Annotated[
         Path | None,
-        typer.Option(
-            "--claims", metavar="FILE", help="Put these claims beside the run, such as examples/claims/paper.yaml."
-        ),
+        typer.Option("--claims", metavar="FILE", help="Also test these claims, such as examples/claims/paper.yaml."),
     ] = None,
     beside: Annotated[
         str | None,
         typer.Option(
-            "--beside", metavar="RUN", help="Put another run of the same scenes beside it, such as one in Cycles."
+            "--beside", metavar="RUN", help="Compare with another run of the same scenes, such as one in Cycles."
         ),
     ] = None,
     url: Url = None,
@@ -207,8 +205,8 @@ def report(
 ) -> None:
     """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
 
-    With --claims or --beside the report is made anew from the data folder. A
-    file FILE.pdf is printed by Chromium.
+    With --claims or --beside, the report is rebuilt from the data folder.
+    Chromium prints it if the file is FILE.pdf.
     """
     from valerie.cli.claims import read_claims
     from valerie.cli.connecting import source_of
@@ -254,7 +252,7 @@ def compare(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Compare two ended runs on the scenes that they share: engines, versions, settings.
+    """Compare two ended runs on their shared scenes: engines, versions, settings.
 
     Prints paired differences of pACC by slice, rank correlation, and which
     conclusions hold in both. `valerie report RUN --beside OTHER` has the pictures.
@@ -269,15 +267,17 @@ def compare(
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
     with context_of(data_dir) as context:
-        found = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
-    document = json.dumps(found.to_json(), ensure_ascii=False)
+        comparison = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
+    document = json.dumps(comparison.to_json(), ensure_ascii=False)
     if output is not None:
-        content = document.encode() if output.suffix == ".json" else encoded(found.slices_table(), output.suffix[1:])
+        content = (
+            document.encode() if output.suffix == ".json" else encoded(comparison.slices_table(), output.suffix[1:])
+        )
         write_output(output, content)
     if as_json:
         typer.echo(document)
         return
-    for part in renderables(found):
+    for part in renderables(comparison):
         console().print(part)
 
 
@@ -505,10 +505,13 @@ def _list(runs: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
-    table.add_column("tags", overflow="fold")
+    tagged = any(run.tags for run in runs)
+    if tagged:
+        table.add_column("tags", overflow="fold")
     for run in runs:
         created = moment_text(run.created_at)
-        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, ", ".join(run.tags))
+        tags = [", ".join(run.tags)] if tagged else []
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created, *tags)
     out = console()
     out.print(table)
     for run in runs:

@@ -172,7 +172,7 @@ class _Stream(io.TextIOWrapper):
 def stop_on_signals() -> None:
     """Let SIGINT, SIGTERM and SIGHUP unwind this process; a second signal ends it at once.
 
-    No process stays behind in either case, since the processes of the one-machine mode end with their parent.
+    In either case no process remains, since the processes of the one-machine mode end with their parent.
     """
 
     def stop(signum: int, _frame: object) -> None:
@@ -198,10 +198,10 @@ def command_name() -> str:
 
 
 def save(content: bytes, path: Path) -> Path:
-    """Write a file that the user asked for, and return its path as people would type it.
+    """Write a file that the user requested, and return its path as people would type it.
 
     Raises:
-        StorageUnavailable: it cannot be written.
+        StorageUnavailable: the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Commands about specs: write a first one, and show what one would cost."""
+"""Commands about specs: write a first one, and show the cost of one."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
     """Return the text of a spec, with its functions replaced if others are named.
 
     Args:
-        path: of the file; ``-`` is standard input.
+        path: file of the spec; ``-`` is standard input.
         functions: see `valerie.cli.registry.functions_named`.
         opening: opens the registry for files among the functions.
 
@@ -148,7 +148,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
 
 
 def resolvable(text: bytes, settings: Settings) -> ResolvedRun:
-    """Return a spec resolved, before anything is started for it.
+    """Return a spec resolved, before any process is started.
 
     Raises:
         InvalidInputs: every problem, with field, value and limit.
@@ -215,7 +215,7 @@ def show_plan(plan: Plan) -> None:
 
 
 def _variants(plan: Plan) -> Table:
-    """Return the first and the last variants; the parts of a long one wrap below its beginning."""
+    """Return the first and the last variants, long ones wrapped."""
     from rich.table import Table
     from rich.text import Text
 
@@ -238,7 +238,7 @@ def _show_products(plan: Plan) -> None:
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")
     table.add_column("made by")
-    # Without workers it is not known which products are present; a warning says so.
+    # Without workers it is unknown which products are present; a warning says so.
     known = any(product.present is not None for product in plan.products)
     blanks = ("", "") if known else ()
     for name in (*(("needed", "present") if known else ()), "to make", "CPU time", "disk"):

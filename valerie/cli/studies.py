@@ -37,7 +37,7 @@ app = typer.Typer(
 StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study as YAML or JSON; - reads standard input.")]
 StudyId = Annotated[str, typer.Argument(metavar="STUDY", help="Id of a study, as `valerie study status` lists it.")]
 Count = Annotated[
-    int | None, typer.Option("--count", min=1, help="Another number of variants; the strategy proposes them again.")
+    int | None, typer.Option("--count", min=1, help="Another number of variants; the strategy proposes anew.")
 ]
 
 _POLL_SECONDS = 0.5
@@ -183,7 +183,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
     if flow.ending is not Ending.MET:
-        raise typer.Exit(Exit.NOT_COMPLETED)
+        raise typer.Exit(Exit.GATE_FAILED)
 
 
 @app.command()
@@ -206,7 +206,7 @@ def status(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Show the latest studies, or one with its batches, its cost and what it knows. Needs no server."""
+    """Show the latest studies, or one with its batches, its cost and its result so far. Needs no server."""
     from valerie.cli.connecting import source_of
 
     with source_of(data_dir, url) as source:
@@ -267,14 +267,14 @@ def mode(
 
 @app.command()
 def stop(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
-    """End a study now, with what is known; its runs are cancelled."""
+    """End a study now, with its result so far; its runs are cancelled."""
     with _client(url, data_dir) as client:
         _say(client.stop_study(study_id))
 
 
 @app.command()
 def resume(study_id: StudyId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Let a paused study go on; products that failed are tried again."""
+    """Continue a paused study; failed products are tried again."""
     with _client(url, data_dir) as client:
         _say(client.resume_study(study_id))
 
@@ -289,7 +289,7 @@ def report(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Write the self-contained HTML report of a study, with what is known now. Needs no server."""
+    """Write the self-contained HTML report of a study, with its result so far. Needs no server."""
     from valerie.cli.connecting import source_of
     from valerie.cli.following import report_path
 
@@ -305,15 +305,15 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
 
 
 def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
-    """Tell what a study does until it ends or waits for good."""
+    """Print the steps of a study until it ends or is paused."""
     from valerie.runs.study.document import StudyState
 
-    told: set[str] = set()
+    printed: set[str] = set()
 
     def tell(line: str) -> None:
-        if line not in told and not quiet:
+        if line not in printed and not quiet:
             say(line)
-        told.add(line)
+        printed.add(line)
 
     while True:
         system.check()
@@ -390,7 +390,7 @@ def refine(
         list[str] | None, typer.Option("--add", metavar="PARAMETER", help="Also vary this, over its declared range.")
     ] = None,
     drop: Annotated[
-        list[str] | None, typer.Option("--drop", metavar="PARAMETER", help="Vary this no longer; it gets a constant.")
+        list[str] | None, typer.Option("--drop", metavar="PARAMETER", help="Stop varying this; it gets a constant.")
     ] = None,
     data_dir: DataDir = None,
 ) -> None:

@@ -49,7 +49,8 @@ def train(
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
     sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8,
     broad_share: Annotated[
-        float, typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that are drawn anywhere.")
+        float,
+        typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that need not be in the region."),
     ] = 0.5,
     anywhere: Annotated[bool, typer.Option("--anywhere", help="Draw all frames anywhere, as a control.")] = False,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300,
@@ -66,8 +67,8 @@ def train(
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
 
-    The frames are new, on sites that neither run nor function saw. `train frames` and
-    `train fit` train from scratch; `train compare` compares versions on a run's frames.
+    The frames are new, on sites that neither the run nor the function's training used. `train frames`
+    and `train fit` train from scratch; `train compare` compares versions on a run's frames.
     """
     if context.invoked_subcommand is not None:
         return

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
 
-#: Settings to the parameters that set them, where the names differ.
+#: Settings to the parameters that set them, if the names differ.
 _PARAMETERS: Final = {"time_budget_s": "time_budget", "crops": "scales", "width": "size", "height": "size"}
 #: Steps between two lines of progress.
 _STEPS_PER_LINE: Final = 50
@@ -78,7 +78,7 @@ def fit(
     ],
     frames: Annotated[
         list[Path],
-        typer.Option("--frames", metavar="DIR", help="Folder to train on; may be repeated, twice counts twice."),
+        typer.Option("--frames", metavar="DIR", help="Folder to train on; can be repeated, and twice counts twice."),
     ],
     held_out: Annotated[Path, typer.Option("--held-out", metavar="DIR", help="Folder to validate on.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Function file to write (….safetensors).")],
@@ -107,20 +107,20 @@ def fit(
     ] = 0.0,
     person_weight: Annotated[float, typer.Option("--person-weight", help="Factor of person pixels.")] = 3.0,
     void_weight: Annotated[
-        float, typer.Option("--void-weight", help="Weight of void pixels, for not being called persons.")
+        float, typer.Option("--void-weight", help="Weight of the loss for void pixels predicted as persons.")
     ] = 0.0,
     scales: Annotated[
         str, typer.Option("--scales", metavar="S,S,…", help="Scales of samples, as the function sees frames.")
     ] = "1.0,0.5",
     keep_norm_statistics: Annotated[
         bool,
-        typer.Option("--keep-norm-statistics", help="Keep those of batch normalisation; use with --start-from."),
+        typer.Option("--keep-norm-statistics", help="Keep batch normalisation's statistics; use with --start-from."),
     ] = False,
     precision: Annotated[
-        str, typer.Option("--precision", metavar="bf16|fp32", help="Of the passes; weights are always fp32.")
+        str, typer.Option("--precision", metavar="bf16|fp32", help="Precision of the passes; weights are always fp32.")
     ] = "bf16",
     device: Annotated[
-        str, typer.Option("--device", metavar="auto|cpu|cuda", help="auto is cuda where there is one.")
+        str, typer.Option("--device", metavar="auto|cpu|cuda", help="auto is cuda if available.")
     ] = "auto",
     loader_threads: Annotated[
         int, typer.Option("--loader-threads", help="Threads that cut samples; no effect on the result.")
@@ -196,7 +196,7 @@ def fit(
 
 @contextmanager
 def _named_by_option(context: typer.Context) -> Iterator[None]:
-    """Let errors name the option of a setting instead of the setting."""
+    """Make errors name a setting's option instead of the setting."""
     from pydantic import ValidationError
 
     from valerie.validation import problem_of

@@ -1,4 +1,4 @@
-"""Queries about blocks: stretches of variants that are counted together."""
+"""Queries about blocks: ranges of variants that are counted together."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from valerie.runs.products.states import ProductState
 
 
 class OpenBlock(NamedTuple):
-    """A block that is not finished: its number, and its first and last variant."""
+    """An unfinished block: its number, and its first and last variant."""
 
     number: int
     first: int
@@ -41,7 +41,7 @@ def open_block(connection: Connection, run_id: str, first: int, last: int) -> No
 
 
 def open_blocks(connection: Connection, run_id: str) -> list[OpenBlock]:
-    """Return the blocks that are not finished."""
+    """Return the unfinished blocks."""
     rows = connection.execute(
         select(Block.number, Block.first, Block.last)
         .where(Block.run_id == run_id, Block.counts.is_(None))
@@ -62,7 +62,7 @@ def close_block(connection: Connection, run_id: str, number: int, counts: BlockC
 
 
 def reopen_blocks(connection: Connection, run_id: str) -> None:
-    """Have every block counted again."""
+    """Mark every block as unfinished, so that it is counted again."""
     connection.execute(update(Block).where(Block.run_id == run_id).values(counts=None))
 
 
@@ -84,7 +84,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> B
 
 
 def _number(condition: ColumnElement[bool]) -> ColumnElement[int]:
-    """Return the number of rows that meet a condition; NULL where there are no rows."""
+    """Return the number of rows that meet a condition; NULL if there are no rows."""
     return func.sum(case((condition, 1), else_=0))
 
 

@@ -1,4 +1,4 @@
-"""Column types: frozen documents as JSON, enums as their words."""
+"""Column types: frozen documents as JSON, enums as their values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ D = TypeVar("D")
 class JsonDocument(TypeDecorator[D], Generic[D]):
     """A document in a JSON column (JSONB on Postgres); the column's reader gets the document, or None for NULL.
 
-    `valerie.db.engine` hands JSON through as text, so that pydantic reads and writes it in one step.
+    `valerie.db.engine` passes JSON text through unparsed, so that pydantic reads and writes it in one step.
 
     Args:
         form: a pydantic model, or any other type that pydantic knows, e.g. ``dict[str, float]``.
@@ -35,7 +35,7 @@ class JsonDocument(TypeDecorator[D], Generic[D]):
         return TypeAdapter(self.form)
 
     def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
-        """Return the type of the column in a database."""
+        """Return the column's type in a database."""
         return JSONB(none_as_null=True) if dialect.name == "postgresql" else JSON(none_as_null=True)
 
     def process_bind_param(self, value: D | None, dialect: Dialect) -> Any:  # noqa: ARG002
@@ -43,7 +43,7 @@ class JsonDocument(TypeDecorator[D], Generic[D]):
         return None if value is None else self._adapter.dump_json(value).decode()
 
     def process_result_value(self, value: Any, dialect: Dialect) -> D | None:  # noqa: ARG002
-        """Return the document that JSON text holds."""
+        """Return the document in a JSON text."""
         return None if value is None else self._adapter.validate_json(value)
 
 

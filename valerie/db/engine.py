@@ -1,4 +1,4 @@
-"""Open the database: SQLite in WAL mode with BEGIN IMMEDIATE, or Postgres through psycopg 3, as its URL says."""
+"""Open the database: SQLite in WAL mode with BEGIN IMMEDIATE, or Postgres through psycopg 3."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
 from valerie.plain import Keywords
 
-#: How long a writer waits for its turn: with eight writing processes SQLite starves one for seconds.
+#: Longest wait of a writer: with eight writing processes, SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
-#: Digests are spread over their tables: with the default of 2 MiB, feeding a large run reads most pages again.
+#: Digests are scattered over their tables: with the default of 2 MiB, feeding a large run rereads most pages.
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
 _OPTIONS: Keywords = {
-    "hide_parameters": True,  # thousands of rows do not belong in a log
+    "hide_parameters": True,  # keep thousands of rows out of the log
     # `valerie.db.documents` reads and writes JSON text itself.
     "json_serializer": lambda text: text,
     "json_deserializer": lambda text: text,
@@ -39,11 +39,11 @@ def open_engine(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
     """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
     On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails
-    with "database is locked" at once, whatever the busy timeout, since its snapshot cannot be upgraded.
+    with "database is locked" at once, regardless of the busy timeout, since its snapshot cannot be upgraded.
 
     Args:
-        url: of the database.
-        clock: returns Unix seconds; SQLite has no other. Postgres has its own.
+        url: URL of the database.
+        clock: returns Unix seconds; only SQLite uses it, Postgres has its own.
 
     Raises:
         InvalidInput: another kind of database.
@@ -80,10 +80,10 @@ def _begin_immediate(connection: Connection) -> None:
 
 
 def database_time(connection: Connection) -> float:
-    """Return the present moment, Unix seconds, by the clock that all processes share.
+    """Return the current time, Unix seconds, by the clock that all processes share.
 
-    Whatever processes compare (leases, signs of life, messages) is measured by it: their own clocks may be hours apart.
-    Postgres tells the time of its machine; the processes of one SQLite database share a machine already.
+    All times that processes compare (leases, heartbeats, messages) come from it: their own clocks may be hours apart.
+    With Postgres it is the clock of the server's machine; the processes of one SQLite database share a machine anyway.
     """
     clock = connection.get_execution_options().get(_CLOCK)
     if clock is not None:
@@ -98,7 +98,7 @@ def writing(engine: Engine) -> Iterator[Connection]:
     Raises:
         StorageFull: no space left for the database.
         StorageUnavailable: the database cannot be written.
-        TransientError: the database is locked or does not answer: worth another try.
+        TransientError: the database is locked or does not answer; try again.
     """
     with translated(), engine.begin() as connection:
         yield connection
@@ -106,10 +106,10 @@ def writing(engine: Engine) -> Iterator[Connection]:
 
 @contextmanager
 def unforked() -> Iterator[None]:
-    """Hold off forks: for threads of a process that forks, around their transactions.
+    """Delay forks meanwhile: threads of a process that forks wrap their transactions in it.
 
     SQLite also keeps the locks of its own process in memory. A child forked in the middle of a transaction inherits that
-    memory and finds the database locked for as long as it lives, by a connection that nobody will ever close.
+    memory and finds the database locked for its whole life, by a connection that nobody closes.
     """
     with _FORK:
         yield
@@ -124,7 +124,7 @@ def reading(engine: Engine) -> Iterator[Connection]:
 
 @contextmanager
 def translated() -> Iterator[None]:
-    """Turn the errors of the driver into ours."""
+    """Translate the driver's errors into VALERIE's."""
     try:
         yield
     except OperationalError as error:

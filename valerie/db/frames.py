@@ -51,7 +51,7 @@ def get(connection: Connection, key: FrameKey) -> StoredFrame:
 def page(
     connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int
 ) -> list[tuple[StoredFrame, tuple[ProductState, ProductState, ProductState]]]:
-    """Read the frames of a run after one, in order, each with the states of its background, layer and truth."""
+    """Read the frames of a run after ``after``, in order, each with the states of its background, layer and truth."""
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query = (
         select(
@@ -78,14 +78,14 @@ def page(
 
 
 def _place(key: FrameKey) -> Any:
-    """Return a frame's place in its run, to be compared with `frame_order`."""
+    """Return a frame's position in its run, for comparison with `frame_order`."""
     return tuple_(*(literal(part, BigInteger) for part in (key.variant, key.camera, key.time)))
 
 
 def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame, tuple[SeenPerson, ...]]]:
     """Read the frames whose image and truth are stored, in order, each with its persons and the light on them.
 
-    A frame without any person has one with instance 0.
+    A frame without persons yields one with instance 0.
     """
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query: Select[Any] = (
@@ -126,7 +126,7 @@ def finished(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame,
 
 
 def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, FrameKey | None]:
-    """Return the frames before and after one, in the order of `page`; None at the ends."""
+    """Return the frames before and after ``key``, in the order of `page`; None at the ends."""
     columns, here = frame_order(Frame), _place(key)
 
     def nearest(condition: Any, order: list[Any]) -> FrameKey | None:

@@ -1,4 +1,4 @@
-"""Queries about registered functions under test: names, versions by digest, runs that may need them."""
+"""Queries about registered functions under test: their versions, and the runs that may need them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FunctionRow:
 
 @dataclass(frozen=True, slots=True)
 class UnfinishedRun:
-    """The functions that a run names, and pinned if it has started."""
+    """A run that has not ended: its spec names functions; its pins fix their versions once it has started."""
 
     id: str
     spec: RunSpec
@@ -42,10 +42,10 @@ _FUNCTION = select(*columns_of(FunctionRow, Function))
 
 
 def register(connection: Connection, document: FunctionDocument, now: datetime) -> bool:
-    """Write the next version of a name; return False when this name has this document already.
+    """Write the next version of a name; return False if one of its versions has this document already.
 
     Raises:
-        Conflict: others registered versions of this name at the same time, again and again.
+        Conflict: in five attempts, other processes registered versions of this name at the same time.
     """
     for _ in range(5):
         if get(connection, document.name, document.digest) is not None:
@@ -61,19 +61,19 @@ def register(connection: Connection, document: FunctionDocument, now: datetime) 
         }
         if insert_ignoring(connection, Function, [row]):
             return True
-        # On Postgres another process took the number, or wrote this very version, between the question and the insert.
+        # On Postgres, another process took the number or wrote this same version between the SELECT and the INSERT.
     raise Conflict(
         f"the function {document.name} could not be registered: other processes registered it at the same time"
     )
 
 
 def get(connection: Connection, name: str, digest: str) -> FunctionRow | None:
-    """Return a version of a name by its whole digest."""
+    """Return the version of a name that has this full digest."""
     return read_first(connection, _FUNCTION.where(Function.name == name, Function.digest == digest), FunctionRow)
 
 
 def of_digest(connection: Connection, digest: str) -> FunctionRow | None:
-    """Return a version with this digest, whatever its name."""
+    """Return a version with this digest, under any name."""
     return read_first(connection, _FUNCTION.where(Function.digest == digest).limit(1), FunctionRow)
 
 
@@ -83,7 +83,7 @@ def versions(connection: Connection, name: str) -> list[FunctionRow]:
 
 
 def every(connection: Connection) -> list[FunctionRow]:
-    """Return all versions of all names: by name, newest first."""
+    """Return all versions of all names, sorted by name, newest first."""
     return read_all(connection, _FUNCTION.order_by(Function.name, Function.version.desc()), FunctionRow)
 
 
@@ -93,7 +93,7 @@ def remove(connection: Connection, name: str, digest: str) -> None:
 
 
 def known_payloads(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return those SHA-256 that belong to the payload of a version."""
+    """Return the given SHA-256 digests that are payloads of versions."""
     payloads = connection.scalars(select(Function.payload).where(Function.payload.in_(digests)))
     return {payload for payload in payloads if payload is not None}
 

@@ -28,7 +28,7 @@ def same_frame(table: OfFrames) -> ColumnElement[bool]:
     )
 
 
-#: The light of a frame, where its run asked for it.
+#: Joins a frame with its light, if its run annotates light.
 LIGHT_OF_FRAME = and_(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.LIGHT.value)
 LIGHT_OF_PERSON = and_(
     PersonLight.product == FrameAnnotation.product, PersonLight.instance_id == PersonView.instance_id
@@ -56,12 +56,12 @@ def frame_order(table: OfFrames) -> tuple[Any, Any, Any]:
 
 
 def key_of(run_id: str, row: Any) -> FrameKey:
-    """Return the frame that a row of a query names."""
+    """Return the frame that a query's row names."""
     return FrameKey(run_id, row.variant_index, row.camera_index, row.time_index)
 
 
 def _annotation_of_frame(kind: AnnotationKind) -> Any:
-    """Return the digest of an annotation of the frame that a query reads, or NULL, under the name of its kind."""
+    """Return a column, named by the kind: the digest of this annotation of the frame that a query reads, or NULL."""
     return (
         select(FrameAnnotation.product)
         .where(same_frame(FrameAnnotation), FrameAnnotation.kind == kind.value)
@@ -71,7 +71,7 @@ def _annotation_of_frame(kind: AnnotationKind) -> Any:
     )
 
 
-#: The columns of a `StoredFrame`, of a query that joins frames and variants.
+#: The columns of a `StoredFrame`, for a query that joins frames and variants.
 FRAME_COLUMNS = (
     Frame.run_id,
     *frame_order(Frame),
@@ -90,8 +90,8 @@ class StoredFrame:
 
     Attributes:
         key: the frame.
-        products: what shows it.
-        assignment: path to value of its variant.
+        products: its picture, truth, velocities and scan.
+        assignment: parameter path to value, of its variant.
     """
 
     key: FrameKey
@@ -100,6 +100,6 @@ class StoredFrame:
 
     @classmethod
     def of(cls, row: Any) -> StoredFrame:
-        """Take the frame from a row with the columns `FRAME_COLUMNS`."""
+        """Read the frame from a row with the columns `FRAME_COLUMNS`."""
         products = FrameProducts(row.background, row.layer, row.truth, row.velocity, row.scan)
         return cls(key_of(row.run_id, row), products, row.assignment)

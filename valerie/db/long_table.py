@@ -37,7 +37,7 @@ _TABLES: Final[dict[Source, type[Base]]] = {
     Source.PERSON_SCORE: PersonScore,
     Source.FRAME_SCORE: Score,
 }
-#: Columns of the long table that can be filtered and sorted by, and what they are in the database.
+#: Columns of the long table that can be filtered and sorted by, with their columns in the database.
 COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
     "variant_index": Frame.variant_index,
     "camera_index": Frame.camera_index,
@@ -48,9 +48,9 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
     **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
 
-#: What tells the rows of one run's long table apart.
+#: Columns that identify a row in one run's long table.
 KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
-#: Rows that are read at a time.
+#: Rows read at a time.
 _PIECE: Final = 10_000
 _MEASURES: Final = tuple(name for name in COLUMNS if name not in KEY)
 _COMPARISONS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
@@ -81,13 +81,13 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A frame as a function sees it through a sensor setting.
+    """A frame as seen by a function through a sensor setting.
 
     Attributes:
         frame: the frame.
-        sensor_index, function_index: places in the run's spec.
-        measures: of all sources that are stored.
-        assignment: of the variant.
+        sensor_index, function_index: indexes in the run's spec.
+        measures: name to value, from all stored sources.
+        assignment: parameter path to value, of the variant.
     """
 
     frame: FrameKey
@@ -101,7 +101,7 @@ class _Row:
 class LostRow(_Row):
     """A row that the long table lacks because its evaluation has no scores.
 
-    ``instance_id`` is None where the truth is not stored either: then nobody knows who is seen.
+    ``instance_id`` is None if the truth is not stored either: then it is unknown which persons are visible.
     """
 
     instance_id: int | None
@@ -109,19 +109,19 @@ class LostRow(_Row):
 
 @dataclass(frozen=True, slots=True)
 class LongRow(_Row):
-    """A row of the long table: one person. ``instance_id`` is label id × 1000 + n; 0 stands for a scene without persons."""
+    """A row of the long table: one person. ``instance_id`` is label id × 1000 + n; 0: a scene without persons."""
 
     instance_id: int
 
     def position(self, sort: str) -> tuple[Cell, ...]:
-        """Return the row's place in the order of `page`: its value in a column of `COLUMNS`, then its key."""
+        """Return the row's position in the order of `page`: its value in a column of `COLUMNS`, then its key."""
         frame = self.frame
         place = (frame.variant, frame.camera, frame.time, self.sensor_index, self.function_index, self.instance_id)
         return (place[KEY.index(sort)] if sort in KEY else self.measures[sort], *place)
 
 
 def _select(run_id: str, *, filters: Sequence[Filter] = (), lost: bool = False) -> Select[Any]:
-    """Return the SELECT of `COLUMNS` and the assignment: of the evaluated part of a run, or of the lost part.
+    """Return the SELECT of `COLUMNS` and the assignment, for the evaluated or the lost rows of a run.
 
     Raises:
         UnknownName: a filter names no column or comparison.
@@ -164,7 +164,7 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
 
 
 def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[Any]]]:
-    """Read the long table in pieces, in the order of the variants: name to the values of a column of `COLUMNS`."""
+    """Read the long table in pieces, in the order of the variants: column of `COLUMNS` to its values."""
     query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
     query = query.order_by(*(COLUMNS[name] for name in KEY))
     for piece in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
@@ -186,7 +186,7 @@ def _read(form: Callable[..., R], connection: Connection, run_id: str, query: Se
 def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
     """Read the rows of evaluations without scores, in the order of the variants.
 
-    There is one row per person where the truth is stored, else one row without any values of a person.
+    There is one row per person if the truth is stored, else one row without values of a person.
     """
     query = _select(run_id, lost=True).order_by(*(COLUMNS[name] for name in KEY))
     yield from _read(LostRow, connection.execution_options(yield_per=5_000), run_id, query)
@@ -202,16 +202,16 @@ def page(
     limit: int,
     after: Sequence[Cell] | None = None,
 ) -> list[LongRow]:
-    """Read rows of the long table in the order of a column, then of the key; rows without a value come last.
+    """Read rows of the long table, sorted by a column, then by the key; rows without a value come last.
 
     Args:
         connection: to read with.
         run_id: of an existing run.
-        filters: all must hold.
+        filters: conditions that all must hold.
         sort: a column of `COLUMNS`.
-        descending: turns the order of the column, not of the key.
-        limit: most rows.
-        after: `LongRow.position` of the last row seen; rows that a running run adds later move nothing.
+        descending: reverses the order of the column, not of the key.
+        limit: largest number of rows.
+        after: `LongRow.position` of the last row read; rows that a run adds meanwhile do not shift the pages.
 
     Raises:
         UnknownName: ``sort`` or a filter names no column.
@@ -246,7 +246,7 @@ def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A row of the long table as a scatter plot needs it; ``x`` is None where no column was asked for."""
+    """A row of the long table for a scatter plot; ``x`` is None if no column was requested."""
 
     variant_index: int
     camera_index: int
@@ -265,8 +265,8 @@ def points(connection: Connection, run_id: str, column: str | None, *, share: fl
     Args:
         connection: to read with.
         run_id: of an existing run.
-        column: of `COLUMNS`, numeric; None: there is no ``x``.
-        share: below 1, an even sample of the variants: Knuth's multiplicative hash of their index decides.
+        column: numeric column of `COLUMNS`; None: no ``x``.
+        share: below 1, the share of the variants in an even sample, by Knuth's multiplicative hash of their index.
 
     Raises:
         UnknownName: no such column.

@@ -1,4 +1,4 @@
-"""Rows that hold measures: persons as they are seen, lit and scored, and the scores of a frame."""
+"""Rows of measures: visibility, light and scores of persons, and the scores of frames."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _SCORED: Final = names_from(Source.PERSON_SCORE)
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPerson:
-    """The light on a person, or the score of a function on it: a row of `PersonLight` or `PersonScore`.
+    """The light on a person, or a function's score on one: a row of `PersonLight` or `PersonScore`.
 
     Attributes:
         instance_id: label id × 1000 + n.
-        measures: of the table.
+        measures: name to value, of the table.
     """
 
     instance_id: int
@@ -37,13 +37,13 @@ class MeasuredPerson:
 
 @dataclass(frozen=True, slots=True)
 class SeenPerson:
-    """A person as a picture shows it: a row of `PersonView`.
+    """A person as visible in a picture: a row of `PersonView`.
 
     Attributes:
-        instance_id: label id × 1000 + n; 0 stands for a scene without persons.
-        measures: of place and pixels; where a query says so, also of light.
-        box: x0, y0, x1, y1 of the visible pixels, end exclusive; None when nothing is seen.
-        amodal_box: the same of the person rendered alone.
+        instance_id: label id × 1000 + n; 0: a scene without persons.
+        measures: name to value, of place and pixels; from queries that say so, also of light.
+        box: x0, y0, x1, y1 of the visible pixels, end exclusive; None if no pixel is visible.
+        amodal_box: the same for the person rendered alone.
     """
 
     instance_id: int
@@ -64,8 +64,8 @@ class FrameScore:
     Attributes:
         confusion: packed confusion matrix.
         tp, fn, tn: pixels of the class person.
-        pacc: recall of the class person; None where the frame shows none.
-        measures: of the frame.
+        pacc: recall of the class person; None if the frame shows no person.
+        measures: name to value, of the frame.
     """
 
     confusion: bytes
@@ -77,7 +77,7 @@ class FrameScore:
 
     @property
     def figures(self) -> Measures:
-        """Name to value of everything but the matrix."""
+        """Name to value, without the matrix."""
         return {"tp": self.tp, "fn": self.fn, "tn": self.tn, "pacc": self.pacc, **self.measures}
 
     @property
@@ -87,7 +87,7 @@ class FrameScore:
 
 
 def person_views(connection: Connection, truth: str) -> list[SeenPerson]:
-    """Read how the persons of one truth are seen."""
+    """Read the visibility of the persons in one truth product."""
     query = (
         select(PersonView.instance_id, PersonView.box, PersonView.amodal_box, *(COLUMNS[name] for name in SEEN))
         .where(PersonView.truth == truth)

@@ -1,4 +1,4 @@
-"""Bring a database to this version's tables; entry points call it before anything else touches the database."""
+"""Migrate a database to this version's tables; entry points do so before anything else touches the database."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sqlalchemy import Engine, text
 from valerie.db.engine import reading, translated
 from valerie.errors import Conflict
 
-#: Any number: of several processes that start at once on Postgres, the one that holds it migrates and the others wait.
+#: An arbitrary number: if several processes start at once on Postgres, its holder migrates and the others wait.
 _ADVISORY_LOCK: Final = 728_416_095
 #: Revisions of databases from before 0.1.0, the first release.
 _UNRELEASED: Final = frozenset({"0001", "0002", "0003", "0004", "0005", "0006"})
@@ -25,8 +25,8 @@ def migrate(engine: Engine) -> None:
     """Upgrade to the newest revision.
 
     Raises:
-        Conflict: the database was written by a newer version of VALERIE, or before its first release; it is left unchanged.
-        StorageUnavailable, TransientError: it cannot be written or does not answer.
+        Conflict: the database is from a newer version of VALERIE, or from before its first release; it is left unchanged.
+        StorageUnavailable, TransientError: the database cannot be written or does not answer.
     """
     config = _config()
     _refuse_unknown(engine, config)
@@ -41,7 +41,7 @@ def require_current(engine: Engine) -> None:
     """Refuse a database without this version's tables; workers do not migrate.
 
     Raises:
-        Conflict: the database is older or newer than this version; says what to do.
+        Conflict: the database is older or newer than this version; the message says what to do.
     """
     config = _config()
     _refuse_unknown(engine, config)

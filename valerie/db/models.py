@@ -1,8 +1,8 @@
-"""The tables. Documents are JSON columns; whatever is filtered, joined or plotted by has a column of its own.
+"""The tables. Documents are JSON columns; everything that queries filter, join or plot has a column of its own.
 
 Products belong to no run. A *frame* links a variant to its background, layer and truth; an *evaluation* links a frame, a
 sensor setting and a function to its prediction and scores. A product without a link is not computed, and `gc` frees it.
-Product digests (32 hexadecimal characters) are primary keys: rows can be written without asking which exist.
+Product digests (32 hexadecimal characters) are primary keys: rows can be written without a query for existing ones.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from valerie.runs.products.states import Priority, ProductKind, ProductState, Ru
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
 
-#: The name of a constraint follows from its columns, so that migrations can name it on both databases.
+#: A constraint's name follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
@@ -51,13 +51,13 @@ NAMING = {
     "pk": "pk_%(table_name)s",
 }
 Digest = String(32)
-#: Path to value; angles in degrees.
+#: Parameter path to value; angles in degrees.
 Assignment = dict[str, Value]
 _INPUT_COLUMNS = ("input_a", "input_b", "input_c")
 
 
 def _partial(name: str, *columns: str, where: str) -> Index:
-    """An index over some rows only; the same on both databases."""
+    """Return an index over some of the rows, the same on both databases."""
     return Index(name, *columns, sqlite_where=text(where), postgresql_where=text(where))
 
 
@@ -85,7 +85,7 @@ class Base(DeclarativeBase):
 
 
 def _measured(*sources: Source) -> Callable[[type[_Table]], type[_Table]]:
-    """Give a table one column for each measure from ``sources``, by the measure's name."""
+    """Give a table one column, of the measure's name, for each measure from ``sources``."""
 
     def extend(table: type[_Table]) -> type[_Table]:
         for measure in measures_from(*sources):
@@ -96,19 +96,19 @@ def _measured(*sources: Source) -> Callable[[type[_Table]], type[_Table]]:
 
 
 class Run(Base):
-    """A validation run: its spec, its pins, how much of it has rows, how far it is."""
+    """A validation run: its spec, its pins and its progress."""
 
     __tablename__ = "runs"
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     name: Mapped[str] = mapped_column(String(200))
     state: Mapped[RunState]
-    #: Why it is paused, waits or failed; shown to people as it is.
+    #: Why the run is paused, waits or failed; shown to users verbatim.
     reason: Mapped[str | None] = mapped_column(Text)
     spec: Mapped[RunSpec] = mapped_column(JsonDocument(RunSpec))
     spec_digest: Mapped[str] = mapped_column(Digest)
     asset_digest: Mapped[str] = mapped_column(Digest)
-    #: None until workers offer everything that the spec needs.
+    #: None until workers offer all that the spec needs.
     pins: Mapped[Pins | None] = mapped_column(JsonDocument(Pins))
     parent_run: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
     iteration: Mapped[int] = mapped_column(default=0)
@@ -130,7 +130,7 @@ class Run(Base):
 
 
 class Block(Base):
-    """A stretch of consecutive variants. A finished block is never counted again, which keeps progress cheap."""
+    """A range of consecutive variants. A finished block is not counted again, which keeps progress cheap."""
 
     __tablename__ = "blocks"
 
@@ -138,7 +138,7 @@ class Block(Base):
     number: Mapped[int] = mapped_column(primary_key=True)
     first: Mapped[int] = mapped_column(BigInteger)
     last: Mapped[int] = mapped_column(BigInteger)
-    #: Final counts; None while something is left to do.
+    #: Final counts; None while unfinished.
     counts: Mapped[BlockCounts | None] = mapped_column(JsonDocument(BlockCounts))
 
 
@@ -151,12 +151,12 @@ class Variant(Base):
     index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
     block: Mapped[int]
     assignment: Mapped[Assignment] = mapped_column(JsonDocument(Assignment))
-    #: Why no frame is made of it, in words; None for an accepted variant.
+    #: Why the variant gets no frames, in words; None for an accepted variant.
     rejection: Mapped[str | None] = mapped_column(Text)
 
 
 class Product(Base):
-    """A computed thing, addressed by the digest of its true inputs."""
+    """A computed artifact, addressed by the digest of its true inputs."""
 
     __tablename__ = "products"
 
@@ -165,7 +165,7 @@ class Product(Base):
     state: Mapped[ProductState]
     #: Queue of the workers that can make it: stage and numeric class.
     route: Mapped[str] = mapped_column(String(120))
-    #: Products with one group share a warm cache (same asset, camera and light; same network).
+    #: Products of one group share a warm cache (same asset, camera and light; same network).
     cache_group: Mapped[str] = mapped_column(Digest)
     #: Products that must be done first.
     input_a: Mapped[str | None] = mapped_column(Digest)
@@ -175,13 +175,13 @@ class Product(Base):
     turn: Mapped[float] = mapped_column(Float, default=0.0)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
-    #: Unix seconds; the holder loses the product then.
+    #: End of the lease, Unix seconds.
     lease_until: Mapped[float | None] = mapped_column(Float)
-    #: Unix seconds of the last message; None after a transient failure, until it is sent again.
+    #: Time of the last message; None after a transient failure, until it is sent again.
     sent_at: Mapped[float | None] = mapped_column(Float)
     #: Unix seconds: a ready product rests until then after a transient failure.
     not_before: Mapped[float | None] = mapped_column(Float)
-    #: Why it failed for good.
+    #: Why of a final failure.
     error: Mapped[ProductError | None] = mapped_column(JsonDocument(ProductError))
     bytes: Mapped[int | None] = mapped_column(BigInteger)
     pixels: Mapped[int | None] = mapped_column(BigInteger)
@@ -189,12 +189,12 @@ class Product(Base):
     finished_at: Mapped[float | None] = mapped_column(Float)
 
     __table_args__ = (
-        # Only waiting products are looked for by their inputs: indexes as small as the feeding window.
+        # Only waiting products are looked up by their inputs: the indexes are as small as the feeding window.
         *(_partial(f"ix_products_{column}", column, where="state = 'waiting'") for column in _INPUT_COLUMNS),
-        # The sweeper and the window look only at unfinished products: a small index however large the table.
+        # The sweeper and the window read only unfinished products: the index stays small in a large table.
         # Workers take the ready products of a route by turn.
         _partial("ix_products_unfinished", "state", "route", "turn", where="state IN ('waiting','ready','running')"),
-        # Sums over all ended products, and the newest of each kind, without reading the rows.
+        # For sums over all ended products, and for the newest of each kind, without reading rows.
         _partial(
             "ix_products_ended", "kind", "state", "finished_at", "cpu_seconds", where="state IN ('done','failed')"
         ),
@@ -202,7 +202,7 @@ class Product(Base):
 
 
 class Frame(Base):
-    """A frame (variant, camera, time index) and the products that it links to."""
+    """A frame (variant, camera, time index) and its products."""
 
     __tablename__ = "frames"
 
@@ -228,7 +228,7 @@ class Frame(Base):
 
 
 class Evaluation(Base):
-    """An evaluation (frame, sensor setting, function) and the products that it links to."""
+    """An evaluation (frame, sensor setting, function) and its products."""
 
     __tablename__ = "evaluations"
 
@@ -240,9 +240,9 @@ class Evaluation(Base):
     function_index: Mapped[int] = mapped_column(primary_key=True)
     prediction: Mapped[str] = mapped_column(Digest)
     scores: Mapped[str] = mapped_column(Digest)
-    #: The prediction of the background without movables, for `pacc_empty`; None where it is not made.
+    #: The prediction for the background without movables, for `pacc_empty`; None if the run does not make it.
     empty: Mapped[str | None] = mapped_column(Digest)
-    #: The sensor distorts: the rows of `PersonView` for its pictures name ``scores`` instead of the frame's truth.
+    #: Whether the sensor distorts: rows of `PersonView` for its pictures then name ``scores``, not the frame's truth.
     distorted: Mapped[bool] = mapped_column(default=False)
 
     __table_args__ = (
@@ -259,7 +259,7 @@ class Evaluation(Base):
 
 
 class FrameAnnotation(Base):
-    """An annotation of a frame, and the product that it links to."""
+    """An annotation of a frame, and its product."""
 
     __tablename__ = "frame_annotations"
 
@@ -283,16 +283,16 @@ class FrameAnnotation(Base):
 
 @_measured(Source.PLACE, Source.PIXELS)
 class PersonView(Base):
-    """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person.
+    """Visibility of one person in one truth product; a row with instance 0 stands for a scene without persons.
 
-    ``truth`` is an evaluation product where the sensor distorts: its rows are of the truth as that sensor sees it.
+    If the sensor distorts, ``truth`` is an evaluation product: its rows describe the truth as that sensor sees it.
     """
 
     __tablename__ = "person_views"
 
     truth: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     instance_id: Mapped[int] = mapped_column(primary_key=True)
-    #: x0, y0, x1, y1 in pixels, end exclusive; None when nothing is seen.
+    #: x0, y0, x1, y1 in pixels, end exclusive; None if no pixel is visible.
     box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
     amodal_box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
 
@@ -309,7 +309,7 @@ class PersonLight(Base):
 
 @_measured(Source.PICTURE)
 class Picture(Base):
-    """Grey levels of the picture that a prediction was made from; part of a product of kind ``prediction``."""
+    """Grey levels of the picture behind a prediction; part of a product of kind ``prediction``."""
 
     __tablename__ = "pictures"
 
@@ -318,7 +318,7 @@ class Picture(Base):
 
 @_measured(Source.FRAME_SCORE)
 class Score(Base):
-    """Counts of one frame and one function, and the ratios that follow from them."""
+    """Counts of one function on one frame, and the ratios that follow from them."""
 
     __tablename__ = "scores"
 
@@ -349,13 +349,13 @@ class Study(Base):
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     name: Mapped[str] = mapped_column(String(200))
     state: Mapped[StudyState]
-    #: What it waits for, or why it ended; shown to people as it is.
+    #: What the study waits for, or why it ended; shown to users verbatim.
     reason: Mapped[str | None] = mapped_column(Text)
     document: Mapped[StudyDocument] = mapped_column(JsonDocument(StudyDocument))
     asset_digest: Mapped[str] = mapped_column(Digest)
-    #: A person accepts each batch.
+    #: Whether a person accepts each batch.
     by_hand: Mapped[bool]
-    #: What is known from the batches that ended; None before.
+    #: Result of the batches that have ended; None before the first.
     result: Mapped[StudyResult | None] = mapped_column(JsonDocument(StudyResult))
     created_at: Mapped[datetime]
     finished_at: Mapped[datetime | None]
@@ -364,13 +364,13 @@ class Study(Base):
 
 
 class StudyBatch(Base):
-    """A proposal of a study, its run and its outcomes. Points and what they rest on are written once."""
+    """A proposal of a study, its run and its outcomes."""
 
     __tablename__ = "study_batches"
 
     study_id: Mapped[str] = mapped_column(ForeignKey("studies.id", ondelete="CASCADE"), primary_key=True)
     number: Mapped[int] = mapped_column(primary_key=True)
-    #: Number of points that the strategy was asked for; the proposal may have fewer.
+    #: Number of points requested from the strategy; the proposal may have fewer.
     count: Mapped[int]
     #: (n, dimensions) in the unit cube.
     points: Mapped[list[list[float]]] = mapped_column(JsonDocument(list[list[float]]))
@@ -378,13 +378,13 @@ class StudyBatch(Base):
     rejected: Mapped[list[int]] = mapped_column(JsonDocument(list[int]))
     #: Why these points, in words.
     reason: Mapped[str] = mapped_column(Text)
-    #: Digest of the study and of all outcomes that the proposal rests on; those are of the batches before ``based_on``.
+    #: Digest of the study and of all outcomes behind the proposal: those of the batches before ``based_on``.
     basis: Mapped[str] = mapped_column(Digest)
     based_on: Mapped[int]
-    #: None while a person has not accepted it.
+    #: None until the batch is accepted.
     accepted_at: Mapped[datetime | None]
     run_id: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
-    #: How often its run was retried after products failed.
+    #: Number of retries of its run after products failed.
     retries: Mapped[int] = mapped_column(default=0)
     #: None until the run has ended with every score.
     outcomes: Mapped[Outcomes | None] = mapped_column(JsonDocument(Outcomes))
@@ -399,7 +399,7 @@ class Function(Base):
     __tablename__ = "functions"
 
     name: Mapped[str] = mapped_column(String(64), primary_key=True)
-    #: Of the document without its name; see `valerie.perception.documents.function.FunctionDocument`.
+    #: Digest of the document without its name; see `valerie.perception.documents.function.FunctionDocument`.
     digest: Mapped[str] = mapped_column(Digest, primary_key=True)
     #: Counts the versions of a name; the highest is the newest.
     version: Mapped[int]
@@ -416,12 +416,12 @@ class Function(Base):
 
 
 class SavedSelection(Base):
-    """Rows of runs under a name that people gave: what is selected, and what of it is shown."""
+    """A named selection of rows of runs, and how a page shows it."""
 
     __tablename__ = "selections"
 
     name: Mapped[str] = mapped_column(String(120), primary_key=True)
-    #: Ids of the runs; they may be deleted meanwhile.
+    #: Ids of the runs, which may have been deleted since.
     runs: Mapped[tuple[str, ...]] = mapped_column(JsonDocument(tuple[str, ...]))
     #: The expression; empty: all rows.
     expression: Mapped[str] = mapped_column(Text)
@@ -457,7 +457,7 @@ class MarkTag(Base):
 
 
 class Worker(Base):
-    """A worker process, and what it offers."""
+    """A worker process and its offers."""
 
     __tablename__ = "workers"
 
@@ -467,7 +467,7 @@ class Worker(Base):
     pid: Mapped[int]
     offers: Mapped[tuple[AnyOffer, ...]] = mapped_column(JsonDocument(tuple[AnyOffer, ...]))
     started_at: Mapped[float] = mapped_column(Float)
-    #: Unix seconds of the last sign of life.
+    #: Unix seconds of the last heartbeat.
     seen_at: Mapped[float] = mapped_column(Float)
 
 

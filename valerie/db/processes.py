@@ -1,4 +1,4 @@
-"""Queries about processes: living workers, their offers, and who holds a role."""
+"""Queries about processes: live workers, their offers, and the holders of roles."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from valerie.db.statements import insert_ignoring
 from valerie.runs.products.pins import AnyOffer
 from valerie.runs.products.states import Stage
 
-#: A worker that was not seen for this long counts as dead.
+#: A worker without a heartbeat for this long counts as dead.
 ALIVE_SECONDS = 20.0
-#: The row of a worker that was not seen for this long is deleted.
+#: The row of a worker without a heartbeat for this long is deleted.
 _FORGOTTEN_SECONDS: Final = 3600.0
 
 
@@ -33,14 +33,14 @@ class WorkerRow:
 
 
 def register_worker(connection: Connection, worker: WorkerRow) -> None:
-    """Write a worker's row, replacing one of the same id; delete the rows of workers dead for long."""
+    """Write a worker's row, replacing one of the same id; delete the rows of workers that died long ago."""
     forgotten = worker.seen_at - _FORGOTTEN_SECONDS
     connection.execute(delete(Worker).where((Worker.id == worker.id) | (Worker.seen_at < forgotten)))
     insert_ignoring(connection, Worker, [vars(worker)])
 
 
 def worker_seen(connection: Connection, worker_id: str, now: float) -> bool:
-    """Note a sign of life; return False when the worker has no row any more and must register again."""
+    """Record a heartbeat; return False if the worker's row is gone and it must register again."""
     return connection.execute(update(Worker).where(Worker.id == worker_id).values(seen_at=now)).rowcount == 1
 
 
@@ -50,15 +50,15 @@ def remove_worker(connection: Connection, worker_id: str) -> None:
 
 
 def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
-    """Return the living workers, longest-serving first."""
-    # A sign of life from the future is of a worker that died before the clock was set back: a living one gives another.
+    """Return the live workers, the longest-running first."""
+    # A heartbeat from the future is of a worker that died before the clock was set back: a live one sends another.
     seen = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
     query = select(*columns_of(WorkerRow, Worker)).where(seen)
     return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
 
 
 def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
-    """Return what the living workers offer, each route and name once, in the order of `workers`."""
+    """Return the offers of the live workers, each route and name once, in the order of `workers`."""
     unique: dict[tuple[str, str], AnyOffer] = {}
     for worker in workers(connection, now=now):
         for offer in worker.offers:
@@ -67,10 +67,10 @@ def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
 
 
 def hold_lease(connection: Connection, name: str, *, owner: str, now: float, seconds: float) -> bool:
-    """Take or prolong a role; return False when another process holds it.
+    """Take or extend a role; return False if another process holds it.
 
-    A lease that ends later than any can (the clock was set back, or its holder's is ahead) is cut to ``seconds``: a living
-    holder prolongs it, a dead one loses it then.
+    A lease that ends impossibly late (the clock was set back, or its holder's is ahead) is cut to ``seconds``: a live
+    holder extends it, a dead one loses it.
     """
     insert_ignoring(connection, Lease, [{"name": name, "owner": owner, "until": 0.0}])
     until = now + seconds
@@ -86,5 +86,5 @@ def hold_lease(connection: Connection, name: str, *, owner: str, now: float, sec
 
 
 def release_lease(connection: Connection, name: str, *, owner: str) -> None:
-    """Give a role up, so that another process may take it at once."""
+    """Release a role, so that another process may take it at once."""
     connection.execute(update(Lease).where(Lease.name == name, Lease.owner == owner).values(until=0.0))

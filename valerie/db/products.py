@@ -1,7 +1,7 @@
-"""The life of a product: wanted, claimed, published or failed.
+"""The life cycle of a product: wanted, claimed, published or failed.
 
 States: *waiting* (inputs are missing) → *ready* (a message may be under way) → *running* (leased) → *done* or *failed*;
-*parked* products have no link at present. All changes are compare-and-set, so a message may be lost or doubled.
+*parked* products have no link at present. All changes are compare-and-set: messages may be lost or arrive twice.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _INPUTS_DONE: Final = text(
     "NOT EXISTS (SELECT 1 FROM products AS i"
     " WHERE i.digest IN (products.input_a, products.input_b, products.input_c) AND i.state <> 'done')"
 )
-#: States of products that are tried again when a run wants them.
+#: States from which a product is tried again when a run wants it.
 _TRIED_AGAIN: Final = (ProductState.FAILED, ProductState.PARKED)
 
 
@@ -61,8 +61,8 @@ class Wanted(NamedTuple):
 def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: Turns) -> list[Ready]:
     """Insert products that a run links to; return those that became ready.
 
-    A product is ready where all its inputs are done. Existing products stay as they are, but those that failed for good or
-    were parked are tried again, and an unfinished one gets the earlier turn of the runs that want it.
+    A product is ready once all its inputs are done. Existing products stay as they are, except that failed and parked ones
+    are tried again, and an unfinished one gets the earlier turn of the runs that want it.
 
     Args:
         connection: to write with.
@@ -71,10 +71,10 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
         turns: gives the unfinished ones their turns.
     """
     links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
-    asked = {digest for digest in links if digest is not None}
-    # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
+    digests = {digest for digest in links if digest is not None}
+    # Locked until the commit (SQLite: no one else writes): a worker must not park what this transaction is about to link.
     columns = Product.digest, Product.state, Product.turn
-    known = select(*columns).where(among(connection, Product.digest, asked)).with_for_update()
+    known = select(*columns).where(among(connection, Product.digest, digests)).with_for_update()
     states = {digest: (state, turn) for digest, state, turn in connection.execute(known)}
     done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
     rows: list[tuple[Any, ...]] = []
@@ -95,7 +95,7 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
                 ready.append(Ready(digest, kind, route, group, turn))
         else:
             rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), turn, 0, None))
-    rows.sort(key=itemgetter(0))  # neighbours on the pages of the primary key, one after the other
+    rows.sort(key=itemgetter(0))  # neighbours in the primary key's pages, one after the other
     insert_rows(
         connection,
         Product,
@@ -125,7 +125,7 @@ def present_turn(connection: Connection) -> float | None:
 
 
 def revive(connection: Connection, digests: Collection[str]) -> None:
-    """Let those of ``digests`` that failed for good or were parked wait again, as if never tried."""
+    """Reset the failed and parked products among ``digests`` to waiting, as if never tried."""
     connection.execute(
         update(Product)
         .where(
@@ -145,15 +145,15 @@ def revive(connection: Connection, digests: Collection[str]) -> None:
 
 
 def promote(connection: Connection, digests: Collection[str], now: float) -> list[Ready]:
-    """Make those of ``digests`` ready whose inputs are all done; return them."""
+    """Make the waiting products among ``digests`` ready whose inputs are all done; return them."""
     return _promote(connection, among(connection, Product.digest, digests), now)
 
 
 def promote_dependents(connection: Connection, inputs: Collection[str], now: float) -> list[Ready]:
-    """Make products ready that waited for ``inputs`` alone; return them.
+    """Make products ready whose last missing inputs were ``inputs``; return them.
 
-    Call it in a transaction of its own, after the one that finished the inputs: of two workers that finish the two inputs of
-    one product at the same time, the later then sees both.
+    Call it in its own transaction, after the one that finished the inputs: if two workers finish the two inputs of one
+    product at the same time, the later one then sees both.
     """
     # One SELECT per column: SQLite reads no partial index for the parts of an OR.
     waiting = [select(Product.digest).where(WAITING, among(connection, column, inputs)) for column in _INPUTS]
@@ -161,7 +161,7 @@ def promote_dependents(connection: Connection, inputs: Collection[str], now: flo
 
 
 def promote_all(connection: Connection, now: float) -> list[Ready]:
-    """Make every product ready that waits although its inputs are done; return them."""
+    """Make every waiting product ready whose inputs are done; return them."""
     return _promote(connection, UNFINISHED, now)
 
 
@@ -176,19 +176,18 @@ def _promote(connection: Connection, condition: ColumnElement[bool], now: float)
 
 
 def to_send(rows: Iterable[Row[str, ProductKind, str, str, float]]) -> list[Ready]:
-    """Return rows of `READY_COLUMNS` without predictions that are to be uploaded: no worker serves them."""
+    """Return rows of `READY_COLUMNS` without uploaded predictions, which no worker makes."""
     return [ready for row in rows if (ready := Ready(*row)).route != UPLOADED_ROUTE]
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One function's look at a frame through one sensor.
+    """One function's evaluation of a frame through one sensor.
 
     Attributes:
-        sensor: index in the sensors of the run's spec.
-        function: index in its functions.
+        sensor, function: indexes in the run's spec.
         prediction: digest of the prediction for the frame.
-        empty: digest of the prediction for its background without movables; None if there is none.
+        empty: digest of the prediction for its background without movables, if any.
     """
 
     sensor: int
@@ -203,9 +202,9 @@ class Job:
 
     Attributes:
         digest, kind: of the product.
-        attempts: how many there were, this one included.
+        attempts: number of attempts so far, including this one.
         frame: one of the frames that link to the product.
-        look: for predictions and evaluations, which one of the frame.
+        look: only for predictions and evaluations.
     """
 
     digest: str
@@ -243,9 +242,9 @@ def claim_next(connection: Connection, route: str, *, owner: str, now: float, le
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
-    """Lease those of ``digests`` that are ready; return them in the order of ``digests``.
+    """Lease the ready products among ``digests``; return them in the order of ``digests``.
 
-    A product that no running run links to is parked instead.
+    A product without a link from a running run is parked instead.
     """
     statement = (
         update(Product)
@@ -262,7 +261,7 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
     claimed = {row.digest: row for row in connection.execute(statement)}
     jobs: list[Job] = []
     orphans: list[str] = []
-    for digest in digests:  # the order of the message is the order of the warm cache
+    for digest in digests:  # the message's order suits the warm cache
         row = claimed.pop(digest, None)
         if row is None:
             continue
@@ -343,7 +342,7 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
 
 
 def renew(connection: Connection, digests: Collection[str], *, owner: str, until: float) -> None:
-    """Prolong the leases that ``owner`` still holds."""
+    """Extend the leases that ``owner`` still holds."""
     connection.execute(
         update(Product)
         .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)
@@ -353,12 +352,12 @@ def renew(connection: Connection, digests: Collection[str], *, owner: str, until
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A product whose artifact is stored, with the rows that say what it holds.
+    """A product whose artifact is stored, with the rows that describe its content.
 
     Attributes:
-        digest: names the product.
-        bytes, pixels: of the object and of the image.
-        cpu_seconds: cost of making it.
+        digest: the product.
+        bytes, pixels: size of the object, and of the image.
+        cpu_seconds: CPU time of making it.
         person_views, person_lights, picture, score, person_scores: rows of the tables of these names.
         part: the statics that a truth is stored over.
     """
@@ -377,11 +376,11 @@ class Finished:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The statics that several truths are stored over; its row keeps it from being freed while one of them lives.
+    """The statics that several truths are stored over; its row keeps it from being freed while one of them exists.
 
     Attributes:
-        digest: of its content.
-        bytes, pixels: of the object and of the image.
+        digest: digest of the content.
+        bytes, pixels: size of the object, and of the image.
     """
 
     digest: str
@@ -392,14 +391,14 @@ class Part:
 def publish(connection: Connection, finished: Sequence[Finished], *, owner: str, now: float) -> list[str]:
     """Mark products done and write their rows.
 
-    Only products that ``owner`` still holds are published. The lease of the others ended: other workers make them with equal
-    bytes, or nobody links them any more and they may be freed already.
+    Only products that ``owner`` still holds are published. The leases of the others ended: other workers make them, with
+    equal bytes, or nothing links to them any more and they may have been freed.
 
     Returns:
         The digests that were published.
     """
     digests = [product.digest for product in finished]
-    # Locked until the commit (SQLite: nobody else writes): the current holder of a product keeps it until its rows are written.
+    # Locked until the commit (SQLite: no one else writes): a product keeps its holder until its rows are written.
     held = set(
         connection.scalars(
             select(Product.digest)
@@ -445,7 +444,7 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
 
 
 def _publish_parts(connection: Connection, published: Sequence[Finished], now: float) -> None:
-    """Make each part an input of its product. No worker makes a part by itself: the product's maker stores it again."""
+    """Make each part an input of its product. No worker makes a part separately: the product's maker stores it again."""
     parts = {product.digest: product.part for product in published if product.part is not None}
     if not parts:
         return
@@ -472,7 +471,7 @@ def _publish_parts(connection: Connection, published: Sequence[Finished], now: f
 def hand_back(
     connection: Connection, digests: Collection[str], *, owner: str, not_before: float, count_attempt: bool = True
 ) -> None:
-    """Give leased products back after a transient fault; they rest until ``not_before``, then the sweeper sends them again."""
+    """Return leased products after a transient fault; they rest until ``not_before``, then the sweeper sends them again."""
     attempts = Product.attempts if count_attempt else Product.attempts - 1
     connection.execute(
         update(Product)
@@ -489,13 +488,13 @@ def hand_back(
 
 
 def fail(connection: Connection, digest: str, *, owner: str | None, error: ProductError, now: float) -> None:
-    """Record that an unfinished product failed for good, and every product that waits for it.
+    """Record the final failure of an unfinished product and of every product that waits for it.
 
     Args:
         connection: to write with.
-        digest: of the product.
+        digest: the product.
         owner: required holder; None: any.
-        error: why.
+        error: the cause.
         now: Unix seconds.
     """
     condition = [Product.digest == digest]
@@ -525,7 +524,7 @@ def fail_dependents(connection: Connection, failed: Iterable[str], now: float) -
 
 
 def forget(connection: Connection, digests: Collection[str]) -> None:
-    """Let finished products be made again: their objects are gone or damaged."""
+    """Have finished products made again, whose objects are missing or damaged."""
     connection.execute(
         update(Product)
         .where(Product.digest.in_(digests), Product.state == ProductState.DONE)
@@ -534,7 +533,7 @@ def forget(connection: Connection, digests: Collection[str]) -> None:
 
 
 def await_inputs(connection: Connection, digests: Collection[str], *, owner: str) -> None:
-    """Let leased products wait for inputs that have to be made again."""
+    """Return leased products to waiting: their inputs have to be made again."""
     connection.execute(
         update(Product)
         .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)

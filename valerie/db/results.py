@@ -1,4 +1,4 @@
-"""Queries about the results of functions on frames, and about what failed."""
+"""Queries about the results of functions on frames, and about failures."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class FrameConfusion(NamedTuple):
 
 
 def confusions(connection: Connection, run_id: str) -> Iterator[FrameConfusion]:
-    """Read everything that is evaluated as a stream."""
+    """Read all evaluations of a run that have scores, as a stream."""
     query = (
         select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, COLUMNS["miou"])
         .join(Score, Score.digest == Evaluation.scores)
@@ -64,10 +64,10 @@ class EvaluationRow:
     """An evaluation of a frame.
 
     Attributes:
-        sensor_index, function_index: places in the run's spec.
-        prediction, scores, empty: digests of its products; no ``empty`` where backgrounds are not inferred.
-        prediction_state, scores_state: of these products.
-        score: None until it is done.
+        sensor_index, function_index: indexes in the run's spec.
+        prediction, scores, empty: digests of its products; ``empty`` is None if backgrounds are not inferred.
+        prediction_state, scores_state: states of these products.
+        score: None until the scores are done.
     """
 
     sensor_index: int
@@ -138,12 +138,12 @@ def product_states(connection: Connection, digests: Collection[str]) -> dict[str
 
 
 class FailedLink(NamedTuple):
-    """A product that failed for good, as one frame of a run links to it.
+    """A link from one frame of a run to a product that failed for good.
 
     Attributes:
         frame: the frame.
         digest, kind: of the product.
-        error: why.
+        error: the cause.
     """
 
     frame: FrameKey
@@ -153,7 +153,7 @@ class FailedLink(NamedTuple):
 
 
 def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[FailedLink]:
-    """Read what failed for good in a run, one entry per link, in the order of the stages."""
+    """Read the final failures of a run, one entry per link, in the order of the stages."""
     links: tuple[tuple[OfFrames, Any], ...] = (
         (Frame, Frame.background),
         (Frame, Frame.layer),

@@ -1,4 +1,4 @@
-"""Rows as frozen dataclasses: the fields of a form name the columns that a query reads."""
+"""Rows as frozen dataclasses, whose fields name the columns that a query reads."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ R = TypeVar("R")
 
 
 def columns_of(form: type[Any], *models: type[Any], **others: Any) -> list[Any]:
-    """Return the columns for the fields of a dataclass, in their order.
+    """Return the columns for a dataclass's fields, in their order.
 
     Args:
         form: the dataclass.
-        models: tables; a field is the column of its name in the first that has one.
+        models: tables; a field reads the column of its name in the first table that has one.
         others: columns of other names or tables, by field.
     """
     return [
@@ -32,6 +32,6 @@ def read_all(connection: Connection, statement: Executable, form: type[R]) -> li
 
 
 def read_first(connection: Connection, statement: Executable, form: type[R]) -> R | None:
-    """Return the first row of a query over `columns_of` a form; None where there is none."""
+    """Return the first row of a query over `columns_of` a form, if any."""
     row = connection.execute(statement).first()
     return None if row is None else form(*row)

@@ -26,7 +26,7 @@ ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState
 
 @dataclass(frozen=True)
 class SubmittedRun:
-    """The columns of a run that are known when it is submitted; see `valerie.db.models.Run`."""
+    """The columns of a run that are known at submission; see `valerie.db.models.Run`."""
 
     id: str
     name: str
@@ -69,12 +69,12 @@ class RunValues(TypedDict, total=False):
 
 
 class Fed(NamedTuple):
-    """Part of a run that has rows.
+    """The part of a run that has rows.
 
     Attributes:
-        state: of the run.
+        state: state of the run.
         next_index: variants before this one have rows.
-        rejected_count: those of them of which no frame is made.
+        rejected_count: number of rejected variants among them.
         turn: of the next product.
     """
 
@@ -116,12 +116,12 @@ _RUN = select(*columns_of(RunRow, Run))
 
 
 def now_utc() -> datetime:
-    """Return the present moment, UTC."""
+    """Return the current time, UTC."""
     return datetime.now(UTC)
 
 
 def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | None = None) -> str:
-    """Insert a run and return its id; for a known idempotency key, return the id of the run that has it.
+    """Insert a run and return its id; if a run has its idempotency key already, return that run's id.
 
     Raises:
         Conflict: the idempotency key belongs to a run with another spec.
@@ -133,7 +133,7 @@ def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | 
         with connection.begin_nested():
             connection.execute(insert(Run).values(**vars(run), idempotency_key=idempotency_key))
     except IntegrityError as error:
-        # On Postgres another request may have stored the same key between the question and the insert.
+        # On Postgres, another request may have stored the same key between the SELECT and the INSERT.
         known = _of_key(connection, idempotency_key, run.spec_digest)
         if known is not None:
             return known
@@ -142,7 +142,7 @@ def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | 
 
 
 def _of_key(connection: Connection, key: str | None, spec_digest: str) -> str | None:
-    """Return the id of the run that has an idempotency key already."""
+    """Return the id of the run with this idempotency key, if any."""
     if key is None:
         return None
     known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
@@ -177,7 +177,7 @@ def require(connection: Connection, run_id: str) -> None:
 
 
 def fed(connection: Connection, run_id: str) -> Fed:
-    """Return how much of a run has rows.
+    """Return the part of a run that has rows.
 
     Raises:
         NotFound: no such run.
@@ -201,7 +201,7 @@ def page(
 
     Args:
         connection: to read with.
-        limit: most runs.
+        limit: largest number of runs.
         before: the last run of the page before.
         state: only runs in this state.
         tag: only runs that carry it.
@@ -253,7 +253,7 @@ def in_states(connection: Connection, states: Collection[RunState]) -> list[RunR
 
 
 def count_by_state(connection: Connection) -> dict[RunState, int]:
-    """Return the number of runs in each state that any run is in."""
+    """Return the number of runs by state; states without runs are left out."""
     rows = connection.execute(select(Run.state, func.count()).group_by(Run.state))
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
 
@@ -266,10 +266,10 @@ def change_state(
     state: RunState,
     **values: Unpack[RunValues],
 ) -> bool:
-    """Move a run from one of ``expected`` to ``state``; without a ``reason`` it has none from now on.
+    """Move a run from one of ``expected`` to ``state``; its old reason is dropped.
 
     Returns:
-        False where it was in none of them: another process was faster.
+        False if it was in none of them: another process was faster.
     """
     changes: RunValues = {"reason": None, **values}
     changed = connection.execute(
@@ -284,7 +284,7 @@ def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues])
 
 
 def remove(connection: Connection, run_id: str) -> None:
-    """Delete a run with its variants, frames, links and marks; its products stay until `gc` finds that no run links them."""
+    """Delete a run with its variants, frames, links and marks; its products stay until `gc` frees those without a link."""
     for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
         connection.execute(delete(table).where(table.run_id == run_id))
     marks.remove_all(connection, run_id)
@@ -315,7 +315,7 @@ def linked_digests(connection: Connection, run_id: str, states: Collection[Produ
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
-    """Return the digests of a function's predictions that can be uploaded: their frames are rendered."""
+    """Return the digests of a function's predictions that can be uploaded, since their frames are rendered."""
     return list(
         connection.scalars(
             select(Product.digest)
@@ -327,7 +327,7 @@ def awaited(connection: Connection, run_id: str, function_index: int) -> list[st
 
 
 def awaited_count(connection: Connection, run_id: str) -> int:
-    """Return how many predictions of a run are still to be uploaded."""
+    """Return the number of predictions of a run that can be uploaded now."""
     statement = (
         select(func.count(Product.digest.distinct()))
         .join(Evaluation, Evaluation.prediction == Product.digest)
@@ -357,9 +357,9 @@ def variants_page(
     Args:
         connection: to read with.
         run_id: of an existing run.
-        after: index of the last variant seen.
-        limit: most variants.
-        rejected: only those that were rejected, or only the others; None: both.
+        after: index of the last variant read.
+        limit: largest number of variants.
+        rejected: only the rejected variants, or only the others; None: both.
     """
     query = (
         select(*columns_of(VariantRow, Variant))

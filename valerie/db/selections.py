@@ -28,14 +28,14 @@ def save(connection: Connection, selection: SelectionRow) -> None:
     """Save a selection.
 
     Raises:
-        Conflict: another one has this name.
+        Conflict: the name is taken.
     """
     if not insert_ignoring(connection, SavedSelection, [asdict(selection)]):
         raise Conflict(f"there is a selection {selection.name!r} already; delete it or choose another name")
 
 
 def listed(connection: Connection) -> list[SelectionRow]:
-    """Return all selections, the newest first."""
+    """Return all selections, newest first."""
     query = select(*columns_of(SelectionRow, SavedSelection)).order_by(
         SavedSelection.created_at.desc(), SavedSelection.name
     )
@@ -46,7 +46,7 @@ def remove(connection: Connection, name: str) -> None:
     """Delete a selection.
 
     Raises:
-        NotFound: there is none of this name.
+        NotFound: no such selection.
     """
     if not connection.execute(delete(SavedSelection).where(SavedSelection.name == name)).rowcount:
         raise NotFound("selection", name)

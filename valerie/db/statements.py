@@ -1,4 +1,4 @@
-"""Parts of statements that the queries of this package share."""
+"""Parts of statements that this package's queries share."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _spelled(state: ProductState) -> ColumnElement[ProductState]:
     return literal_column(f"'{state.value}'")
 
 
-# Spelled out instead of bound: SQLite uses a partial index only for a condition that it can read in the statement. A query
+# Literals instead of bound values: SQLite uses a partial index only if the statement's text contains its condition. A query
 # for unfinished, waiting or ended products that names no digests needs one of these, or it reads the whole table.
 UNFINISHED: Final = Product.state.in_(
     [_spelled(state) for state in (ProductState.WAITING, ProductState.READY, ProductState.RUNNING)]
@@ -44,7 +44,7 @@ ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DON
 def among(connection: Connection, column: InstrumentedAttribute[Any], digests: Collection[str]) -> ColumnElement[bool]:
     """Return the condition that a column is one of ``digests``.
 
-    The digests are one bound value however many they are, so that the statement is compiled once.
+    All digests are one bound value, so that the statement is compiled once.
     """
     values = list(digests)
     if connection.dialect.name == "postgresql":
@@ -76,7 +76,7 @@ def newest_first(
 
 
 def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Row]) -> int:
-    """Insert rows, leaving those whose primary key exists as they are; return how many were inserted."""
+    """Insert the rows whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
@@ -94,8 +94,8 @@ def insert_rows(
 ) -> None:
     """Insert tuples in the order of ``columns`` by one prepared statement.
 
-    SQLAlchemy's own executemany builds a dictionary and runs a type's processor for every value; for the rows of a large run
-    that is a third of all feeding. Values must already be what the driver takes: JSON as text, enums as their values.
+    SQLAlchemy's executemany builds a dictionary and calls a type's processor for every value, which takes a third of the time
+    of feeding a large run. Values must already have the driver's types: JSON as text, enums as their values.
 
     Args:
         connection: SQLite or Postgres.

@@ -64,12 +64,12 @@ class BatchRow:
 
     @property
     def ended(self) -> bool:
-        """True where nothing is left to do for it."""
+        """True if nothing is left to do for it."""
         return self.outcomes is not None or not self.points
 
     @property
     def legal(self) -> int:
-        """Number of variants that are not rejected: what it takes from the budget."""
+        """Number of variants that are not rejected; they count against the budget."""
         return len(self.points) - len(self.rejected)
 
 
@@ -98,7 +98,7 @@ def page(connection: Connection, *, limit: int, before: Seen | None = None) -> l
 
     Args:
         connection: to read with.
-        limit: most studies.
+        limit: largest number of studies.
         before: the last study of the page before.
     """
     return read_all(connection, newest_first(_STUDY, StudyTable, limit=limit, before=before), StudyRow)
@@ -111,13 +111,13 @@ def named(connection: Connection, name: str) -> list[StudyRow]:
 
 
 def running(connection: Connection) -> list[StudyRow]:
-    """Return the studies that go on by themselves, oldest first."""
+    """Return the studies in state ``running``, oldest first."""
     query = _STUDY.where(StudyTable.state == StudyState.RUNNING).order_by(StudyTable.created_at, StudyTable.id)
     return read_all(connection, query, StudyRow)
 
 
 def set_values(connection: Connection, study_id: str, *, expected: StudyState, **values: Unpack[StudyValues]) -> bool:
-    """Change columns of a study that is in ``expected``; return False where it is not."""
+    """Change columns of a study in state ``expected``; return False if it is in another."""
     changed = connection.execute(
         update(StudyTable).where(StudyTable.id == study_id, StudyTable.state == expected).values(**values)
     )
@@ -136,13 +136,13 @@ def propose(connection: Connection, batch: BatchRow) -> None:
 
 
 def accept(connection: Connection, study_id: str, number: int, now: datetime) -> bool:
-    """Accept a proposal; return False where it was accepted already."""
+    """Accept a proposal; return False if it was accepted already."""
     changed = connection.execute(_of(study_id, number).where(StudyBatch.accepted_at.is_(None)).values(accepted_at=now))
     return changed.rowcount == 1
 
 
 def replace_proposal(connection: Connection, batch: BatchRow) -> bool:
-    """Replace a proposal that is not accepted; return False where it is."""
+    """Replace a proposal unless it is accepted; return False if it is."""
     changed = connection.execute(
         _of(batch.study_id, batch.number).where(StudyBatch.accepted_at.is_(None)).values(**vars(batch))
     )
@@ -150,18 +150,18 @@ def replace_proposal(connection: Connection, batch: BatchRow) -> bool:
 
 
 def set_run(connection: Connection, study_id: str, number: int, run_id: str) -> None:
-    """Name the run of a batch."""
+    """Set the run of a batch."""
     connection.execute(_of(study_id, number).values(run_id=run_id))
 
 
 def count_retry(connection: Connection, study_id: str, number: int, retries: int) -> bool:
-    """Count a retry after ``retries`` earlier ones; return False where another process counted it."""
+    """Count a retry after ``retries`` earlier ones; return False if another process counted it."""
     changed = connection.execute(_of(study_id, number).where(StudyBatch.retries == retries).values(retries=retries + 1))
     return changed.rowcount == 1
 
 
 def reset_retries(connection: Connection, study_id: str) -> None:
-    """Let the runs of a study be retried again."""
+    """Reset the retries of a study's unfinished batches."""
     connection.execute(
         update(StudyBatch).where(StudyBatch.study_id == study_id, StudyBatch.outcomes.is_(None)).values(retries=0)
     )
@@ -175,7 +175,7 @@ def price(connection: Connection, run_id: str) -> float:
 
 
 def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) -> None:
-    """Write the outcomes of a batch and the CPU time that was spent for it, unless it has ended already."""
+    """Write the outcomes of a batch and the CPU time spent on it, unless it has ended already."""
     row = connection.execute(
         select(StudyBatch.run_id, StudyBatch.accepted_at).where(
             StudyBatch.study_id == study_id, StudyBatch.number == number

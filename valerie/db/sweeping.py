@@ -1,4 +1,4 @@
-"""The sweeper's queries: products that the dead held, messages that got lost, products that no run links to."""
+"""The sweeper's queries: products of dead workers, lost messages, products without a link."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.db.statements import UNFINISHED, among
 from valerie.runs.products.ready import Fault, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
-#: No product rests longer than this, seconds; see `valerie.pipeline.work.stages`.
+#: Longest product rests longer product this, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0
 
 
@@ -25,7 +25,7 @@ class Unlinked(NamedTuple):
 
 
 def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> None:
-    """Cut leases and pauses that end later than any can: the clock was set back, or the worker's is ahead."""
+    """Shorten leases and pauses that end impossibly late: the clock was set back, or the worker's is ahead."""
     running, ready = Product.state == ProductState.RUNNING, Product.state == ProductState.READY
     longest = now + lease_seconds
     connection.execute(
@@ -38,7 +38,7 @@ def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> 
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
-    """Make products ready whose lease ended; return them. After ``max_attempts`` such attempts they fail instead."""
+    """Make products ready whose lease ended; return them. After ``max_attempts`` attempts they fail instead."""
     expired = (UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_until < now)
     hopeless = connection.execute(
         select(Product.digest, Product.kind, Product.attempts).where(*expired, Product.attempts >= max_attempts)
@@ -57,7 +57,7 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
 
 
 def stale_ready(connection: Connection, *, now: float, resend_seconds: float, limit: int) -> list[Ready]:
-    """Return ready products that were last sent that long ago (lost messages), or whose pause after a fault is over."""
+    """Return ready products last sent that long ago (lost messages), or whose pause after a fault is over."""
     rows = connection.execute(
         select(*READY_COLUMNS)
         .where(
@@ -72,7 +72,7 @@ def stale_ready(connection: Connection, *, now: float, resend_seconds: float, li
 
 
 def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:
-    """Remember when products were sent."""
+    """Record when products were sent."""
     condition = among(connection, Product.digest, digests)
     connection.execute(update(Product).where(condition, Product.state == ProductState.READY).values(sent_at=now))
 
@@ -91,7 +91,7 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
 def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
     """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds.
 
-    Nobody else writes products until the transaction ends, so that none of these is linked meanwhile. (On SQLite no two
+    No other transaction writes products until this one ends, so that none of these is linked meanwhile. (On SQLite, no two
     transactions write at the same time anyway.)
     """
     if connection.dialect.name == "postgresql":
@@ -114,5 +114,5 @@ def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
 
 
 def free(connection: Connection, digests: Collection[str]) -> None:
-    """Delete product rows, and with them the rows that say what the products hold."""
+    """Delete product rows, and with them the rows that describe their content."""
     connection.execute(delete(Product).where(among(connection, Product.digest, digests)))

@@ -1,4 +1,4 @@
-"""Numbers about products: the backlog, what was made, what it cost."""
+"""Numbers about products: the backlog, totals and costs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Backlog(NamedTuple):
 
 
 class KindTotal(NamedTuple):
-    """All products of one kind: how many are done, how many failed, CPU seconds of the done ones."""
+    """All products of one kind: numbers of done and failed ones, and CPU seconds of the done ones."""
 
     kind: ProductKind
     done: int
@@ -82,10 +82,10 @@ class RecordedCost:
 
     Attributes:
         kind, route: of the products.
-        group: cache group, which tells functions apart; empty for other products, which have passing groups.
+        group: cache group of predictions, one per function; empty for other kinds, whose groups do not last.
         pixels: size of their images.
         count: number of products.
-        cpu_seconds: mean without the dearest product, unless it is the only one: a worker's first product also pays for
+        cpu_seconds: mean without the costliest product, unless it is the only one: a worker's first product includes
             loading.
         bytes: mean size of an object.
     """
@@ -100,10 +100,10 @@ class RecordedCost:
 
 
 def unfinished_count(connection: Connection) -> int:
-    """Return how many products wait, are ready or run: what the feeding window bounds.
+    """Return the number of waiting, ready and running products, which the feeding window limits.
 
-    Uploaded predictions and their evaluations are left out: otherwise nobody could see all frames of a large run before the
-    first label maps came.
+    Uploaded predictions and their evaluations are left out: otherwise the frames of a large run would not all be rendered
+    before the first label maps arrived.
     """
     uploaded = (Product.route == UPLOADED_ROUTE) | (Product.cache_group == UPLOADED_GROUP)
     return connection.scalar(select(func.count()).select_from(Product).where(UNFINISHED, ~uploaded)) or 0
@@ -118,7 +118,7 @@ def backlog(connection: Connection) -> list[Backlog]:
 
 
 def totals(connection: Connection) -> list[KindTotal]:
-    """Return the totals of every kind, read from an index alone."""
+    """Return the totals of every kind, read from an index."""
     rows = connection.execute(
         select(Product.kind, Product.state, func.count(), func.sum(Product.cpu_seconds))
         .where(ENDED)
@@ -199,18 +199,18 @@ def failure_reasons(connection: Connection, *, newest: int = 5_000) -> list[Fail
 
 
 def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return those of ``digests`` that are done."""
+    """Return the ``digests`` whose products are done."""
     condition = among(connection, Product.digest, digests)
     return set(connection.scalars(select(Product.digest).where(condition, Product.state == ProductState.DONE)))
 
 
 def known_digests(connection: Connection, digests: Collection[str]) -> set[str]:
-    """Return those of ``digests`` that have a row, in whatever state."""
+    """Return the ``digests`` that have a row, in any state."""
     return set(connection.scalars(select(Product.digest).where(among(connection, Product.digest, digests))))
 
 
 def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:
-    """Return what the newest ``sample`` finished products of each kind cost."""
+    """Return the costs of the newest ``sample`` finished products of each kind."""
     costs: list[RecordedCost] = []
     for kind in ProductKind:
         if kind is ProductKind.STATICS:  # made with a truth, at no cost of its own

@@ -24,7 +24,7 @@ from scipy.special import betaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.guided.strategy import OpenBatches, Proposal, Result
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
@@ -37,19 +37,18 @@ _EXAMPLES: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class TwoEngines:
+class TwoEngines(Result):
     """The estimate from both engines.
 
     Attributes:
         estimate, low, high: mean score, or failure rate, of the costly engine, with its 95 % interval.
         method: how the interval was computed.
-        correlation: between the engines' scores, or failures, on the same points; NaN where one of them is constant.
+        correlation: between the engines' scores, or failures, on the same points; NaN if one of them is constant.
         cheap, costly: number of points of each engine.
         costs: mean cost of a point by the cheap and the costly engine; NaN where unknown.
         saved: share of costly points saved at equal variance, 1 − variance ratio; NaN for failure rates.
         disagree: (k, dimensions) points on which the engines differ most.
         undefined: number of points on which the costly engine has no score; they are left out.
-        sentences: the same in words.
     """
 
     estimate: float
@@ -63,7 +62,6 @@ class TwoEngines:
     saved: float
     disagree: UnitPoints
     undefined: int
-    sentences: tuple[str, ...]
 
 
 class Cascade:
@@ -198,22 +196,18 @@ class Cascade:
             return None
         if self.at_least is None:
             estimate, low, high, saved = self._mean(both)
-            method, what = "regression on the cheap engine, Student's t", "mean score"
+            method = "regression on the cheap engine, Student's t"
         else:
             estimate, low, high = self._rate(both)
-            saved, method, what = math.nan, "strata by the cheap engine, Clopper and Pearson", "failure rate"
+            saved, method = math.nan, "strata by the cheap engine, Clopper and Pearson"
         apart = np.abs(self._judged(self._cheap) - self._judged(self._costly))
         order = np.argsort(-np.where(both, apart, -1.0), kind="stable")[:_EXAMPLES]
         disagree = self._points[order[both[order] & (apart[order] > 0)]]
         cheap, costly = int(np.count_nonzero(~np.isnan(self._cheap))), int(np.count_nonzero(both))
         correlation = self._correlation()
         undefined = int(np.count_nonzero(self._paired & np.isnan(self._costly)))
-        sentences = (
-            f"The {what} by the costly engine is {estimate:.4f} ({low:.4f} … {high:.4f}): {method}.",
-            f"{costly:,} costly and {cheap:,} cheap points; the engines correlate with {correlation:.2f}.",
-        )
         return TwoEngines(
-            estimate, low, high, method, correlation, cheap, costly, self.costs, saved, disagree, undefined, sentences
+            estimate, low, high, method, correlation, cheap, costly, self.costs, saved, disagree, undefined
         )
 
     def _mean(self, both: NDArray[np.bool_]) -> tuple[float, float, float, float]:

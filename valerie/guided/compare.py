@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.guided.strategy import OpenBatches, Proposal, Result
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.units import sampling_units
@@ -32,7 +32,7 @@ _EXAMPLES: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(Result):
     """The difference so far, second minus first function.
 
     Attributes:
@@ -44,7 +44,6 @@ class Difference:
         undefined: number of points on which a function has no score.
         further: number of further pairs until the half width is reached, at the current spread.
         falls, rises: points on which the second function does worst, and best, compared with the first.
-        sentences: the same in words.
     """
 
     estimate: float
@@ -58,7 +57,6 @@ class Difference:
     further: int
     falls: UnitPoints
     rises: UnitPoints
-    sentences: tuple[str, ...]
 
 
 class Compare:
@@ -70,7 +68,6 @@ class Compare:
         seed: of all draws.
         at_least: compares shares of scores that reach it; None compares mean scores.
         level: confidence of the interval, and of the verdict on the better function.
-        names: names of the functions in sentences.
 
     Attributes:
         columns: number of scores of each point.
@@ -89,13 +86,11 @@ class Compare:
         seed: int,
         at_least: float | None = None,
         level: float = 0.95,
-        names: tuple[str, str] = ("function 1", "function 2"),
     ) -> None:
         for name, value in (("within", within), ("at_least", at_least), ("level", level)):
             if value is not None and not 0 < value < 1:
                 raise InvalidInput("has to lie between 0 and 1", field=name, value=value)
         self.domain, self.within, self.seed, self.at_least, self.level = domain, within, seed, at_least, level
-        self.names = names
         self._open = OpenBatches(self.columns)
         self._asked = 0
         self._points = np.empty((0, domain.dimensions))
@@ -143,12 +138,6 @@ class Compare:
         points = self._points[defined]
         falls = points[[row for row in order[:_EXAMPLES] if differences[row] < 0]]
         rises = points[[row for row in order[::-1][:_EXAMPLES] if differences[row] > 0]]
-        said = "It is undecided which is better." if better is None else f"Better: {self.names[better]}."
-        what = "share of passing scores" if self.at_least is not None else "mean score"
-        sentences = (
-            f"The {what} of {self.names[1]} less that of {self.names[0]}: {estimate:+.3f} ({low:+.3f} … {high:+.3f}).",
-            said,
-        )
         undefined = int(np.count_nonzero(~defined))
         return Difference(
             estimate,
@@ -162,7 +151,6 @@ class Compare:
             max(further, 0),
             falls,
             rises,
-            sentences,
         )
 
     def _interval(self, differences: NDArray[np.float64]) -> tuple[float, float]:

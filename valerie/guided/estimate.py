@@ -32,7 +32,7 @@ from scipy.special import gammaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
 from valerie.guided.surrogate import (
     LEAST_POINTS,
     Surrogate,
@@ -60,7 +60,7 @@ MOST_UNKNOWN: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class FailureRate:
+class FailureRate(Result):
     """A failure rate with its intervals.
 
     Attributes:
@@ -85,20 +85,6 @@ class FailureRate:
     def calibrated(self) -> bool:
         """True if the surrogate expected most failures (`MOST_UNKNOWN`), so that ``assisted`` may be used."""
         return self.assisted is not None and self.unknown <= MOST_UNKNOWN
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """The rate in words, the assumption-free number first."""
-        free = f"Of the legal variants, {_between(self.assumption_free)} fail, by operational points alone."
-        hidden = (
-            f"A mode of failures that no operational point hit has a probability of at most {self.hidden_mode:.2%}."
-        )
-        undefined = f"The score of {_between(self.undefined)} is undefined." if self.undefined.estimate else ""
-        assisted = ""
-        if self.assisted is not None:
-            use = "" if self.calibrated else ", but do not use it: too many failures lay where the model expected none"
-            assisted = f"With the model's help it is {_between(self.assisted)}{use}."
-        return tuple(filter(None, (free, assisted, undefined, hidden)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,10 +321,6 @@ def _reason(draws: Draws) -> str:
         f"{operational} points as they occur in operation, and {len(draws.points) - operational} where the model of the "
         f"earlier scores is unsure whether they fail; it expects {draws.pool_mean:.1%} failures."
     )
-
-
-def _between(interval: Interval) -> str:
-    return f"{interval.estimate:.2%} ({interval.low:.2%} to {interval.high:.2%}, {interval.level:.0%})"
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

@@ -2,7 +2,7 @@
 
 First, QuickXplain (Junker 2004, AAAI, 167-172) reduces the changed parameters to a set in which all are needed. Then the
 numbers among them move together towards the passing variant until they come within `TOLERANCE` of the boundary. Finally,
-each remaining change is undone by itself; if the variant still fails, the change is dropped and the numbers move on. The
+each remaining change is undone separately; if the variant still fails, the change is dropped and the numbers move on. The
 result is minimal with respect to single removals, but not necessarily the smallest possible set.
 """
 
@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
-from valerie.guided.domain import Axis, Domain, shown
-from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.guided.domain import Axis, Domain
+from valerie.guided.strategy import OpenBatches, Proposal, Result
 from valerie.parameters.samplers import UnitPoints
 
 #: Largest distance of the failing variant from the boundary in any number, as a share of the domain.
@@ -36,7 +36,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class MinimalPair:
+class MinimalPair(Result):
     """A failing variant that differs minimally from a passing one.
 
     Attributes:
@@ -47,7 +47,6 @@ class MinimalPair:
             ``failing`` in every number, or within one step. Equal to ``passing`` where only unordered values change.
         inner_verdict: verdict on ``inner``: ``pass``, or ``undefined`` where the failure borders on undefined scores.
         evaluations: number of variants evaluated, without the first two.
-        sentences: the changes in words.
     """
 
     passing: UnitPoints
@@ -56,7 +55,6 @@ class MinimalPair:
     inner: UnitPoints
     inner_verdict: Verdict
     evaluations: int
-    sentences: tuple[str, ...]
 
 
 _Evaluating = Generator[list[UnitPoints], None, None]
@@ -142,35 +140,10 @@ class Explain:
             inner,
             self._verdicts[inner.tobytes()],
             self._evaluations,
-            self._sentences(failing, inner),
         )
 
     def _named(self, failing: UnitPoints) -> str:
         return ", ".join(self.domain.names[dimension] for dimension in self._changed(failing))
-
-    def _sentences(self, failing: UnitPoints, inner: UnitPoints) -> tuple[str, ...]:
-        """Return sentences about the changes that flip the verdict."""
-        before, after = list(self.domain.values(self._passing).values()), list(self.domain.values(failing).values())
-        changes = [
-            f"{self.domain.names[dimension]} from {shown(before[dimension])} to {shown(after[dimension])}"
-            f"{self._unit(dimension)}"
-            for dimension in self._changed(failing)
-        ]
-        flips = f"The verdict flips with {' and '.join(changes)}, everything else equal."
-        if np.array_equal(inner, self._passing):
-            return (flips,)
-        last = list(self.domain.values(inner).values())
-        still = [
-            f"{self.domain.names[dimension]} {shown(last[dimension])}{self._unit(dimension)}"
-            for dimension in self._changed(failing)
-            if last[dimension] != after[dimension]
-        ]
-        verdict = "passes" if self._verdicts[inner.tobytes()] is Verdict.PASS else "has no score"
-        return flips, f"The variant still {verdict} at {' and '.join(still)}."
-
-    def _unit(self, dimension: int) -> str:
-        unit = self.domain.definitions[dimension].unit
-        return f" {unit}" if unit else ""
 
     def _needed(self, kept: list[int], changes: list[int]) -> Generator[list[UnitPoints], None, list[int]]:
         """Return a minimal part of ``changes`` that fails together with ``kept``, as all of ``changes`` do."""

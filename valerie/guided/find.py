@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RBFInterpolator
 
 from valerie.errors import InvalidInput
-from valerie.guided.domain import Axis, Cube, Domain, shown
+from valerie.guided.domain import Axis, Cube, Domain
 from valerie.guided.exploration import SpaceFilling
-from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.guided.strategy import OpenBatches, Proposal, Result
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 
@@ -60,7 +60,7 @@ _SLOPE: Final = 1.5
 _REACH: Final = 0.3
 _CANDIDATES: Final = 100
 _NEIGHBOURS: Final = 60
-#: Improvements of a margin below this are none.
+#: Smaller improvements of a margin do not count.
 _LEAST: Final = 0.02
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
 
@@ -74,7 +74,7 @@ class Mode:
         narrow: dimensions in which its members are similar, so these parameters matter; empty below `MEMBERS` members.
         failures: number of its members.
         explored: members among the points that explored.
-        probability: share of the explored points, an estimate of the mode's probability in operation; 0 where only a
+        probability: share of the explored points, an estimate of the mode's probability in operation; 0 if only a
             descent met it.
     """
 
@@ -86,7 +86,7 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True)
-class Modes:
+class Modes(Result):
     """The modes so far.
 
     Attributes:
@@ -97,7 +97,6 @@ class Modes:
         explored: number of points that explored.
         smallest: smallest probability of a mode that they hit with 95 % probability.
         evaluations: number of all points.
-        sentences: the same in words.
     """
 
     modes: tuple[Mode, ...]
@@ -107,7 +106,6 @@ class Modes:
     explored: int
     smallest: float
     evaluations: int
-    sentences: tuple[str, ...]
 
 
 @dataclass(slots=True, eq=False)
@@ -155,7 +153,7 @@ class Find:
         domain: the operational domain.
         at_least: scores in [0, 1] below it fail.
         seed: of all draws.
-        repeats: further seeds under which a failure must fail; 0 where nothing is random. Evaluate a repeated point under
+        repeats: further seeds under which a failure must fail; 0 if nothing is random. Evaluate a repeated point under
             another seed.
         covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
         descending: share of a batch for descents, at most.
@@ -447,12 +445,6 @@ class Find:
         repeated = sum(failure.repeated >= self.repeats for failure in self._failures)
         unplaced = sum(failure.joined is None for failure in self._failures)
         smallest = 1 - 0.05 ** (1 / explored) if explored else 1.0
-        sentences = [
-            f"{_counted(len(modes), 'mode')} in {_counted(repeated, 'repeated failure')}.",
-            f"Not placed yet: {_counted(unplaced, 'failure')}. Not repeated: {self._unrepeated}.",
-            *(self._told_of(number, mode, least=unplaced > 0) for number, mode in enumerate(modes, 1)),
-            f"A mode that holds at least {100 * smallest:.2g} % of the operational domain was met with 95 % probability.",
-        ]
         return Modes(
             tuple(modes),
             repeated,
@@ -461,19 +453,7 @@ class Find:
             explored,
             smallest,
             self._evaluations,
-            tuple(sentences),
         )
-
-    def _told_of(self, number: int, mode: Mode, *, least: bool) -> str:
-        # Failures that are not placed yet may belong to it.
-        share = f"{'at least' if least else 'about'} {100 * mode.probability:.2g} % of the domain"
-        share = share if mode.explored else "met by a descent alone"
-        sentence = f"Mode {number}: {share}, {_counted(mode.failures, 'failure')}"
-        if isinstance(self.domain, Domain) and mode.narrow:
-            values = list(self.domain.values(mode.example).values())
-            near = [f"{self.domain.names[i]} near {shown(values[i])}" for i in mode.narrow]
-            sentence += f", {', '.join(near)}"
-        return sentence + "."
 
     def _described(self, number: int, explored: int) -> Mode:
         members = self._modes[number]
@@ -484,7 +464,3 @@ class Find:
         )
         hits = int(np.count_nonzero(self._explores[members]))
         return Mode(points[middle], tuple(narrow.tolist()), len(members), hits, hits / max(explored, 1))
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.exploration import SpaceFilling
-from valerie.guided.strategy import OpenBatches, Proposal, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 
@@ -54,7 +54,7 @@ class Call(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Boundary:
+class Boundary(Result):
     """The map of the boundary so far.
 
     Attributes:
@@ -64,7 +64,6 @@ class Boundary:
         tested: number of these.
         evaluations: number of all points.
         nearest: (k, dimensions) evaluated points nearest to the boundary.
-        sentences: the same in words.
     """
 
     passing: float
@@ -75,7 +74,6 @@ class Boundary:
     tested: int
     evaluations: int
     nearest: UnitPoints
-    sentences: tuple[str, ...]
 
 
 class Map:
@@ -158,12 +156,6 @@ class Map:
         misses = (self._confidence[tested] < 0) != (self._scores[tested] < self.at_least)
         wrong = float(misses.mean()) if len(misses) else float("nan")
         nearest = np.argsort(np.abs(np.where(np.isnan(self._scores), np.inf, self._scores - self.at_least)))[:5]
-        sentences = [
-            ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items()) + " of the operational domain.",
-            f"Of {len(misses)} points called before their scores were told, {100 * wrong:.1f} % were called wrongly."
-            if len(misses)
-            else "No call could be tested yet.",
-        ]
         return Boundary(
             shares[Call.PASS],
             shares[Call.FAIL],
@@ -173,7 +165,6 @@ class Map:
             len(misses),
             len(self._scores),
             self._points[nearest],
-            tuple(sentences),
         )
 
     def _doubtful(self, model: _Model, rng: np.random.Generator, count: int) -> UnitPoints:

@@ -29,8 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
 from valerie.errors import InvalidInput
-from valerie.guided.domain import Cube, Domain
-from valerie.guided.strategy import OpenBatches, Proposal
+from valerie.guided.domain import Cube
+from valerie.guided.strategy import OpenBatches, Proposal, Result
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
@@ -77,7 +77,7 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class Ranking:
+class Ranking(Result):
     """The ranking of the parameters so far.
 
     Attributes:
@@ -87,7 +87,6 @@ class Ranking:
         broken: number of blocks that lack a score.
         refused: whether too many are broken for indices.
         evaluations: number of all points.
-        sentences: the same in words.
     """
 
     effects: tuple[Effect, ...]
@@ -96,7 +95,6 @@ class Ranking:
     broken: int
     refused: bool
     evaluations: int
-    sentences: tuple[str, ...]
 
 
 class Rank:
@@ -243,11 +241,6 @@ class Rank:
         screened = np.flatnonzero(sizes < NEGLIGIBLE * sizes.max())
         if len(screened) == 1:  # a group of one looks like a parameter that was kept
             effects = [replace(e, dimension=None) if e.dimension == screened[0] else e for e in effects]
-        sentences = [self._said(effect) for effect in effects]
-        if refused:
-            sentences.append(f"{broken} of {len(ended)} blocks lack a score, so there are no shares of variance.")
-        elif broken:
-            sentences.append(f"{broken} blocks that lack a score are left out.")
         return Ranking(
             tuple(effects),
             tuple(screened.tolist()),
@@ -255,7 +248,6 @@ class Rank:
             broken,
             refused,
             self._evaluations,
-            tuple(sentences),
         )
 
     def _shares(self, blocks: list[int], *, refused: bool) -> list[tuple[Share | None, ...]]:
@@ -277,19 +269,6 @@ class Rank:
             )
             for place in range(len(self._groups))
         ]
-
-    def _said(self, effect: Effect) -> str:
-        if effect.dimension is None:
-            name = "The others together"
-        else:
-            names = self.domain.names if isinstance(self.domain, Domain) else None
-            name = names[effect.dimension] if names else f"Parameter {effect.dimension + 1}"
-        if effect.total is None or effect.alone is None:
-            return f"{name}: mean elementary effect {effect.elementary:.3f}."
-        return (
-            f"{name}: {100 * effect.total.estimate:.0f} % of the variance with interactions "
-            f"({100 * effect.total.low:.0f} … {100 * effect.total.high:.0f}), {100 * effect.alone.estimate:.0f} % alone."
-        )
 
 
 def indices(table: Floats, paths: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:

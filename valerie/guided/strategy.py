@@ -41,13 +41,10 @@ class Proposal:
         return len(self.points)
 
 
-class Result(Protocol):
-    """The result of a strategy. Its other fields are plain numbers, texts and points."""
+class Result:
+    """Base class of the results of strategies: frozen dataclasses of numbers, enums and points."""
 
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """The result in words."""
-        ...
+    __slots__ = ()
 
 
 class Strategy(Protocol):

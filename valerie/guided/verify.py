@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
+class Verification(Result):
     """The verdict on a requirement so far.
 
     Attributes:
@@ -32,7 +32,6 @@ class Verification:
             number would.
         undefined: number of undefined scores, which are left out.
         evaluations: number of all points.
-        sentences: the same in words.
     """
 
     outcome: Outcome
@@ -43,7 +42,6 @@ class Verification:
     further: int | None
     undefined: int
     evaluations: int
-    sentences: tuple[str, ...]
 
 
 class Verify:
@@ -105,16 +103,6 @@ class Verify:
         if self.at_least is not None:
             judged = np.where(np.isnan(judged), np.nan, judged >= self.at_least)
         verdict = judge_sample(judged, np.arange(len(judged)), at_least=self.bound, confidence=self.confidence)
-        what = "mean score" if self.at_least is None else f"share of scores of at least {self.at_least:g}"
-        sentences = [f"{verdict.outcome.capitalize()}: the {what} is {verdict.estimate:.3f}, {self.bound:g} required."]
-        if verdict.decided_after is not None:
-            sentences.append(f"{verdict.decided_after:,} scores decided.")
-        elif verdict.further is not None:
-            sentences.append(f"About {verdict.further:,} further scores decide if the estimate is right.")
-        else:
-            sentences.append("The estimate is too close to the bound for any affordable number of scores.")
-        if verdict.undefined:
-            sentences.append(f"{verdict.undefined:,} scores are undefined and left out.")
         self._known = Verification(
             verdict.outcome,
             verdict.estimate,
@@ -124,5 +112,4 @@ class Verify:
             verdict.further,
             verdict.undefined,
             len(self._scores),
-            tuple(sentences),
         )

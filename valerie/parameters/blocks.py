@@ -191,7 +191,7 @@ class SampledRows:
                 self._constants[variation.path] = variation.distribution.value(0, definition)
             else:
                 self._varied.append((variation.path, variation.distribution, definition))
-        # The blocks of a spec draw different points, and so do designs with the same seed.
+        # Different blocks of a spec, and different designs with the same seed, draw different points.
         block_seed = int(digest("sampler", block.design, seed, index), 16)
         self._sampler: Sampler | None = None
         if self._varied:

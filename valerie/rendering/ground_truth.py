@@ -75,10 +75,7 @@ class TruthPass:
         return layer.over(statics)
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
-        """Return the ground truth without movables, and the layer that the movables change.
-
-        The ground truth without movables is the same object at each call while its camera stays in the cache. It has no person
-        masks: the layer has them all.
+        """Return statics and layer of the ground truth; see `valerie.rendering.truth.TruthMaker.parts`.
 
         Raises:
             UnknownName: the scene has no such camera.
@@ -107,7 +104,7 @@ class TruthPass:
         return GroundTruth(classes, instances, depth, persons)
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """Return the surface normal at each pixel centre, for the surfaces of `truth`.
+        """Return the surface normals; see `valerie.rendering.truth.TruthMaker.normals`.
 
         Raises:
             UnknownName: the scene has no such camera.

@@ -50,14 +50,14 @@ class Confirmation:
 
     Attributes:
         candidate: the contrast as the search saw it; its estimate is exaggerated, because it was chosen for its size.
-        contrast: the same contrast on places that the search did not see; None where it cannot be computed there.
+        contrast: the same contrast on places that the search did not see; None if it cannot be computed there.
         confirmed: whether they confirm it, in the same direction.
         adjusted_p: p-value with all candidates accounted for (Holm).
         low, high: interval of the difference on the places that confirm. On average at most 1 − level of the intervals of
             confirmed findings miss the truth (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
             them contains 0. Infinite where the places give no estimate of the error.
         places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
-            with all candidates accounted for; None where no affordable number suffices.
+            with all candidates accounted for; None if no affordable number suffices.
     """
 
     candidate: Contrast
@@ -189,7 +189,7 @@ def named(
 ) -> tuple[Confirmation, ...]:
     """Return the main effects that are significant over all places, by Holm's procedure; none counts as confirmed.
 
-    With few places this detects what half of them cannot. The p-values are valid, but whatever the places share (a site,
+    With few places this detects what half of them cannot. The p-values are valid, but anything that the places share (a site,
     a house) is part of each effect.
 
     Args:

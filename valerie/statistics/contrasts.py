@@ -60,8 +60,8 @@ class Contrast:
         matching: rule by which the sides are matched.
         estimate: mean after − mean before, in units of the values; each place weighs the same.
         error: its standard error.
-        degrees: degrees of freedom of the error; 0 where it cannot be estimated.
-        p_value: two-sided, not adjusted for other contrasts; 1 where the error cannot be estimated.
+        degrees: degrees of freedom of the error; 0 if it cannot be estimated.
+        p_value: two-sided, not adjusted for other contrasts; 1 if the error cannot be estimated.
         places: number of places behind the estimate.
         pairs: pairs of rows (groups of four for an interaction) that differ only in the changes.
         parameters: coefficients that the places determine besides the spread.
@@ -124,7 +124,7 @@ def largest_flips(observations: Observations, contrast: Contrast, count: int = 5
 
     Returns:
         (K, 2) rows of the caller's arrays, before and after, largest difference first; (K, 4) for an interaction: before
-        and after the first change, first before and then after the second. Empty where no rows differ only in the changes.
+        and after the first change, first before and then after the second. Empty if no rows differ only in the changes.
     """
     names = [change.factor for change in contrast.changes]
     family = _Family(observations)
@@ -248,7 +248,7 @@ class _Family:
         """Compare (G, S) figures of the places between the levels of a factor that changes from place to place.
 
         Args:
-            firsts: the S changes that the figures are differences of; none where they are the places' means.
+            firsts: the S changes that the figures are differences of; none if they are the places' means.
             figures: NaN where a place has none.
             name: the factor.
         """
@@ -456,7 +456,7 @@ def _table(observations: Observations, axes: Sequence[str | None]) -> NDArray[np
 
 
 def _means(values: NDArray[np.float64], index: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return the mean of each cell, NaN where it is empty; None where most cells are empty."""
+    """Return the mean of each cell, NaN where it is empty; None if most cells are empty."""
     if prod(shape) > len(values) / _FILLED:
         return None
     count = np.bincount(index, minlength=prod(shape))

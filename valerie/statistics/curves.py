@@ -153,11 +153,11 @@ def fit_curve(
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """The x at which a curve leaves the level that it has at the end of its first bin; None where it does not.
+    """The x at which a curve leaves the level that it has at the end of its first bin; None if it does not.
 
     Attributes:
         estimate: x by the curve itself.
-        not_before: x up to which the whole band keeps the level; None where the band is too wide to tell.
+        not_before: x up to which the whole band keeps the level; None if the band is too wide to tell.
         at_latest: x by which the whole band has left the level.
     """
 

@@ -46,11 +46,11 @@ class SliceComparison:
         pairs: number of rows.
         lost, gained: rows that passed and now fail; rows that failed and now pass.
         t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where a test has no data.
-        p_value: their combination; 1 where none has data.
+        p_value: their combination; 1 if none has data.
         adjusted_p: with all slices accounted for.
         worse: whether the slice is worse, at the gate's rate of false discoveries.
         flips: rows with the largest drops, largest first.
-        places_needed: places needed to detect the effect; None where no affordable number suffices or the deviation is
+        places_needed: places needed to detect the effect; None if no affordable number suffices or the deviation is
             unknown.
     """
 
@@ -206,7 +206,7 @@ def t_test(differences: NDArray[np.float64]) -> float:
 
 
 def signed_rank_test(differences: NDArray[np.float64]) -> float:
-    """Return the signed-rank test's one-sided p-value that (G,) differences do not lie below 0; NaN where all are 0.
+    """Return the signed-rank test's one-sided p-value that (G,) differences do not lie below 0; NaN if all are 0.
 
     Differences of 0 are left out; ties share their mean rank. Exact for up to 25 places.
     """
@@ -229,16 +229,16 @@ def signed_rank_test(differences: NDArray[np.float64]) -> float:
 
 
 def flip_test(net: NDArray[np.float64]) -> float:
-    """Return McNemar's exact one-sided p-value of (G,) net flips of the places, gained − lost; NaN where none flips.
+    """Return McNemar's exact one-sided p-value of (G,) net flips of the places, gained − lost; NaN if none flips.
 
-    A place counts once, as better or worse, however many rows it has.
+    A place counts once, as better or worse, regardless of its number of rows.
     """
     lost, gained = int(np.count_nonzero(net < 0)), int(np.count_nonzero(net > 0))
     return float(bdtr(gained, lost + gained, 0.5)) if lost + gained else float("nan")
 
 
 def combine(p_values: ArrayLike) -> float:
-    """Return the Cauchy combination of p-values without NaN; 1 where none is left."""
+    """Return the Cauchy combination of p-values without NaN; 1 if none is left."""
     p = np.asarray(p_values, np.float64)
     p = np.minimum(p[np.isfinite(p)], _LARGEST)
     if not len(p):

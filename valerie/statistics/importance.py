@@ -83,7 +83,7 @@ class Importance:
 
 
 def variance_shares(observations: Observations) -> tuple[Share, ...]:
-    """Return the share of each factor, largest total first; empty where scores or factors do not vary.
+    """Return the share of each factor, largest total first; empty if scores or factors do not vary.
 
     The scores are decomposed into an additive part, fitted by least squares, and the cell means of its residuals for each
     pair of factors. Both are adjusted for what noise alone would explain (as in adjusted R²). A pair's share is divided

@@ -7,14 +7,14 @@ narrow on mild data and valid where failures are rare:
 *Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
 *Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ or
-are strongly skewed, or rows have weights, which may correlate with the scores. Then the units that were drawn say little
-about the rest. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
+are strongly skewed, or rows have weights, which may correlate with the scores. Then the drawn units say little about the
+rest. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
 drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile
 of the weighted mean; from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of
 Statistics* 14, 451–467); that it always holds is a conjecture (Learned-Miller and Thomas 2019, arXiv:1905.06208). The
 weighted mean is taken to have a beta distribution with its own mean, variance and skewness. For units of one row that is
 0 or 1 this is exact: it gives the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The two sides share
-the error as 1 + s : 1 − s with s = (2 mean − 1) / 5, because an interval near 1 seldom misses above. Intervals of rare failures
+the error as 1 + s : 1 − s with s = (2 mean − 1) / 5, because an interval near 1 rarely misses above. Intervals of rare failures
 are thus 4 % narrower, and of the 95 % that Clopper and Pearson guarantee, 94.2 % remain for every share (enumerated for 6
 to 60, 70, 80, 100, 150, 200, 400 and 1000 units).
 
@@ -185,7 +185,7 @@ class _Sums:
 
     @property
     def skewness(self) -> float:
-        """Skewness of the units' sums around their share of the mean; 0 where they do not differ."""
+        """Skewness of the units' sums around their share of the mean; 0 if they do not differ."""
         residuals = self.sums - self.mean * self.sizes
         second = float((residuals**2).mean())
         return float((residuals**3).mean()) / second**1.5 if second > _LEAST**2 else 0.0
@@ -240,7 +240,7 @@ def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -
 
 
 def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units: Units) -> _Sums | None:
-    """Return the sums of whole replicates; None where units count as independent."""
+    """Return the sums of whole replicates; None if units count as independent."""
     if units.replicate is None or _single(units):
         return None
     occupied, replicate = np.unique(units.replicate, return_inverse=True)

@@ -88,7 +88,7 @@ def sampling_units(
     Args:
         design: ``grid``, ``points``, ``random``, ``sobol``, ``halton`` or ``latin_hypercube``.
         variants: (N,) variant of every row; any integers.
-        sites: (N,) site seed of every row; None where the site does not vary.
+        sites: (N,) site seed of every row; None if the site does not vary.
         replicate: (N,) replicate of every row, for a design whose variants are drawn together; default: one replicate.
 
     Raises:
@@ -124,7 +124,7 @@ def places(positions: NDArray[np.float64], sites: NDArray[np.int64] | None = Non
 
     Args:
         positions: (N, P) coordinates of the persons, metres; equal numbers are equal positions.
-        sites: (N,) site seed of every row; None where the site does not vary.
+        sites: (N,) site seed of every row; None if the site does not vary.
     """
     columns = positions if sites is None else np.column_stack((positions, sites))
     if columns.shape[1] == 0:

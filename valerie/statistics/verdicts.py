@@ -65,8 +65,8 @@ class Verdict:
         basis: the population that it is about.
         estimate: mean score; in a sample, each unit weighs the same. NaN without rows.
         units: number of units (rows of a grid).
-        decided_after: units after which the sequential test ended; None where it did not or there was none.
-        further: further units that would decide if the estimate is right; None where it is decided or no affordable number
+        decided_after: units after which the sequential test ended; None if it did not or there was none.
+        further: further units that would decide if the estimate is right; None if it is decided or no affordable number
             suffices.
         p_met: anytime-valid p-value against "not met": small where the rows support "met"; 1 without a sequential test.
         p_not_met: the same against "met".
@@ -194,7 +194,7 @@ def judge_grid(scores: ArrayLike, *, at_least: float) -> Verdict:
 
 
 def units_to_decide(truth: float, *, at_least: float, confidence: float = 0.95) -> int | None:
-    """Return about how many units a verdict needs, to plan a run; None where no affordable number suffices.
+    """Return about how many units a verdict needs, to plan a run; None if no affordable number suffices.
 
     It is the number after which the bets reach the limit on average, for units that pass or fail as a whole; units with
     several rows need no more.

@@ -1,4 +1,4 @@
-"""Annotations to bytes and back, in the envelope of `valerie.storage.envelope`."""
+"""Encode and decode annotations, in the envelope of `valerie.storage.envelope`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from valerie.storage import envelope
 
 Annotation = Normals | Boxes | FlowMap | Joints | Scan
 
-#: Type of each array of boxes, and its shape behind the number of instances.
+#: Type of each array of boxes, and its shape after the axis of instances.
 _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "instances": (np.int64, ()),
     "centres": (np.float32, (3,)),
@@ -35,7 +35,7 @@ _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "corners": (np.float32, (8, 3)),
     "projected_corners": (np.float32, (8, 2)),
 }
-#: Likewise, of joints.
+#: The same for joints.
 _JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "instances": (np.int64, ()),
     "known": (np.uint8, ()),
@@ -47,7 +47,7 @@ _JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
 
 
 def encode_annotation(kind: AnnotationKind, annotation: Annotation) -> bytes:
-    """Pack the arrays of an annotation, under the names of its fields."""
+    """Pack an annotation's arrays under the names of its fields."""
     arrays = {field.name: getattr(annotation, field.name) for field in fields(annotation)}
     return envelope.pack(kind.value, arrays, {})
 
@@ -116,7 +116,7 @@ def decode_scan(data: bytes, *, key: str = "") -> Scan:
 def _rows(
     kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes, key: str
 ) -> dict[str, NDArray[Any]]:
-    """Return arrays with one row per instance, each of its type and shape."""
+    """Return arrays with one row per instance, after a check of their types and shapes."""
     arrays, _ = envelope.unpack(kind.value, data, key=key)
     count = len(arrays.get("instances", ()))
     checked: dict[str, NDArray[Any]] = {}

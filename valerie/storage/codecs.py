@@ -1,7 +1,7 @@
-"""Products to bytes and back, bit for bit.
+"""Encode and decode products, bit for bit.
 
-Decoding checks every dtype and shape before anything is built from them. So a swapped, truncated or forged object is a
-`CorruptArtifact` and never a wrong result. Decoded arrays are read-only.
+Decoding checks every dtype and shape before anything is built from them, so that a swapped, truncated or forged object raises
+`CorruptArtifact` and never gives a wrong result. Decoded arrays are read-only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def encode_image(image: LinearImage) -> bytes:
 
 
 def decode_image(data: bytes, *, key: str = "") -> LinearImage:
-    """Read what `encode_image` packed.
+    """Read an image that `encode_image` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent image.
@@ -42,7 +42,7 @@ def encode_layer(layer: Layer) -> bytes:
 
 
 def decode_layer(data: bytes, *, key: str = "") -> Layer:
-    """Read what `encode_layer` packed.
+    """Read a layer that `encode_layer` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent layer.
@@ -53,7 +53,7 @@ def decode_layer(data: bytes, *, key: str = "") -> Layer:
 
 
 def encode_truth(truth: GroundTruth) -> bytes:
-    """Pack class map, instance map, depth, and per person the amodal mask in its box, as bits."""
+    """Pack class map, instance map and depth, and each person's amodal mask in its box as bits."""
     arrays: dict[str, NDArray[Any]] = {
         "class_map": truth.class_map,
         "instance_map": truth.instance_map,
@@ -63,7 +63,7 @@ def encode_truth(truth: GroundTruth) -> bytes:
 
 
 def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
-    """Read what `encode_truth` packed.
+    """Read a truth that `encode_truth` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent truth.
@@ -72,11 +72,11 @@ def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
 
 
 def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
-    """Pack what movables change: rectangle, changed pixels as bits, their values, the persons' masks.
+    """Pack the changes that movables make: rectangle, changed pixels as bits, their values, the persons' masks.
 
     Args:
-        layer: the change.
-        statics: digest of the truth that it lies over (`statics_digest`).
+        layer: the changes.
+        statics: digest of the truth below the layer (`statics_digest`).
     """
     box = layer.rectangle
     arrays: dict[str, NDArray[Any]] = {
@@ -91,24 +91,24 @@ def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class StoredTruthLayer:
-    """A stored layer, and the digest of the truth that it lies over."""
+    """A stored layer, and the digest of the truth below it."""
 
     layer: TruthLayer
     statics: str
 
 
 def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTruthLayer:
-    """Read the object of a truth: a whole one, or a layer over the truth of the statics.
+    """Read a stored truth: a whole one, or a layer over the truth of the statics.
 
     Raises:
-        CorruptArtifact: neither, or not consistent.
+        CorruptArtifact: neither, or inconsistent.
     """
     arrays, meta = envelope.unpack(("truth", "truth-layer"), data, key=key)
     if meta["kind"] == "truth":
         return _truth(arrays, meta, key)
     statics, whole = meta.get("statics"), meta.get("size")
     if not isinstance(statics, str) or not isinstance(whole, list):
-        raise _corrupt(key, "the layer does not say what it lies over")
+        raise _corrupt(key, "the layer does not name the truth below it")
     image, box = _rectangle([0, 0, *whole[::-1]], key), _rectangle(meta.get("rectangle"), key)
     size = (image.height, image.width)
     if box != box.clipped(image.width, image.height):
@@ -128,7 +128,7 @@ def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTr
 
 
 def statics_digest(statics: GroundTruth) -> str:
-    """Return 32 hexadecimal characters that follow from the content of a truth of statics, and from nothing else."""
+    """Return the digest, 32 hexadecimal characters, of the content of a truth of statics."""
     content = hashlib.sha256(repr(statics.class_map.shape).encode())
     for array in (statics.class_map, statics.instance_map, statics.depth):
         content.update(np.ascontiguousarray(array).tobytes())
@@ -141,7 +141,7 @@ def encode_prediction(train_ids: NDArray[np.uint8]) -> bytes:
 
 
 def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
-    """Read what `encode_prediction` packed.
+    """Read a prediction that `encode_prediction` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent prediction.
@@ -156,7 +156,7 @@ def encode_counts(counts: NDArray[np.int64]) -> bytes:
 
 
 def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
-    """Read what `encode_counts` packed.
+    """Read a matrix that `encode_counts` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent matrix.
@@ -191,7 +191,7 @@ def _truth(arrays: dict[str, NDArray[Any]], meta: JsonObject, key: str) -> Groun
 
 
 def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]]) -> list[list[int]]:
-    """Put the persons' masks into ``arrays``; return instance, padded pixels and box of each person."""
+    """Add the persons' masks to ``arrays``; return instance, padded pixels and box of each person."""
     for person in persons:
         arrays[f"amodal.{person.instance_id}"] = np.packbits(person.mask)
     return [
@@ -221,7 +221,7 @@ def _unpack_persons(
 
 
 def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle, key: str) -> NDArray[np.bool_]:
-    """Unpack a mask of bits: (box.height, box.width) bool."""
+    """Unpack a mask stored as bits: (box.height, box.width) bool."""
     count = box.width * box.height
     bits = _array(arrays, name, np.uint8, ((count + 7) // 8,), key)
     return np.unpackbits(bits, count=count).reshape(box.height, box.width).view(np.bool_)

@@ -1,6 +1,6 @@
 """The envelope of stored arrays: safetensors bytes in one zstd frame with a checksum.
 
-It holds data only, and equal input gives equal bytes. Any tool can read it: decompress, then `safetensors.numpy.load`. This
+It contains only data, and equal input gives equal bytes. Any tool can read it: decompress, then `safetensors.numpy.load`. This
 reader is strict: it checks every header, and allocates no more than a declared, bounded size.
 """
 
@@ -36,14 +36,14 @@ _DTYPES: Final[dict[str, np.dtype[Any]]] = {
 
 
 def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: JsonObject) -> bytes:
-    """Put arrays and their metadata into one frame.
+    """Pack arrays and their metadata into one frame.
 
     Args:
-        kind: of the content; `unpack` checks it.
+        kind: kind of the content; `unpack` checks it.
         arrays: uint8, uint16, int16, int64, float16 or float32, any shape.
         meta: JSON values.
     """
-    # One metadata entry: safetensors writes several in the random order of a hash table, and equal input would differ.
+    # One metadata entry: safetensors writes several in random order, so that equal input would give different bytes.
     text = orjson.dumps({"kind": kind, **meta}, option=orjson.OPT_SORT_KEYS).decode()
     raw = safetensors.numpy.save(
         {name: np.ascontiguousarray(array) for name, array in arrays.items()}, metadata={_META: text}
@@ -52,15 +52,15 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: JsonObject) -> byt
 
 
 def unpack(kind: str | tuple[str, ...], data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[Any]], JsonObject]:
-    """Return arrays (read-only views) and metadata of a frame that `pack` made.
+    """Return arrays (read-only views) and metadata of a frame that `pack` wrote.
 
     Args:
-        kind: of the content; of several, ``meta["kind"]`` tells which it is.
+        kind: expected kind of the content; if there are several, ``meta["kind"]`` is the one it has.
         data: the whole stored object.
-        key: of the object, for the message.
+        key: the object's key, for the message.
 
     Raises:
-        CorruptArtifact: anything but such a frame.
+        CorruptArtifact: not such a frame.
     """
     raw = decompress(data, key=key)
     try:
@@ -78,7 +78,7 @@ def decompress(data: bytes, *, key: str = "") -> bytes:
     """Return the content of one zstd frame with a checksum and a stated, bounded size.
 
     Raises:
-        CorruptArtifact: anything else.
+        CorruptArtifact: not such a frame.
     """
     name = key or "artifact"
     try:
@@ -95,7 +95,7 @@ def decompress(data: bytes, *, key: str = "") -> bytes:
 
 
 def intact(data: bytes) -> bool:
-    """Return whether the bytes are one whole frame whose checksum is right."""
+    """Return True if the bytes are one complete frame with a correct checksum."""
     try:
         decompress(data)
     except CorruptArtifact:

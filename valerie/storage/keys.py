@@ -1,7 +1,7 @@
-"""Keys of stored objects; no other module spells one.
+"""Keys of stored objects; no other module builds one.
 
-Products are addressed by content and sharded by the first two characters of their digest, so that folders stay short enough to
-list.
+Products are addressed by content and sharded by the first two characters of their digest, so that folders remain small enough
+to list.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def parse_product_key(key: str) -> tuple[str, str] | None:
 
 
 def run_key(run_id: str, name: str) -> str:
-    """Return the key of a run's own artifact, e.g. ``runs/0192…/report.html``; these may be replaced, products never are.
+    """Return the key of a run's own artifact, e.g. ``runs/0192…/report.html``; unlike products, these may be replaced.
 
     Raises:
         InvalidInput: not a run id or not a plain file name.

@@ -1,7 +1,7 @@
 """The artifact store: a folder or an S3-compatible bucket behind one small interface, with the errors of `valerie.errors`.
 
-Products are content-addressed: a key is written once, and concurrent writers are harmless. Readers never see a part of an
-object: a folder gets a temporary file that is linked into place, a bucket a conditional put.
+Products are content-addressed: a key is written once, and concurrent writers are harmless. Readers never see a partial
+object: in a folder, a temporary file is linked into place; a bucket uses a conditional put.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from valerie.errors import InvalidInput, NotFound, StorageFull, StorageUnavailab
 from valerie.storage import envelope
 
 _FULL: Final = re.compile(r"os error (28|122|27)\b|No space left|StorageFull|QuotaExceeded|status: 507", re.IGNORECASE)
-#: How the folder store names a file that is still being written.
+#: Suffix of a file that the folder store is still writing.
 _STAGING: Final = re.compile(r"#\d+$")
 
 
@@ -37,7 +37,7 @@ class ObjectInfo:
     Attributes:
         key: its key.
         size: bytes.
-        etag: changes with the content; quoted as in HTTP, empty where the store gives none.
+        etag: changes with the content; quoted as in HTTP, empty if the store has none.
         modified: time of the last write, UTC.
     """
 
@@ -49,7 +49,7 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Number and bytes of the objects below a prefix."""
+    """Number and total bytes of the objects below a prefix."""
 
     objects: int
     bytes: int
@@ -68,14 +68,14 @@ class ArtifactStore:
         self.url = url
 
     def put(self, key: str, data: bytes, *, replace: bool = False) -> bool:
-        """Write an object; without ``replace`` the first intact one stays.
+        """Write an object; without ``replace``, an intact one that exists is kept.
 
-        A slow worker that lost its lease may come second, with other bytes where an engine is not deterministic to the bit.
-        Results that were computed from the first object must keep matching what is stored. A compressed object that a power
-        cut left broken is replaced.
+        A slow worker that lost its lease may write second, with other bytes if an engine is not deterministic to the bit.
+        Results computed from the first object must keep matching the stored one. A compressed object that a power cut damaged
+        is replaced.
 
         Returns:
-            True where these bytes were written now.
+            True if these bytes were written.
 
         Raises:
             StorageFull: no space left.
@@ -98,7 +98,7 @@ class ArtifactStore:
         """Read a whole object.
 
         Raises:
-            NotFound: there is none.
+            NotFound: no such object.
         """
         with _translated(key):
             return obstore.get(self._store, key).bytes().to_bytes()
@@ -107,8 +107,8 @@ class ArtifactStore:
         """Read the bytes ``start`` … ``start + length − 1``; fewer at the end of the object.
 
         Raises:
-            NotFound: there is none.
-            InvalidInput: the range begins beyond the end.
+            NotFound: no such object.
+            InvalidInput: the range is empty or begins outside the object.
         """
         size = self.head(key).size
         if not 0 <= start < size or length < 1:
@@ -120,14 +120,14 @@ class ArtifactStore:
         """Return size and tag of an object without reading it.
 
         Raises:
-            NotFound: there is none.
+            NotFound: no such object.
         """
         with _translated(key):
             meta = obstore.head(self._store, key)
         return ObjectInfo(key, meta["size"], meta["e_tag"] or "", meta["last_modified"])
 
     def exists(self, key: str) -> bool:
-        """Return whether there is an object under this key."""
+        """Return True if there is an object with this key."""
         try:
             self.head(key)
         except NotFound:
@@ -151,7 +151,7 @@ class ArtifactStore:
                     yield ObjectInfo(meta["path"], meta["size"], meta["e_tag"] or "", meta["last_modified"])
 
     def usage(self, prefix: str = "") -> Usage:
-        """Count and sum the objects below a prefix; walks all of them."""
+        """Count the objects below a prefix and sum their sizes; lists all of them."""
         objects = total = 0
         for info in self.list(prefix):
             objects += 1
@@ -159,7 +159,7 @@ class ArtifactStore:
         return Usage(objects, total)
 
     def free_bytes(self) -> int | None:
-        """Return the bytes that this user may still write in a folder; None for a bucket, which does not tell."""
+        """Return the bytes that this user may still write in a folder; None for a bucket, which does not say."""
         if self._folder is None:
             return None
         try:
@@ -168,7 +168,7 @@ class ArtifactStore:
             raise StorageUnavailable(f"the artifact folder {self._folder} cannot be read: {error.strerror}") from error
 
     def check(self) -> None:
-        """Write, read and remove a small object, to see that this process can work here.
+        """Write, read and remove a small object, to check that this process can use the store.
 
         Raises:
             StorageFull: no space left.
@@ -186,7 +186,7 @@ class ArtifactStore:
             raise type(error)(f"artifacts in {self.url}: {error}") from error
 
     def remove_staging(self, *, older_than_seconds: float = 3600.0) -> int:
-        """Remove the files that killed writers left half-written in a folder store; return how many."""
+        """Remove the half-written files of killed writers from a folder store; return their number."""
         if self._folder is None:
             return 0
         removed = 0
@@ -203,8 +203,8 @@ def open_store(url: str, *, s3_endpoint: str | None = None) -> ArtifactStore:
     Credentials and region of a bucket come from the usual ``AWS_*`` variables.
 
     Raises:
-        InvalidInput: another kind of URL.
-        StorageUnavailable: the folder cannot be made.
+        InvalidInput: neither a folder nor a bucket.
+        StorageUnavailable: the folder cannot be created.
     """
     parts = urlsplit(url)
     if parts.scheme == "s3":
@@ -236,19 +236,19 @@ def _open_bucket(url: str, bucket: str, prefix: str, endpoint: str | None) -> Ar
         endpoint=endpoint or environ.get("AWS_ENDPOINT_URL_S3") or environ.get("AWS_ENDPOINT_URL"),
         region=environ.get("AWS_REGION") or environ.get("AWS_DEFAULT_REGION") or "us-east-1",
         client_options={"allow_http": True, "connect_timeout": "5s", "timeout": "60s"},
-        # A product is tried again after a lost connection, so the library must not hide the loss for minutes.
+        # Products are retried after a lost connection, so the library must not hide the loss for minutes.
         retry_config={"max_retries": 3},
     )
     return ArtifactStore(store, url=url)
 
 
 class _Exists(Exception):  # a signal inside this module
-    """A conditional put met an object."""
+    """A conditional put found an existing object."""
 
 
 @contextmanager
 def _translated(key: str) -> Iterator[None]:
-    """Turn the library's errors into those of `valerie.errors`."""
+    """Translate the library's errors into those of `valerie.errors`."""
     try:
         yield
     except FileNotFoundError as error:

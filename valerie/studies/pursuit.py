@@ -44,6 +44,7 @@ from valerie.runs.study.document import (
 from valerie.studies.boundary import BoundarySlice, slice_of
 from valerie.studies.pairs import ExplainFromScratch
 from valerie.studies.resolved import ResolvedStudy
+from valerie.studies.wording import result_sentences
 
 #: A batch depends on the outcomes of the batches up to this many before it.
 LAG: Final = 2
@@ -158,7 +159,7 @@ class Pursuit:
         known = self._known()
         if known is None:
             return None
-        return StudyResult(sentences=known.sentences, numbers=_numbers(known), batches=self.told)
+        return StudyResult(sentences=result_sentences(known, self.study), numbers=_numbers(known), batches=self.told)
 
     def enough(self) -> str | None:
         """Return the reason why the stop rule ends the study; None if it does not."""
@@ -224,7 +225,7 @@ class Pursuit:
         end = max(end, self.told)
         for batch, points in zip(batches[self.told : end], self._batches[self.told : end], strict=True):
             if len(points):
-                assert batch.outcomes is not None, "a batch is told when it has ended"
+                assert batch.outcomes is not None, "only ended batches are told"
                 if isinstance(self._strategy, Cascade) and batch.outcomes.cpu_seconds is not None:
                     self._strategy.spend(self._levels[self.told], batch.outcomes.cpu_seconds, len(points))
                 self._strategy.tell(points, batch.outcomes.values)
@@ -255,8 +256,7 @@ def strategy_of(study: ResolvedStudy) -> Strategy:
             return Verify(domain, bound=bound, at_least=passes, seed=seed, confidence=goal.confidence)
         case CompareGoal():
             passes = at_least if goal.of == "share" else None
-            names = document.spec.functions[0], document.spec.functions[1]
-            return Compare(domain, within=goal.within, seed=seed, at_least=passes, level=goal.level, names=names)
+            return Compare(domain, within=goal.within, seed=seed, at_least=passes, level=goal.level)
         case RankGoal():
             return Rank(domain, seed=seed)
         case CascadeGoal():
@@ -289,8 +289,8 @@ def _fewest(study: ResolvedStudy) -> int:
 def first_of(study: ResolvedStudy) -> int:
     """Return the number of operational points at the beginning of an estimate."""
     document = study.document
-    given = document.goal.first if isinstance(document.goal, EstimateGoal) else None
-    return given or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
+    first = document.goal.first if isinstance(document.goal, EstimateGoal) else None
+    return first or max(_FIRST[0], min(_FIRST[1], document.budget.variants // 4))
 
 
 def looks_of(study: ResolvedStudy) -> int:
@@ -302,8 +302,8 @@ def looks_of(study: ResolvedStudy) -> int:
 
 
 def _numbers(known: Any) -> dict[str, JsonValue]:
-    """Return the fields of a result as JSON, without its sentences."""
-    return {f.name: _json(getattr(known, f.name)) for f in fields(known) if f.name != "sentences"}
+    """Return the fields of a result as JSON."""
+    return {f.name: _json(getattr(known, f.name)) for f in fields(known)}
 
 
 def _json(value: Any) -> Any:

@@ -86,7 +86,7 @@ class ResolvedStudy:
         for row in rows:
             if self.where is not None and not self.where.holds(row):
                 continue
-            if not self.measure.statistic.of_persons:  # count each frame once, however many persons it shows
+            if not self.measure.statistic.of_persons:  # count each frame once, regardless of its number of persons
                 frame = (row["frame_id"], row["sensor"], row["function"])
                 if frame in seen:
                     continue
@@ -124,13 +124,13 @@ def resolve_study(document: StudyDocument, run: ResolvedRun) -> ResolvedStudy:
         where = compile_where(document.where, run.definitions, choices=choices_of(run.spec, run.cameras))
     resolved = ResolvedStudy(document, run, domain, parse_measure(document.measure), where)
     for name in ("failing", "passing"):
-        given = getattr(document.goal, name, None)
-        if given is None:
+        values = getattr(document.goal, name, None)
+        if values is None:
             continue
         try:
-            reason = resolved.rejection(domain.point(given))
+            reason = resolved.rejection(domain.point(values))
         except InvalidInput as problem:
             raise InvalidInput(problem.message, field=f"goal.{name}.{problem.field}", value=problem.value) from None
         if reason is not None:
-            raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=given)
+            raise InvalidInput(f"the variant is rejected: {reason}", field=f"goal.{name}", value=values)
     return resolved

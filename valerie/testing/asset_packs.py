@@ -20,13 +20,13 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 from valerie.testing.scenes import assert_same_scene
 
-#: Number of a scene's textures whose texels are compared.
+#: Number of textures of a scene whose texels are compared.
 _COMPARED_TEXTURES = 3
 
 
 class AssetContract:
-    """Tests of an asset pack, for which a subclass sets ``name`` and ``other``. An entry point must offer the pack, and the
-    operator must allow it.
+    """Tests of an asset pack; a subclass sets ``name`` and ``other``. An entry point must offer the pack, and the operator must
+    allow it.
 
     Attributes:
         name: name of the asset.

@@ -1,7 +1,7 @@
 """Engines of negligible cost, for measurements of the control plane and for its tests without GL and torch.
 
 Only workers with ``VALERIE_RENDER_ENGINES=blank`` or ``VALERIE_INFER_FUNCTIONS=blank`` offer them. A spec may name them only
-where ``VALERIE_TESTING_ENGINES`` is on, so that nobody mistakes their output for a result.
+if ``VALERIE_TESTING_ENGINES`` is on, so that nobody mistakes their output for a result.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class BlankTruthPass:
         return statics, layer
 
     def part(self, scene: Scene, view: View, window: Rectangle) -> GroundTruth:
-        """See `valerie.rendering.truth.TruthMaker`: the square stands one pixel further right for each metre of the person."""
+        """See `valerie.rendering.truth.TruthMaker`: the square is one pixel further right for each metre of the person's x."""
         whole, inside, right = self.truth(scene, view), window.slices, round(_first_x(scene))
         (person,) = whole.persons
         return GroundTruth(

@@ -21,7 +21,7 @@ from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
-#: Assignments of `simple_asset`: movables that stand free, are hidden, overlap, cross the image's border, are many, or are away.
+#: Assignments of `simple_asset`: movables stand free, are hidden, overlap, cross the image's border, are several, or out of view.
 POSES: tuple[Mapping[str, float | str], ...] = (
     {},
     {"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0, "scene.person-1.heading": 30.0},
@@ -74,7 +74,7 @@ class RendererContract:
 
     @pytest.fixture
     def view(self) -> View:
-        """Return a view of a small image whose sides are no multiples of higher powers of two."""
+        """Return a view of a small image whose sides are not multiples of high powers of two."""
         return View("camera-1", 150, 86)
 
     def test_an_image_is_linear_half_floats_of_the_asked_size_and_read_only(
@@ -191,7 +191,7 @@ class RendererContract:
 
 
 def from_below(scene: Scene) -> Scene:
-    """Return the scene with ``camera-1`` near the ground and tilted up a little, so that most of a person is against the sky."""
+    """Return the scene with ``camera-1`` near the ground and tilted slightly up, so that most of a person is against the sky."""
     camera = replace(scene.cameras["camera-1"], transform=camera_transform((0.0, -2.0, 0.3), 0.0, 5.0, 0.0))
     return replace(scene, cameras={**scene.cameras, "camera-1": camera})
 
@@ -219,8 +219,8 @@ def assert_in_step(
     Args:
         background, full: the image without and with movables; ``person-1`` is the only visible one.
         statics, truth: the truth without and with movables.
-        noisy: True to judge only pixels against the sky, and to allow changes two pixels around the person, since samples may lie
-            as far aside as the engine's pixel filter reaches.
+        noisy: True to judge only pixels against the sky, and to allow changes two pixels around the person, since samples may be
+            off by the radius of the engine's pixel filter.
     """
     before, after = (np.log1p(10 * image.pixels.astype(np.float64)) for image in (background, full))
     # Filters reach farther than half a pixel, but by less than this.
@@ -236,7 +236,7 @@ def assert_in_step(
 
 
 def _shrunk(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the pixels, (H, W) bool, whose eight neighbours, as far as they lie in the image, are all in the mask."""
+    """Return the pixels of the mask, (H, W) bool, whose eight neighbours inside the image are all in the mask."""
     shrunk: NDArray[np.bool_] = ndimage.binary_erosion(mask, np.ones((3, 3), np.bool_), border_value=1)
     return shrunk
 

@@ -15,12 +15,12 @@ Points = NDArray[np.float64]
 
 
 class StrategyContract:
-    """Tests of a strategy. ``batches`` of ``size`` points are evaluated; scores below 0.5 fail, some are undefined."""
+    """Tests of a strategy. ``batches`` batches of ``size`` points are evaluated; scores below 0.5 fail, some are undefined."""
 
     dimensions = 3
     size = 16
     batches = 5
-    #: Scores of each point.
+    #: Number of scores per point.
     columns = 1
 
     @pytest.fixture
@@ -34,7 +34,7 @@ class StrategyContract:
         return self.columned(np.where(points[:, -1] > 0.9, np.nan, scores))
 
     def columned(self, scores: Points) -> Points:
-        """Return as many equal scores of each point as the strategy takes."""
+        """Repeat each point's score as often as the strategy takes scores."""
         return scores if self.columns == 1 else np.repeat(scores[:, None], self.columns, axis=1)
 
     def history(self, strategy: Strategy) -> list[Points]:

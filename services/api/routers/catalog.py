@@ -31,7 +31,7 @@ Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", example
 
 @router.get("/assets", responses=problems(422), summary="Assets that a spec may name")
 def assets(context: ContextDependency) -> list[AssetEntry]:
-    return [AssetEntry.model_validate(one) for one in catalog.assets(context.settings)]
+    return [AssetEntry.model_validate(entry) for entry in catalog.assets(context.settings)]
 
 
 @router.get("/assets/{name}", responses=problems(404, 422), summary="An asset with its parameters")
@@ -48,7 +48,7 @@ def asset(name: Name, context: ContextDependency) -> AssetRead:
     summary="Render engines, and the numeric classes in which living workers offer them",
 )
 def renderers(context: ContextDependency) -> list[RendererRead]:
-    return [RendererRead.model_validate(one) for one in catalog.renderers(context)]
+    return [RendererRead.model_validate(entry) for entry in catalog.renderers(context)]
 
 
 @router.get(
@@ -76,7 +76,7 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
     summary="Queues: unfinished products in the database, messages in the broker, living workers",
 )
 def queues(context: ContextDependency) -> list[QueueRead]:
-    return [QueueRead.model_validate(one) for one in monitoring.queues(context)]
+    return [QueueRead.model_validate(entry) for entry in monitoring.queues(context)]
 
 
 @router.get(

@@ -55,7 +55,7 @@ _ARROW = "application/vnd.apache.arrow.stream"
 _JPEG = "image/jpeg"
 _ZIP = "application/zip"
 _EXPORTS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet", "arrow": _ARROW}
-#: Columns that one question names at most.
+#: Largest number of columns in one request.
 _MAX_COLUMNS = 40
 
 Runs = Annotated[
@@ -109,7 +109,9 @@ def columns(exploration: Opened, run: Runs, context: ContextDependency) -> Colum
 
 
 @router.get(
-    "/explore/histograms", responses=problems(404, 409, 422), summary="Rows by bins of columns, all and those selected"
+    "/explore/histograms",
+    responses=problems(404, 409, 422),
+    summary="Numbers of rows by bins of columns, all and selected",
 )
 def histograms(exploration: Opened, selection: Selected, column: ColumnNames) -> HistogramsRead:
     return HistogramsRead(
@@ -133,7 +135,7 @@ def links(exploration: Opened, selection: Selected, column: ColumnNames) -> Link
         **problems(404, 409, 422),
         200: {"description": "Arrow stream", "content": {_ARROW: {"schema": {"type": "string", "format": "binary"}}}},
     },
-    summary="Selected rows over two columns: points where they are few, else a density, as an Arrow stream",
+    summary="Selected rows over two columns: points if there are few, else a density, as an Arrow stream",
 )
 def scatter(
     exploration: Opened,
@@ -207,7 +209,7 @@ _SideText = Annotated[str, Query(max_length=240, description="run:function", exa
 @router.get(
     "/explore/comparison",
     responses=problems(404, 409, 422),
-    summary="Two functions or two runs matched by variant: who was fixed, broken, missed by both",
+    summary="Two functions or two runs matched by variant: persons fixed, broken, missed by both",
 )
 def comparison(
     exploration: Opened,
@@ -236,7 +238,7 @@ def comparison(
 @router.get(
     "/explore/swings",
     responses=problems(404, 409, 422),
-    summary="Pairs of selected rows that differ in one varied parameter alone and most in pACC",
+    summary="Pairs of selected rows that differ in only one varied parameter and most in pACC",
 )
 def swings(
     exploration: Opened,
@@ -311,7 +313,7 @@ def sheet(
 @router.get(
     "/explore/spec",
     responses=problems(404, 409, 422),
-    summary="The spec of a run that looks closer at where the selected rows of one run lie, or repeats them nearby",
+    summary="The spec of a run that refines the region of the selected rows of one run, or repeats them nearby",
 )
 def refine(
     exploration: Opened,
@@ -402,7 +404,7 @@ def _numbered(exploration: Exploration, numbers: list[int]) -> dict[int, dict[st
 def _arrow(table: pa.Table) -> Response:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
-        # One batch, so that readers need not join any.
+        # One batch, so that readers need not join several.
         writer.write_table(table.combine_chunks())
     return Response(sink.getvalue().to_pybytes(), media_type=_ARROW)
 

@@ -205,7 +205,7 @@ def artifact(
     def read(start: int, length: int) -> bytes:
         return context.store.get(key) if length == info.size else context.store.get_range(key, start, length)
 
-    # The content follows from the digest; the size tells a broken object from the one that replaced it.
+    # The digest determines the content; the size distinguishes a broken object from its replacement.
     return send(
         conditions, tag=f"{digest}-{info.size:x}", media_type="application/zstd", size=lambda: info.size, read=read
     )

@@ -71,7 +71,7 @@ _PNG: Final = request_body(
     response_description="registered; Location names this version",
 )
 def register(form: FormDependency, request: Request, response: Response, context: ContextDependency) -> FunctionDetail:
-    asked = ImportRequest(
+    import_request = ImportRequest(
         path=form.payload,
         filename="" if form.payload is None else form.payload.name,
         document=form.texts.get("document", ""),
@@ -80,7 +80,7 @@ def register(form: FormDependency, request: Request, response: Response, context
         precision=form.texts.get("precision"),
     )
     with _IMPORTS:
-        imported = import_function(asked, form.folder, context.settings)
+        imported = import_function(import_request, form.folder, context.settings)
     registered, new = registry.register(context, imported.document, imported.payload)
     wake_control(request)
     response.headers["Location"] = f"/v1/functions/{registered.reference}"
@@ -95,7 +95,7 @@ def register(form: FormDependency, request: Request, response: Response, context
     summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
 )
 def list_functions(context: ContextDependency) -> list[FunctionRead]:
-    return [FunctionRead.model_validate(one) for one in catalog.functions(context)]
+    return [FunctionRead.model_validate(entry) for entry in catalog.functions(context)]
 
 
 @router.get("/functions/{reference}", responses=problems(404, 422), summary="One function with its card and document")

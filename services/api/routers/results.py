@@ -30,7 +30,7 @@ from valerie.runs.resolving.spec import ResolvedRun
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
-#: Column of names to the column of the database with the position of the name in the spec.
+#: Column of names to the database column with the name's position in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
 _ROW: JsonObject = example_of(EvaluationRow.model_json_schema())
 _CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
@@ -159,12 +159,12 @@ def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDepe
     info = context.store.head(key)
     return send(
         conditions,
-        # A retry writes the report again.
+        # A retry rewrites the report.
         tag=f"{run_id}-{info.size:x}-{round(info.modified.timestamp() * 1e6):x}",
         media_type="text/html; charset=utf-8",
         size=lambda: info.size,
         read=lambda start, length: context.store.get(key)[start : start + length],
-        # Sandboxed, so that no name in it can act as a page of this server.
+        # Sandboxed, so that no text in it can act as a page of this server.
         headers={"Content-Security-Policy": "sandbox allow-scripts allow-popups allow-downloads"},
     )
 
@@ -201,7 +201,7 @@ def _filter(text: str, resolved: ResolvedRun) -> long_table.Filter:
 
 
 def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> long_table.Filter:
-    """Return a comparison with a name as one with its position in the spec."""
+    """Return the comparison with a name's position in the spec that replaces one with the name."""
     spec = resolved.spec
     names = {
         "camera": resolved.cameras,

@@ -76,7 +76,7 @@ _OF_CHANGE = problems(404, 409, 422)
 
 
 def _spec(body: Body) -> RunSpec:
-    # Runs in a thread, so that a large document does not hold up other requests.
+    # Runs in a thread, so that a large document does not delay other requests.
     return parse(body)
 
 

@@ -148,7 +148,7 @@ def next_batch(study_id: StudyId, context: ContextDependency) -> NextBatchRead:
     "/studies/{study_id}/report",
     responses={**_OF_CHANGE, 200: {"content": {"text/html": {"schema": {"type": "string", "format": "binary"}}}}},
     response_class=Response,
-    summary="Report of a study, with what is known now",
+    summary="Report of a study, with its result so far",
 )
 def report(study_id: StudyId, context: ContextDependency) -> Response:
     return Response(reporting.report(context, study_id), media_type="text/html; charset=utf-8")
@@ -181,7 +181,7 @@ def mode(
     return _read(context, study_id)
 
 
-@router.post("/studies/{study_id}/stop", responses=_OF_CHANGE, summary="End a study with what is known")
+@router.post("/studies/{study_id}/stop", responses=_OF_CHANGE, summary="End a study with its result so far")
 def stop(study_id: StudyId, context: ContextDependency) -> StudyRead:
     commands.stop(context, study_id)
     return _read(context, study_id)
@@ -202,17 +202,17 @@ def _read(context: Context, study_id: str) -> StudyRead:
 def _study(row: StudyRow) -> StudyRead:
     document, goal = row.document, row.document.goal
     own = {"goal": goal.name, "question": goal.question}
-    asked = {"measure": document.measure, "where": document.where, "budget": document.budget}
-    return StudyRead.model_validate(vars(row) | own | asked)
+    terms = {"measure": document.measure, "where": document.where, "budget": document.budget}
+    return StudyRead.model_validate(vars(row) | own | terms)
 
 
 def _derived(batch: BatchRow, bound: float) -> dict[str, int | BatchCounts | None]:
-    """Return the fields of an answer that follow from a batch; variants with a score below ``bound`` fail."""
+    """Return the fields of an answer that are derived from a batch; variants with a score below ``bound`` fail."""
     return {"legal": batch.legal, "counts": None if batch.outcomes is None else _counts(batch, batch.outcomes, bound)}
 
 
 def _counts(batch: BatchRow, outcomes: Outcomes, bound: float) -> BatchCounts:
-    """Count variants; a variant fails if it fails for one of the functions."""
+    """Count variants; a variant fails if it fails for any of the functions."""
     variants = outcomes.by_variant
     failed = sum(any(score is not None and score < bound for score in scores) for scores in variants)
     passed = sum(all(score is not None and score >= bound for score in scores) for scores in variants)

@@ -1,1 +1,1 @@
-"""Read models: what the API answers with, one module per router. Requests are the documents of `valerie.runs`."""
+"""Read models, the answers of the API, one module per router. Requests are the documents of `valerie.runs`."""

@@ -1,4 +1,4 @@
-"""Base of all read models, and their fields from the columns of the long table."""
+"""Base of all read models, and their fields derived from columns of the long table."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Measured(Read):
     @model_validator(mode="before")
     @classmethod
     def _beside_fields(cls, row: object) -> object:
-        """Put the ``measures`` of a dataclass beside its fields."""
+        """Merge a dataclass's ``measures`` with its fields."""
         if not is_dataclass(row) or not hasattr(row, "measures"):
             return row
         return {**{field.name: getattr(row, field.name) for field in fields(row)}, **row.measures}

@@ -97,15 +97,15 @@ class WorkerRead(Read):
         description="products that it makes at this moment, by kind", examples=[{"layer": 12}]
     )
     started_at: float = Field(description="Unix seconds", examples=[1764000000.0])
-    seen_at: float = Field(description="time of its last sign of life, Unix seconds", examples=[1764000042.0])
+    seen_at: float = Field(description="time of its last heartbeat, Unix seconds", examples=[1764000042.0])
 
 
 class QueueRead(Read):
     route: str = Field(description="stage, engine and numeric class", examples=["infer.torch-2.9.0-cpu-fp32"])
-    waiting: int = Field(description="products whose inputs are not made yet", examples=[6])
+    waiting: int = Field(description="products whose inputs are missing", examples=[6])
     ready: int = Field(examples=[12])
     running: int = Field(examples=[6])
-    messages: int | None = Field(description="in the broker; null where it does not answer", examples=[2])
+    messages: int | None = Field(description="messages in the broker; null if it does not answer", examples=[2])
     workers: int = Field(description="living workers that serve it", examples=[1])
     per_minute: float = Field(description="products done in the last two minutes, per minute", examples=[36.5])
 

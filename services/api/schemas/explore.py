@@ -95,7 +95,7 @@ _RATES: Final[JsonObject] = {
 class RatesRead(Read):
     selected: int = Field(examples=[12])
     scored: bool = Field(
-        description="whether the expression depends on scores; then the rates only repeat what was asked for",
+        description="whether the expression depends on scores; then the rates only repeat the selection",
         examples=[False],
     )
     threshold: float = Field(examples=[0.5])

@@ -55,7 +55,7 @@ class PersonRead(measured(*OF_PERSON)):  # type: ignore[misc]  # the fields are 
     instance_id: int = Field(description="label id × 1000 + n; 0 stands for a scene without persons", examples=[24001])
     character: str | None = Field(examples=["yellow-shirt"])
     box: list[int] | None = Field(
-        description="x0, y0, x1, y1 of the visible pixels, end exclusive; null where none is visible", examples=[_BOX]
+        description="x0, y0, x1, y1 of the visible pixels, end exclusive; null if none is visible", examples=[_BOX]
     )
     amodal_box: list[int] | None = Field(description="box of the person rendered alone", examples=[_BOX])
 
@@ -70,24 +70,26 @@ class FrameEvaluation(measured(Source.FRAME_SCORE)):  # type: ignore[misc]  # li
     prediction: Digest
     scores: Digest
     state: str = Field(description=_STATE, examples=["done"])
-    fp: int | None = Field(description="pixels called person that belong to none; null until done", examples=[310])
-    tp: int | None = Field(description="pixels of persons that are called person", examples=[1980])
-    fn: int | None = Field(description="pixels of persons that are called something else", examples=[210])
+    fp: int | None = Field(
+        description="pixels predicted as person that belong to none; null until done", examples=[310]
+    )
+    tp: int | None = Field(description="pixels of persons that are predicted as person", examples=[1980])
+    fn: int | None = Field(description="pixels of persons that are predicted as another class", examples=[210])
     tn: int | None = Field(description="all other pixels", examples=[515900])
     pacc: float | None = Field(description="recall of the class person in this frame", examples=[0.9041])
     judged_by: list[str] = Field(
-        description="classes that pixel_accuracy, miou, fwiou and macc are over; empty: all 19", examples=[[]]
+        description="classes that pixel_accuracy, miou, fwiou and macc cover; empty: all 19", examples=[[]]
     )
     persons: list[PersonScoreRead]
     images: dict[str, str] = Field(
-        description="kind of picture to its address: what this function saw and predicted",
+        description="kind of picture to its address: this function's input and prediction",
         examples=[{"prediction": f"{_IMAGE}?kind=prediction&function={FUNCTION}&sensor=default"}],
     )
 
 
 class SequenceRead(Read):
     frames: int = Field(
-        description="moments of each variant and camera; their frames' ids differ in the last part alone", examples=[10]
+        description="moments of each variant and camera; their frames' ids differ only in the last part", examples=[10]
     )
     step_s: float = Field(description="seconds from one to the next", examples=[0.5])
 
@@ -101,12 +103,12 @@ class FrameDetail(FrameRead):
         description="of the variant, and the places of moving things at the frame's time", examples=[ASSIGNMENT]
     )
     annotations: dict[str, str] = Field(
-        description="kind to digest of the annotations that the run asked for", examples=[{}]
+        description="kind to digest of the annotations that the run makes", examples=[{}]
     )
     persons: list[PersonRead]
     evaluations: list[FrameEvaluation]
     images: dict[str, str] = Field(
-        description="kind of picture to its address, behind the run's first sensor setting",
+        description="kind of picture to its address, with the run's first sensor setting",
         examples=[{"picture": f"{_IMAGE}?kind=picture", "depth": f"{_IMAGE}?kind=depth"}],
     )
     previous: str | None = Field(

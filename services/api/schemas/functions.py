@@ -29,7 +29,7 @@ _PROVENANCE = {"source": "my-net.onnx", "producer": "pytorch 2.13.0", "opset": "
 class FunctionRead(Read):
     name: str = Field(examples=["my-net"])
     digest: str = Field(
-        description="of a registered version 32 characters, of an installed function those of its file",
+        description="digest of a registered version (32 characters), or of an installed function's file",
         examples=[DIGEST],
     )
     architecture: str = Field(examples=["onnx"])
@@ -37,12 +37,12 @@ class FunctionRead(Read):
     engine: str = Field(examples=["openvino"])
     provenance: dict[str, str] = Field(examples=[_PROVENANCE])
     numeric_classes: list[str] = Field(
-        description="in which living workers offer it", examples=[["openvino-2026.4.1-cpu-fp32-amx-t2"]]
+        description="numeric classes in which living workers offer it", examples=[["openvino-2026.4.1-cpu-fp32-amx-t2"]]
     )
     problem: str | None = Field(None, description="why it cannot be used; all other fields but the name are empty then")
     reference: str | None = Field(
         None,
-        description="what a spec writes to name this version; null for an installed function",
+        description="name of this version in a spec; null for an installed function",
         examples=[f"my-net@{DIGEST[:12]}"],
     )
     kind: str | None = Field(
@@ -59,7 +59,7 @@ class FunctionRead(Read):
     )
     judged_by: list[str] = Field(
         [],
-        description="Cityscapes classes that its scores over all classes are over; empty: all 19",
+        description="Cityscapes classes that its scores over all classes cover; empty: all 19",
         examples=[["road", "person"]],
     )
     card: list[Annotated[list[str], Field(min_length=2, max_length=2)]] = Field(
@@ -94,4 +94,4 @@ class FunctionDetail(FunctionRead):
 
 class PredictionRead(Read):
     frame_id: str = Field(examples=[FRAME_ID])
-    new: bool = Field(description="false: the same label map was there already", examples=[True])
+    new: bool = Field(description="false: the same label map was stored already", examples=[True])

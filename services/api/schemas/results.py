@@ -21,7 +21,7 @@ class EvaluationRow(measured(*Source)):  # type: ignore[misc]  # the fields are 
 
 class EvaluationPage(Read):
     items: list[EvaluationRow]
-    total: int = Field(description="rows that the filters let through at this moment", examples=[30])
+    total: int = Field(description="rows that currently pass the filters", examples=[30])
     next: NextCursor
 
 
@@ -60,7 +60,7 @@ class PointColumns(Read):
     share: float = Field(
         description="share of the variants that is shown; below 1 it is an even sample", examples=[1.0]
     )
-    axes: list[PlotAxis] = Field(description="what this run's pACC can be plotted over")
+    axes: list[PlotAxis] = Field(description="columns that this run's pACC can be plotted over")
 
 
 INTERVAL: Final = {

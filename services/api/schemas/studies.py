@@ -34,22 +34,22 @@ class BatchCounts(Read):
 class BatchRead(Read):
     number: int = Field(description="from 0", examples=[0])
     reason: str = Field(description="why these variants", examples=[REASON])
-    count: int = Field(description="variants that the strategy was asked for", examples=[32])
+    count: int = Field(description="variants requested from the strategy", examples=[32])
     legal: int = Field(description="variants that count in the budget", examples=[32])
     rejected: list[int] = Field(description="indexes of rejected variants", examples=[[]])
-    basis: Digest = Field(description="digest of all that the proposal rests on")
-    based_on: int = Field(description="it rests on the outcomes of the batches before this one", examples=[0])
-    accepted_at: Moment | None = Field(description="null while a person has not accepted it")
+    basis: Digest = Field(description="digest of everything that the proposal depends on")
+    based_on: int = Field(description="it depends on the outcomes of the batches before this one", examples=[0])
+    accepted_at: Moment | None = Field(description="null until it is accepted")
     run_id: str | None = Field(examples=[RUN_ID])
     outcomes: Outcomes | None = Field(
-        description="scores, null where undefined; null while the run goes on",
+        description="scores, null where undefined; null until the run ends",
         examples=[{"scores": [0.93, 0.12, None], "second": [], "rejected": []}],
     )
     counts: BatchCounts | None = Field(
-        description="outcomes of the legal variants; null while the run goes on",
+        description="outcomes of the legal variants; null until the run ends",
         examples=[{"failed": 3, "passed": 28, "undefined": 1}],
     )
-    cpu_seconds: float | None = Field(description="spent for its run", examples=[41.5])
+    cpu_seconds: float | None = Field(description="CPU seconds spent on its run", examples=[41.5])
 
 
 class StudyRead(Read):
@@ -64,7 +64,7 @@ class StudyRead(Read):
     where: str = Field(description="rows that count; empty: all", examples=["distance_m <= 30"])
     budget: Budget = Field(examples=[{"variants": 256, "cpu_hours": None, "deadline": None}])
     result: StudyResult | None = Field(
-        description="what is known; null before",
+        description="result so far; null before the first batch has ended",
         examples=[
             {
                 "sentences": ["Of the legal variants, 3.10% (1.20% to 6.60%, 95%) fail, by operational points alone."],
@@ -80,7 +80,7 @@ class StudyRead(Read):
 
 class StudyDetail(StudyRead):
     document: str = Field(description="the study as the text of a file", examples=["name: how often\n…"])
-    left: int = Field(description="variants that the budget still has", examples=[128])
+    left: int = Field(description="variants left in the budget", examples=[128])
     batches: list[BatchRead]
 
 

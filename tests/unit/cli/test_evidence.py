@@ -42,8 +42,8 @@ def test_evidence_is_exported_signed_checked_without_a_data_folder_and_refused_w
     assert "files are consistent, signer unknown" in told("verify", str(folder))
     verified = json.loads(told("verify", str(folder), "--replay", "1", "--json"))
     assert (verified["root"], verified["signer"], verified["problems"]) == (exported["root"], None, [])
-    assert [picture["verdict"] for picture in verified["replayed"]] == ["equal"] * 3
-    assert told("verify", str(folder), "--replay", "1").count(": equal\n") == 3
+    assert [picture["verdict"] for picture in verified["replayed"]] == ["equal"] * 4
+    assert told("verify", str(folder), "--replay", "1").count(": equal\n") == 4
     assert not (tmp_path / "nothing").exists()
     monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path))
     assert "cannot be made here" in told("verify", str(folder), "--replay", "1", code=Exit.ENVIRONMENT)

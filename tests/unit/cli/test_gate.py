@@ -69,7 +69,7 @@ def test_requirements_decide_and_are_written_for_people_ci_and_tables(
     assert f"MET  NEAR · {WORSE}" in printed
     assert f"NOT MET  ALL · {WORSE}" in printed
     assert "the listed grid" in printed
-    assert "The gate is shut." in printed
+    assert "The gate fails." in printed
     cases = {(case.get("classname"), case.get("name")): case for case in ET.parse(junit).iter("testcase")}
     assert {key: case.find("failure") is not None for key, case in cases.items()} == {
         (f"{deployed[1]}.{WORSE}", "NEAR"): False,
@@ -101,7 +101,7 @@ def test_a_run_on_the_same_frames_is_a_baseline(deployed: tuple[Path, str, str, 
     folder, run_id, other, failed = deployed
     printed = gated(deployed, other, "--baseline", run_id, code=Exit.OK)
     assert f"{WORSE} against {WORSE} of run {run_id}: nowhere worse" in printed
-    assert "The gate is open." in printed
+    assert "The gate passes." in printed
     with pytest.raises(InvalidInput, match="looked at other frames: its resolution differs"):
         gated(deployed, other, "--baseline", failed, code=Exit.OK)
     with pytest.raises(InvalidInput, match="no requirements"):

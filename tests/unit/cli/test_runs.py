@@ -44,7 +44,7 @@ def test_the_list_of_runs_is_whole_on_a_terminal_of_80_columns(
     reason: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runs, "console", lambda: Console(width=80, color_system=None))
-    monkeypatch.setattr("valerie.client.Client.runs", lambda *_: [Run.model_validate({**RUN, "reason": reason})])
+    monkeypatch.setattr("valerie.client.Client.runs", lambda *_, **__: [Run.model_validate({**RUN, "reason": reason})])
     shown = CliRunner().invoke(app, ["status", "--url", "http://h:1"]).stdout
     assert "…" not in shown
     for part in ("r1ng32vh7ygq5", "completed-with-failures", "28,800", "2026-11-21 12:15", reason or "crossing"):
@@ -106,4 +106,4 @@ def test_an_asset_of_the_callers_own_folder_that_the_server_does_not_know_is_exp
     monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path))
     explained = CliRunner().invoke(app, arguments, input=text)
     assert isinstance(explained.exception, InvalidInput)
-    assert f"the asset lies in {tmp_path}" in str(explained.exception)
+    assert f"the asset is in {tmp_path}" in str(explained.exception)

@@ -37,7 +37,6 @@ def test_three_modes_are_told_apart_likely_ones_first() -> None:
     assert nearest == [0, 1, 2]
     assert modes.modes[0].probability == pytest.approx(np.pi * 0.12**2, rel=0.3)
     assert modes.modes[0].narrow == (0, 1)
-    assert modes.sentences[0] == f"3 modes in {modes.failures} repeated failures."
 
 
 def test_a_failure_that_does_not_repeat_is_no_failure() -> None:

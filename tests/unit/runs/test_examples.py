@@ -3,14 +3,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.shipped import EXAMPLES, SPECS, STUDIES
 from valerie.runs.forecasting.forecast import Plan, plan
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import parse, resolve
+from valerie.runs.study.document import parse_study
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.ground import ground_height
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 
 
@@ -63,9 +64,16 @@ def test_the_sensor_example_renders_nothing_after_the_first_run(pins: Pins) -> N
     assert rendered("sensor.yaml") < rendered("first-run.yaml")
 
 
-@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.yaml")), ids=lambda file: file.name)
+@pytest.mark.parametrize("file", SPECS, ids=lambda file: file.name)
 def test_every_example_can_be_planned(file: Path) -> None:
     assert planned(file.read_text("utf-8")).accepted > 0
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda file: file.name)
+def test_the_domain_of_every_example_of_a_study_can_be_planned(file: Path) -> None:
+    study = parse_study(file.read_text("utf-8"))
+    spec = study.spec.model_copy(update={"functions": FUNCTIONS})
+    assert planned(spec.to_yaml()).frames > 0
 
 
 def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:

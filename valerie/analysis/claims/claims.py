@@ -209,7 +209,7 @@ class LedgerEntry:
         function: the tested function; empty for a claim about frames only.
         outcome: answer.
         finding: result of the run in words.
-        estimate, low, high: the quantity and its interval; None where there is none.
+        estimate, low, high: the quantity and its interval; None if there is none.
         rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """
@@ -365,14 +365,14 @@ def _quantity(test: QuantityTest, entry: LedgerEntry, table: EvaluationTable, ro
         outcome = ClaimOutcome.UNDECIDED
     else:
         outcome = ClaimOutcome.NOT_REPRODUCED
-    what = test.of if test.above is None else f"{test.of} > {test.above:g}"
+    population = test.of if test.above is None else f"{test.of} > {test.above:g}"
     claimed = " and ".join(
         f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
     )
     return replace(
         entry,
         outcome=outcome,
-        finding=f"{test.statistic}({what}) is {estimate:.4g}; claimed {claimed}",
+        finding=f"{test.statistic}({population}) is {estimate:.4g}; claimed {claimed}",
         estimate=estimate, low=low, high=high,
         rows=int(np.count_nonzero(rows)), places=len(np.unique(table.places[rows])),
     )  # fmt: skip

@@ -27,7 +27,7 @@ class NumberBeside:
         column: column of the number.
         share: True where it is a share of rows.
         printed: number of the source.
-        here: number of the run; None where no row has a value.
+        here: number of the run; None if no row has a value.
         rows: number of rows behind ``here``.
     """
 
@@ -61,7 +61,7 @@ class CrossExample:
         views: row by row.
         places: number of views that show all these levels and could have been chosen.
         change: largest change of pACC between two levels of ``down``; the choice maximises it.
-        occlusion: of the person; None where undefined.
+        occlusion: of the person; None if undefined.
     """
 
     cross: Cross

@@ -29,7 +29,7 @@ _CLASS_STEP: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class VersionScores:
-    """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
+    """Scores of one version on one group of persons; ratios in [0, 1], None if undefined.
 
     Attributes:
         pacc_mean, pacc_pooled: over the group's persons; the mean weighs persons equally, the pooled score pixels.
@@ -57,7 +57,7 @@ class GroupDifference:
         low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than two places.
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
-        judgement: ``better`` or ``worse``, all groups accounted for; empty where neither is clear.
+        judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
     """
 
     mean: float
@@ -116,7 +116,7 @@ class VersionComparison:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
-        numeric_classes: numeric class of each version, in their order; empty where unknown.
+        numeric_classes: numeric class of each version, in their order; empty if unknown.
         judged_by: names of the classes that ``classes`` and ``overall`` cover; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
         overall: score over all classes to (frame mean, pooled) per version.
@@ -152,9 +152,9 @@ class VersionComparison:
             changes.append(VersionChange("class", name, before, after, after - before))
         whole = self.groups[0].sides
         for name in ("precision", "iou"):
-            one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
-            if one is not None and other is not None:
-                changes.append(VersionChange("score", name, one, other, other - one))
+            first, later = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
+            if first is not None and later is not None:
+                changes.append(VersionChange("score", name, first, later, later - first))
         clear = (change for change in changes if change.difference is not None or abs(change.step) >= _CLASS_STEP)
         return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
@@ -211,17 +211,17 @@ def compare(
     ]
     scores = [scores for _, scores in versions.values()]
     judged = scores[0].judged
-    if any(one.judged != judged for one in scores):
-        raise InvalidInput("scores of other classes", field="versions", value=[list(one.judged) for one in scores])
+    if any(score.judged != judged for score in scores):
+        raise InvalidInput("scores of other classes", field="versions", value=[list(score.judged) for score in scores])
     classes = {
         scores[0].classes[k].label.name: tuple(
-            (one.classes[k].iou.pooled, one.classes[k].pacc.pooled) for one in scores
+            (score.classes[k].iou.pooled, score.classes[k].pacc.pooled) for score in scores
         )
         for k in judged
-        if any(one.classes[k].iou.pooled is not None for one in scores)
+        if any(score.classes[k].iou.pooled is not None for score in scores)
     }
     overall = {
-        name: tuple((one.overall[name].frames.mean, one.overall[name].pooled) for one in scores)
+        name: tuple((score.overall[name].frames.mean, score.overall[name].pooled) for score in scores)
         for name in ("pixel_accuracy", "miou", "macc", "fwiou")
     }
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)

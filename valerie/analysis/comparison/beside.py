@@ -157,10 +157,10 @@ class Beside:
 
     def to_json(self) -> JsonObject:
         """Return JSON values."""
-        agreements = [one.agreement for one in self.conclusions]
+        agreements = [conclusion.agreement for conclusion in self.conclusions]
         document = asdict(self)
-        for one, agreement in zip(document["conclusions"], agreements, strict=True):
-            one["agreement"] = agreement
+        for conclusion, agreement in zip(document["conclusions"], agreements, strict=True):
+            conclusion["agreement"] = agreement
         return document
 
     def slices_table(self) -> pa.Table:
@@ -168,14 +168,14 @@ class Beside:
         return pa.Table.from_pylist(
             [
                 {
-                    "function": one.function, "sensor": one.sensor, "slice": part.name, "pairs": part.pairs,
+                    "function": comparison.function, "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
                     "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
                     "lost": part.difference.lost, "gained": part.difference.gained,
-                    "judgement": part.difference.judgement, "rank_correlation": one.rank_correlation,
+                    "judgement": part.difference.judgement, "rank_correlation": comparison.rank_correlation,
                 }
-                for one in self.functions
-                for part in one.slices
+                for comparison in self.functions
+                for part in comparison.slices
             ]
         )  # fmt: skip
 
@@ -336,7 +336,7 @@ def _of_claims(claims: Claims | None, one: EvaluationTable, two: EvaluationTable
 
 
 def _tested(kind: str, claims: Claims, one: EvaluationTable, two: EvaluationTable, seed: int) -> list[Conclusion]:
-    """Return the answers of both runs; empty where the shared rows lack a factor, level or function of the claim."""
+    """Return the answers of both runs; empty if the shared rows lack a factor, level or function of the claim."""
     try:
         pairs = zip(write_ledger(claims, one, seed=seed), write_ledger(claims, two, seed=seed), strict=True)
     except InvalidInput:

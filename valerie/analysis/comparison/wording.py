@@ -21,14 +21,14 @@ def change_sentence(change: VersionChange) -> str:
 
 
 def span_text(difference: GroupDifference) -> str:
-    """Return the interval of a difference as text, ``, 95 % [-0.2, +1.4]``; empty where there is none."""
+    """Return the interval of a difference as text, ``, 95 % [-0.2, +1.4]``; empty if there is none."""
     if difference.low is None or difference.high is None:
         return ""
     return f", 95 % [{100 * difference.low:+.1f}, {100 * difference.high:+.1f}]"
 
 
 def numeric_classes_sentence(comparison: VersionComparison) -> str:
-    """Return the numeric classes that the versions ran in, with a warning where they differ; empty where unknown."""
+    """Return the numeric classes that the versions ran in, with a warning where they differ; empty if unknown."""
     if not comparison.numeric_classes:
         return ""
     if comparison.alike:

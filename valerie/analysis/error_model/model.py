@@ -325,11 +325,11 @@ class _Data:
 
     @property
     def refusal(self) -> str:
-        """Reason why these rows are too few; empty where they are enough."""
+        """Reason why these rows are too few; empty if they are enough."""
         count = len(np.unique(self.places))
         if count < MIN_PLACES:
             return f"{count} places are too few: {MIN_PLACES - count} more are needed at least"
-        for what, rows in (("with a miss", self.misses), ("with a person that is not missed", ~self.misses)):
+        for kind, rows in (("with a miss", self.misses), ("with a person that is not missed", ~self.misses)):
             places = len(np.unique(self.places[rows]))
             if places < MIN_OF_EACH:
                 needed = MIN_OF_EACH - places
@@ -338,7 +338,7 @@ class _Data:
                     if places
                     else "no such place was seen"
                 )
-                return f"{places} of {count} places {what} are too few, {MIN_OF_EACH} are needed: {more}"
+                return f"{places} of {count} places {kind} are too few, {MIN_OF_EACH} are needed: {more}"
         return ""
 
     def of(self, rows: Rows) -> _Data:

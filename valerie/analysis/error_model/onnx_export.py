@@ -36,8 +36,8 @@ def to_onnx(model: ErrorModel) -> bytes:
     below = graph.add("TopK", graph.add("Sigmoid", odds), count, outputs=2, axis=1, largest=0)
     graph.add("Gather", below, np.array(fit.miss), axis=1, name="miss")
 
-    one = graph.add("Slice", below, np.array([0]), np.array([1]), np.array([1]))
-    zeros = graph.add("Mul", one, np.zeros(1))
+    column = graph.add("Slice", below, np.array([0]), np.array([1]), np.array([1]))
+    zeros = graph.add("Mul", column, np.zeros(1))
     starts = graph.add("Concat", zeros, below, axis=1)
     ends = graph.add("Concat", below, graph.add("Add", zeros, np.ones(1)), axis=1)
     rise = graph.add("Max", graph.add("Sub", ends, starts), np.array([ROUNDING]))

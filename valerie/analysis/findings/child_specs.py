@@ -71,7 +71,7 @@ def _common_constants(blocks: Sequence[BlockDocument]) -> dict[str, Scalar]:
     return {
         name: value
         for name, value in first.constants.items()
-        if all(one.constants.get(name) == value for one in others)
+        if all(other.constants.get(name) == value for other in others)
     }
 
 

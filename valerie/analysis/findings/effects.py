@@ -55,7 +55,7 @@ def strongest_pair(table: EvaluationTable) -> dict[str, Means]:
     """Return mean pACC over the two factors that together explain most of its variance, by function.
 
     The pair has the largest share of the variance between its cells, adjusted for their number (adjusted R²; Fisher 1924,
-    *Philosophical Transactions A* 213, 89–142) and averaged over the functions. Empty where fewer than two factors vary.
+    *Philosophical Transactions A* 213, 89–142) and averaged over the functions. Empty if fewer than two factors vary.
     """
     functions, pacc = table.codes("function"), table.numbers("pacc")
     of_functions = [functions.where(name) & np.isfinite(pacc) for name in functions.names]
@@ -103,7 +103,7 @@ def means_of_cells(pacc: NDArray[np.float64], rows: NDArray[np.bool_], down: Axi
 
 
 def _adjusted_r2(values: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
-    """Return the share of the variance between cells; 0 where the values are too few."""
+    """Return the share of the variance between cells; 0 if the values are too few."""
     if not len(values) or np.ptp(values) == 0:
         return 0.0
     n = np.bincount(cell)

@@ -63,20 +63,20 @@ class Finding:
 
     Attributes:
         sentence: the finding in words.
-        function: the tested function; empty where functions are compared.
+        function: the tested function; empty if functions are compared.
         steps: one for a main effect; two for an interaction: the effect of the first depends on the second.
         matching: rule by which the sides are matched.
         confirmed: whether places that had no part in the search confirm it.
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
-        low, high: interval of the effect, jointly valid for all confirmed findings; None where it is unknown.
+        low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown.
         places, pairs: numbers of places and of pairs of rows behind the effect.
         places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
             number suffices.
         examples: views before and after the (first) step, all else equal, that differ most in the direction of the effect.
         unequal: measured quantities in which the sides differ strongly, so that they may cause the effect.
         picture_fault: faulty pictures that carry it; None where none do.
-        spec: YAML of a run that examines the finding on fresh places; empty where the spec of the run is unknown.
+        spec: YAML of a run that examines the finding on fresh places; empty if the spec of the run is unknown.
     """
 
     sentence: str

@@ -31,7 +31,7 @@ class Explanation:
     Attributes:
         function: its name.
         shares: shares of the variance, for the factors that the run set, largest first.
-        measured: importance of measured columns, smallest p-value first; empty where there are too few places.
+        measured: importance of measured columns, smallest p-value first; empty if there are too few places.
     """
 
     function: str

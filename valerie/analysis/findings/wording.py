@@ -57,11 +57,11 @@ def _after(step: Step) -> str:
 
 
 def unequal_sentence(unequal: Sequence[Inequality]) -> str:
-    """Return the measured differences between the sides of a finding; empty where there are none."""
+    """Return the measured differences between the sides of a finding; empty if there are none."""
     texts = [
-        f"{measure_of(one.column).title} ({measure_of(one.column).text(one.after)} with {_after(one.step)}, "
-        f"{measure_of(one.column).text(one.before)} with {one.step.before})"
-        for one in unequal
+        f"{measure_of(entry.column).title} ({measure_of(entry.column).text(entry.after)} with {_after(entry.step)}, "
+        f"{measure_of(entry.column).text(entry.before)} with {entry.step.before})"
+        for entry in unequal
     ]
     return f" The sides also differ in {' and '.join(texts)}." if texts else ""
 

@@ -20,7 +20,7 @@ QUANTILES = (0.1, 0.5, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """Persons over one measure; a person counts once in each frame, however many functions evaluate it.
+    """Persons over one measure; a person counts once in each frame, regardless of the number of functions.
 
     Attributes:
         column: the measure.
@@ -41,7 +41,7 @@ class Distribution:
 
 
 def distributions(table: EvaluationTable, axis: Measure) -> tuple[Distribution, ...]:
-    """Return the distribution of each character, then of all together; empty where the measure has no bins or no values."""
+    """Return the distribution of each character, then of all together; empty if the measure has no bins or no values."""
     values = table.numbers(axis.name)
     known = _once(table) & np.isfinite(values)
     if axis.bin_width is None or not known.any():

@@ -17,7 +17,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
-    seen_together = [one for one in seen if one.character == ALL] or list(seen)
+    seen_together = [row for row in seen if row.character == ALL] or list(seen)
     findings = len(source.findings.items)
     sentences = [_counted("Requirements", [verdict.outcome.value for verdict in source.verdicts])]
     sentences += [
@@ -27,9 +27,9 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
         if row.defined
     ]
     sentences += [
-        f"Where nobody stands, {labels[one.function, one.sensor]} calls {percent(one.pacc_empty)} % of the same pixels person: "
-        f"{one.lucky:,} of its {one.detected:,} detections would count without the person, too."
-        for one in seen_together
+        f"Where nobody stands, {labels[row.function, row.sensor]} calls {percent(row.pacc_empty)} % of the same pixels person: "
+        f"{row.lucky:,} of its {row.detected:,} detections would count without the person, too."
+        for row in seen_together
     ]
     if findings:
         are = "finding is" if findings == 1 else "findings are"
@@ -45,7 +45,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
                 f"{span_text(whole.difference)} on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )
-        sentences.append(_counted("Conclusions", [one.agreement for one in source.beside.conclusions]))
+        sentences.append(_counted("Conclusions", [conclusion.agreement for conclusion in source.beside.conclusions]))
     return [sentence for sentence in sentences if sentence]
 
 

@@ -26,7 +26,7 @@ class PictureSource(Protocol):
     def __call__(
         self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None, person: int | None = None
     ) -> bytes | None:
-        """Return a JPEG, PNG or WebP file; None where its products are gone.
+        """Return a JPEG, PNG or WebP file; None if its products are gone.
 
         Args:
             frame_id: id of the frame in the table.

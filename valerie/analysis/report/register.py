@@ -26,11 +26,11 @@ class TriggeringCondition:
         functional_insufficiency: description of the weakness.
         confirmed: whether places that had no part in the search confirm it; otherwise it is a candidate.
         effect: mean pACC under the condition minus that under the reference, −1…0.
-        low, high: interval of the effect; None where there is none.
+        low, high: interval of the effect; None if there is none.
         places: number of places behind the effect.
         evidence: ids of frames under the condition that show it.
         places_needed: fresh places that a re-test needs; None: unknown.
-        retest: YAML of a run that tests it again on fresh places; empty where the spec of the run is unknown.
+        retest: YAML of a run that tests it again on fresh places; empty if the spec of the run is unknown.
     """
 
     id: str

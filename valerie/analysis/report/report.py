@@ -225,13 +225,15 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
     """Yield the persons in whom two runs differ most: title and (caption, data URL) of both."""
-    for one in beside.functions if beside is not None else ():
+    for comparison in beside.functions if beside is not None else ():
         pairs: tuple[tuple[str, SharedPerson], ...] = (
-            *(("fell", pair) for pair in one.fell),
-            *(("rose", pair) for pair in one.rose[:1]),
+            *(("fell", pair) for pair in comparison.fell),
+            *(("rose", pair) for pair in comparison.rose[:1]),
         )
         for word, pair in pairs:
-            title = f"{one.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
+            title = (
+                f"{comparison.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
+            )
             here = _picture(source, pair.frame_here, pair.sensor, pair.function, pair.instance_id)
             there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there, pair.instance_id)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]
@@ -242,7 +244,7 @@ def _picture(
 ) -> str | None:
     """Return the data URL of a picture, of a prediction over it, or of a person from near.
 
-    None where there is none.
+    None if there is none.
     """
     if source.picture is None:
         return None
@@ -261,7 +263,7 @@ def _number(column: str, share: bool, value: float | None) -> str:
 
 
 def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, str | None]]]]:
-    """Yield example frames with (caption, data URL) of their pictures; the URL is None where a picture is gone."""
+    """Yield example frames with (caption, data URL) of their pictures; the URL is None if a picture is gone."""
     if source.picture is None:
         return
     for example in choose_examples(source.table):

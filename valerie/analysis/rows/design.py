@@ -37,7 +37,7 @@ class Design:
             variants: (N,) indices of variants of the run.
 
         Returns:
-            The name, and the (N,) replicate of each variant; None where the design has none.
+            The name, and the (N,) replicate of each variant; None if the design has none.
         """
         names = {name for name, _ in self.blocks}
         if not names <= INDEPENDENT | EVEN:

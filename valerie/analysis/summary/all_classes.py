@@ -17,7 +17,7 @@ from valerie.perception.base import judged_ids
 
 @dataclass(frozen=True, slots=True)
 class PooledClass:
-    """One class over all frames, from summed counts; ratios in [0, 1], None where undefined.
+    """One class over all frames, from summed counts; ratios in [0, 1], None if undefined.
 
     Attributes:
         name: name of the class.
@@ -36,7 +36,7 @@ class PooledClass:
 
 @dataclass(frozen=True, slots=True)
 class AllClasses:
-    """Scores of one function behind one sensor setting, over all frames and all classes that it is judged by.
+    """Scores of one function with one sensor setting, over all frames and all classes that it is judged by.
 
     Attributes:
         function, sensor: names of the function and of the sensor setting.
@@ -61,7 +61,7 @@ class AllClasses:
 def all_classes(
     function: str, sensor: str, matrix: ConfusionMatrix, frame_mious: FrameMean, judged_by: Sequence[str] = ()
 ) -> AllClasses:
-    """Return the scores of one function behind one sensor setting.
+    """Return the scores of one function with one sensor setting.
 
     Args:
         function, sensor: names of the function and of the sensor setting.

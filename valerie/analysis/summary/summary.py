@@ -55,7 +55,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class SummaryRow:
-    """Results of one function behind one sensor setting on one pedestrian. Rates are 0…1, None where undefined.
+    """Results of one function with one sensor setting on one pedestrian. Rates are 0…1, None if undefined.
 
     A *person-frame* is one person in one frame.
 
@@ -103,7 +103,7 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class OcclusionShare:
-    """Share of person-frames that are occluded; functions do not matter.
+    """Share of occluded person-frames, independent of the function.
 
     Attributes:
         character: name of the pedestrian, or `ALL`.
@@ -148,7 +148,7 @@ class Summary:
         frames: number of distinct evaluated frames.
         rows: per function, sensor and character.
         occlusion: share of occluded person-frames per character, then of all.
-        empty: frames without persons, per function and sensor; empty where there are none.
+        empty: frames without persons, per function and sensor; empty if there are none.
         classes: scores over all classes, per function and sensor.
         warnings: sentences about faults that make the numbers meaningless; to be shown before all results.
     """

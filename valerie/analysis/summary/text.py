@@ -72,7 +72,9 @@ def _findings(findings: Findings, most: int | None) -> list[RenderableType]:
     parts.append(Text(searched_sentence(findings), style="dim"))
     if findings.candidates:
         parts.append(Text("\nCandidates, not confirmed", style="bold"))
-        parts += [Text(f"- {one.sentence} {candidate_text(one)}") for one in findings.candidates[:most]]
+        parts += [
+            Text(f"- {candidate.sentence} {candidate_text(candidate)}") for candidate in findings.candidates[:most]
+        ]
     return parts + [Text(note, style="dim") for note in findings.notes]
 
 

@@ -32,25 +32,27 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
 def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
     """Return the meaning of the brackets in a summary, and the reasons for missing intervals."""
     sentences = []
-    units = {(one.estimand, one.units) for row in rows if isinstance(one := row.pacc_mean_interval, Interval)}
+    units = {
+        (interval.estimand, interval.units) for row in rows if isinstance(interval := row.pacc_mean_interval, Interval)
+    }
     if units:
-        estimand, most = max(units, key=lambda one: one[1])
+        estimand, most = max(units, key=lambda entry: entry[1])
         sentences.append(f"[95 % interval] for {_ESTIMANDS[estimand]}, from {most:,} {estimand.noun}.")
     if any(row.pacc_mean_spread for row in rows):
         places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
         sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
-    reasons = dict.fromkeys(one.reason for row in rows if isinstance(one := row.pacc_mean_interval, Refusal))
+    reasons = dict.fromkeys(refusal.reason for row in rows if isinstance(refusal := row.pacc_mean_interval, Refusal))
     return sentences + [f"No confidence interval: {reason}." for reason in reasons]
 
 
 def limits(summary: Summary, findings: Findings) -> list[str]:
     """Return the limits of the results."""
-    first = next((one for row in summary.rows if (one := row.pacc_mean_interval) is not None), None)
+    first = next((interval for row in summary.rows if (interval := row.pacc_mean_interval) is not None), None)
     sentences = []
     if first is not None:
-        sentences.append(f"Means speak of {_ESTIMANDS[first.estimand]} and of nothing else.")
+        sentences.append(f"Means apply only to {_ESTIMANDS[first.estimand]}.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
-        sentences.append("All variants were listed, so nothing is known of what lies between them, or of other sites.")
+        sentences.append("All variants were listed, so the results do not apply between them or on other sites.")
     if findings.places_searched:
         places = findings.places_searched + findings.places_confirming
         sentences.append(f"The run saw {places:,} places. It cannot detect differences that need more places.")

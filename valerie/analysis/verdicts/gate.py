@@ -252,7 +252,7 @@ def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[
 
 
 def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
-    own, others = (one.spec.model_dump(mode="json", exclude=set(_FREE)) for one in (run, baseline))
+    own, others = (side.spec.model_dump(mode="json", exclude=set(_FREE)) for side in (run, baseline))
     own["asset"], others["asset"] = [own["asset"], run.asset_digest], [others["asset"], baseline.asset_digest]
     for name in own:
         if own[name] != others[name]:
@@ -265,11 +265,11 @@ def _require_same_frames(run: GateRun, baseline: GateRun) -> None:
 def _require_one_class(run: GateRun, version: str, other: GateRun, reference: str) -> bool:
     classes = [
         {
-            "image": one.pins.engine.numeric_class,
-            "ground truth": one.pins.truth.numeric_class,
-            "inference": one.pins.functions[name].numeric_class,
+            "image": side.pins.engine.numeric_class,
+            "ground truth": side.pins.truth.numeric_class,
+            "inference": side.pins.functions[name].numeric_class,
         }
-        for one, name in ((run, version), (other, reference))
+        for side, name in ((run, version), (other, reference))
     ]
     for stage, own in classes[0].items():
         if own != classes[1][stage]:
@@ -324,7 +324,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     if item.worse:
         return text
     if needed is None:
-        return f"{text}; it is unknown how many places would show a drop of {100 * effect:g} points"
+        return f"{text}; the number of places needed to detect a drop of {100 * effect:g} points is unknown"
     enough = "" if needed <= item.places else " and these are too few"
     return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
 

@@ -42,22 +42,22 @@ class DistanceBand:
 
 @dataclass(frozen=True, slots=True)
 class RequirementVerdict:
-    """The verdict on one requirement and one function. Rates are 0…1, None where undefined.
+    """The verdict on one requirement and one function. Rates are 0…1, None if undefined.
 
     Attributes:
         id, text, statistic, where, confidence: of the requirement.
         function: name of the function.
         outcome: met, not met or undecided.
         reason: why it is undecided; empty otherwise.
-        further: further variants in the region that would decide if the estimate is right; None where it is decided or no
+        further: further variants in the region that would decide if the estimate is right; None if it is decided or no
             affordable number suffices. For a listed grid, the rows that are missing.
         quantity, sign, bound: the bounded quantity and its bound: ``share(pacc >= 0.5)``, ``>=``, 0.95.
         estimate: estimate of the quantity.
         worst, best: the quantity if all rows that failed for good fall short, and if none does.
-        basis: population of the verdict; None where it was not judged.
+        basis: population of the verdict; None if it was not judged.
         method: method of judgement in words.
         units: variants that were judged.
-        decided_after: variants after which the sequential test ended; None where it did not or there was none.
+        decided_after: variants after which the sequential test ended; None if it did not or there was none.
         of: kind of a row, ``persons`` or ``frames``.
         rows: number of judged rows.
         undefined: reason to number of the rows in the region that have no value.
@@ -111,7 +111,7 @@ def judge_requirements(
         table: its evaluations.
         design: design of its variants.
         regions: id of a requirement to (N,) bool, the rows of the table in its region; default: all rows.
-        lost: rows whose evaluation failed for good: column or parameter path to value, None where unknown.
+        lost: rows whose evaluation failed for good: column or parameter path to value, None if unknown.
         threshold: detection threshold t, 0 < t ≤ 1.
     """
     everything = np.ones(len(table), np.bool_)

@@ -82,7 +82,7 @@ def _normalisation(part: InputDocument) -> str:
     value = "x" if part.scale == "1" else "x / 255"
     if part.mean == (0.0, 0.0, 0.0) and part.std == (1.0, 1.0, 1.0):
         return value
-    mean, std = (", ".join(f"{one:g}" for one in values) for values in (part.mean, part.std))
+    mean, std = (", ".join(f"{number:g}" for number in values) for values in (part.mean, part.std))
     return f"({value} − mean) / std, mean {mean}, std {std}"
 
 

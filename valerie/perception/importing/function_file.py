@@ -143,9 +143,9 @@ def function_file_bytes(
     Raises:
         InvalidInput: a value is not finite, or a provenance entry has a name that the format reserves.
     """
-    taken = sorted(set(provenance) & _OWN)
-    if taken:
-        raise InvalidInput("names that the format reserves", field="provenance", value=", ".join(taken))
+    reserved = sorted(set(provenance) & _OWN)
+    if reserved:
+        raise InvalidInput("names that the format reserves", field="provenance", value=", ".join(reserved))
     for name in sorted(tensors):
         if not np.isfinite(tensors[name]).all():
             raise InvalidInput("holds values that are not finite", field=name)

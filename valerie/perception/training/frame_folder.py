@@ -62,7 +62,7 @@ class Shard(BaseModel):
 
     Attributes:
         file: name of the file.
-        site_seed: street seed of all its frames.
+        site_seed: of all its frames.
         sizes: (height, width) of each frame.
         sha256: digest of the file.
         drawn: number of scenes that were drawn to get these frames; None if every draw was used.

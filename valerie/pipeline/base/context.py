@@ -21,7 +21,7 @@ from valerie.storage.store import ArtifactStore, open_store
 
 @contextmanager
 def beating_in_a_thread(seconds: float, beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` every so many seconds while the body runs."""
+    """Call ``beat`` every ``seconds`` while the body runs."""
     stop = threading.Event()
 
     def run() -> None:
@@ -42,10 +42,10 @@ class Context:
     """Settings and connections of a process.
 
     Attributes:
-        settings: of the deployment.
+        settings: settings of the deployment.
         engine, store, broker: database, artifact store and message broker.
         owner: unique name of this process in leases: host, process id and a random part.
-        elapsed: seconds since any fixed moment, which no clock that is set moves: for the pauses of this process.
+        elapsed: returns seconds of a monotonic clock, for the pauses of this process.
         beating: see `beating_in_a_thread`.
     """
 
@@ -63,7 +63,7 @@ def open_context(settings: Settings) -> Context:
 
     Raises:
         StorageUnavailable: the artifact store cannot be written.
-        InvalidInput: a URL of an unknown kind.
+        InvalidInput: a URL has an unknown scheme.
     """
     return Context(
         settings=settings,
@@ -75,5 +75,5 @@ def open_context(settings: Settings) -> Context:
 
 
 def process_name() -> str:
-    """Return ``host-pid-random``, unique among all processes that ever held a lease; at most 64 characters."""
+    """Return ``host-pid-random``, unique among all processes; at most 64 characters."""
     return f"{socket.gethostname()[:40]}-{os.getpid()}-{secrets.token_hex(4)}"

@@ -10,12 +10,12 @@ from valerie.runs.products.pins import FunctionPin, Pins
 from valerie.settings import Settings
 
 _KIND: Final = "predictions"
-#: The reason of a run that waits for people begins with this.
+#: Beginning of the reason of a run that waits for users.
 AWAITING: Final = "awaiting-predictions"
 
 
 def with_deadlines(pins: Pins, settings: Settings, now: float) -> Pins:
-    """Return the pins of a run that starts, or starts again, now: people have the whole time from here on."""
+    """Return the pins of a run that starts or restarts now, with full time for uploads from ``now`` on."""
 
     def dated(pin: FunctionPin) -> FunctionPin:
         hours = pin.deadline_hours or settings.predictions_hours
@@ -25,18 +25,18 @@ def with_deadlines(pins: Pins, settings: Settings, now: float) -> Pins:
 
 
 def deadlines(pins: Pins | None) -> dict[str, float]:
-    """Return the deadline, Unix seconds, of each function whose predictions are uploaded, by its name."""
+    """Return function name to deadline, in Unix seconds, of the functions whose predictions are uploaded."""
     functions = {} if pins is None else pins.functions
     return {name: pin.deadline for name, pin in functions.items() if pin.deadline is not None}
 
 
 def until(deadline: float) -> str:
-    """Return a deadline for people: ``2026-11-21 14:05 UTC``."""
+    """Return a deadline as text: ``2026-11-21 14:05 UTC``."""
     return moment_text(datetime.fromtimestamp(deadline, UTC))
 
 
 def awaiting_reason(count: int, pins: Pins | None) -> str | None:
-    """Return why a run waits for people; None where it waits for nobody."""
+    """Return the reason why a run waits for users; None if it does not."""
     ends = deadlines(pins).values()
     if not count or not ends:
         return None

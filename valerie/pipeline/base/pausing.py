@@ -10,7 +10,7 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.products.states import RunState
 
-#: The reason of a pause that ends by itself begins with this.
+#: Beginning of the reason of a pause that ends automatically.
 STORAGE_REASON: Final = "storage: "
 
 

@@ -1,4 +1,4 @@
-"""Choose the numeric classes that make a run's pixels: once, from what living workers offer, for all its products."""
+"""Choose the numeric classes of a run once, from the offers of living workers, for all its products."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from valerie.runs.resolving.spec import RunSpec
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
-#: Uploaded predictions are made elsewhere: nothing here could change a bit of them.
+#: Uploaded predictions are made elsewhere; nothing here can change them.
 _UPLOADED: Final = Offer(stage=Stage.INFER, name="uploaded", numeric_class="uploaded", revision=1, route=UPLOADED_ROUTE)
 
 
 class PinChoice(NamedTuple):
-    """Pins for a run, or in words why there are none yet."""
+    """Pins for a run, or the reason why there are none yet."""
 
     pins: Pins | None
     reason: str | None
@@ -31,9 +31,9 @@ def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str,
     """Choose the pins for a run.
 
     Args:
-        spec: of the run.
-        offers: of the living workers, longest-serving first; of several numeric classes the first is taken.
-        registered: those of the spec's functions that are registered, by the names that the spec uses.
+        spec: spec of the run.
+        offers: offers of the living workers, longest-serving first; the first numeric class is taken.
+        registered: documents of the spec's registered functions, by the names that the spec uses.
     """
     engine = _first(offers, Stage.RENDER, spec.engine)
     truth = _first(offers, Stage.RENDER, TRUTH)
@@ -60,12 +60,12 @@ def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str,
 
 
 def pinned_card(pins: Pins, name: str) -> FunctionCard:
-    """Return the card of one of a run's functions; ``name`` is what the spec calls it."""
+    """Return the card of one of a run's functions by its name in the spec."""
     return pins.functions[name].card
 
 
 def inference_name(document: FunctionDocument) -> str:
-    """Return what workers must offer to run a registered function: ``openvino/bf16``, ``http``; no function has such a name."""
+    """Return the offer that a registered function needs: ``openvino/bf16``, ``http``; no function has such a name."""
     return document.kind if document.engine == "none" else f"{document.engine}/{document.precision}"
 
 

@@ -1,4 +1,4 @@
-"""End a worker that lost the broker between taking a message and acknowledging it."""
+"""Requests that end a worker which lost the broker between taking a message and acknowledging it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Final
 from celery.worker import state
 from celery.worker.request import Request
 
-#: Exit code of a worker that lost the broker; Celery uses the same where it notices by itself.
+#: Exit code of a worker that lost the broker; Celery uses the same where it notices the loss.
 BROKER_LOST: Final = 1
 
 
@@ -15,7 +15,7 @@ class WatchfulRequest(Request):  # type: ignore[misc]  # Celery has no types
     """A request that ends the worker when its acknowledgement fails.
 
     Celery 5.7 logs the failure and counts the message as unacknowledged. With a prefetch window of one it then takes no
-    further message, so it never finds out that the connection is gone.
+    further message, so it never notices that the connection is gone.
     """
 
     def __init__(self, message: Any, *arguments: Any, **keywords: Any) -> None:
@@ -23,7 +23,7 @@ class WatchfulRequest(Request):  # type: ignore[misc]  # Celery has no types
         acknowledge = message.ack
 
         def acknowledge_or_stop(multiple: bool = False) -> None:
-            # Celery calls this later, from its event loop, and only logs what it raises.
+            # Celery calls this later, from its event loop, and only logs exceptions.
             try:
                 acknowledge(multiple=multiple)
             except Exception:

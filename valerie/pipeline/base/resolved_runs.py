@@ -1,7 +1,4 @@
-"""Resolve specs against this deployment: new ones are checked in full, stored ones are trusted and kept.
-
-A process keeps the last few runs that it worked for.
-"""
+"""Resolve specs against this deployment: new ones are checked in full, stored ones are trusted and cached."""
 
 from __future__ import annotations
 
@@ -29,10 +26,10 @@ def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str
     """Resolve the spec of a new run and check everything that it names.
 
     Args:
-        spec: of the run.
-        settings: of this deployment.
+        spec: spec of the run.
+        settings: settings of this deployment.
         registered: the registered functions of the spec (`valerie.pipeline.functions.registry.known`), and all other
-            names that it might have meant.
+            names for suggestions.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -51,11 +48,11 @@ def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A stored run, its spec resolved.
+    """A stored run with its resolved spec.
 
     Attributes:
-        id: of the run.
-        resolved: its spec, against the asset that it names.
+        id: id of the run.
+        resolved: its spec, resolved against its asset.
         chosen: its pins; None before it starts.
     """
 
@@ -101,7 +98,7 @@ def read_run(context: Context, run_id: str) -> StoredRun:
 
 
 def started_run(context: Context, run_id: str) -> StoredRun:
-    """Return a run that has started; its row is read only where this process does not know it. Errors as `read_run`."""
+    """Return a run that has started, from this process's cache if possible; errors as in `read_run`."""
     known = _known(run_id, context.settings)
     return read_run(context, run_id) if known is None or known.chosen is None else known
 

@@ -32,6 +32,6 @@ def artifact_key(context: Context, run_id: str, name: str) -> str:
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
     if not context.store.exists(key):
-        what = name.partition(".")[0]
-        raise Conflict(f"run {run_id} is {run.state} and has no {what}; a run gets one when it completes")
+        artifact = name.partition(".")[0]
+        raise Conflict(f"run {run_id} is {run.state} and has no {artifact}; a run gets one when it completes")
     return key

@@ -1,4 +1,4 @@
-"""Tell workers about products that became ready, after the transaction that made them ready."""
+"""Send workers messages about products that became ready, after the transaction that made them ready."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ log = structlog.get_logger()
 
 
 def send_ready(context: Context, ready: Iterable[Ready]) -> None:
-    """Send messages for products whose rows are committed; the sweeper sends again what a stopped broker refuses."""
+    """Send messages for products whose rows are committed; the sweeper resends what a stopped broker refuses."""
     products = sorted(ready, key=lambda product: (product.route, product.cache_group))
     try:
         context.broker.send_products(products)

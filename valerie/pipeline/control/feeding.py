@@ -24,7 +24,7 @@ from valerie.runs.products.turns import Turns
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to
-#: spread its cost, since digests are spread over all pages of an index.
+#: amortise its cost, since digests touch all pages of an index.
 BLOCK_PRODUCTS: Final = 4_000
 #: … or after this many variants, since all of them may be rejected.
 BLOCK_VARIANTS: Final = 1_000
@@ -34,8 +34,8 @@ class WrittenBlock(NamedTuple):
     """A written block.
 
     Attributes:
-        products: how many it links to; 0 where nothing was written.
-        ready: those that became ready.
+        products: number of products that it links to; 0 if nothing was written.
+        ready: products that became ready.
     """
 
     products: int
@@ -55,7 +55,7 @@ class _Target(NamedTuple):
 
 
 class Feeder:
-    """Writes the rows of one run, block after block. It is deterministic: the successor of a killed one writes the same.
+    """Writes the rows of one run, block after block; deterministic, so the successor of a killed process writes the same.
 
     Raises:
         Conflict, UnknownName: the run's asset changed or is gone.
@@ -76,7 +76,7 @@ class Feeder:
             engine: database.
             first: index of a variant.
             now: Unix seconds.
-            part: of a whole block: runs that are fed at the same time share it.
+            part: fraction of a whole block: runs that are fed at the same time share it.
         """
         rows = self._rows(first, part * BLOCK_PRODUCTS)
         following = first + len(rows.variants)
@@ -140,7 +140,7 @@ class Feeder:
 
 @dataclass(slots=True)
 class _Rows:
-    """The rows of a block, as tuples in the order of the columns below; ``wanted`` holds each product once, by digest."""
+    """The rows of a block, as tuples in the order of the columns below; ``wanted`` contains each product once, by digest."""
 
     variants: list[tuple[str, int, int, str, str | None]] = field(default_factory=list)
     frames: list[tuple[str, int, int, int, str, str, str]] = field(default_factory=list)

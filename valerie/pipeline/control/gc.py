@@ -1,4 +1,4 @@
-"""Free what nothing links to: product rows, their objects, and objects without a row."""
+"""Remove what nothing links to: product rows, their objects, and objects without a row."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, 
 _BATCH = 500
 #: Kinds of products that have no object: their results are rows.
 _WITHOUT_OBJECT = (ProductKind.EVALUATION, ProductKind.LIGHT)
-#: An object is stored before its row says so; younger objects without a row are left alone.
+#: An object is stored before its row says so; younger objects without a row are left untouched.
 _GRACE = timedelta(hours=1)
 
 
 @dataclass(frozen=True, slots=True)
 class Freed:
-    """Numbers of what `collect` removed, or would remove."""
+    """Numbers of products, objects and bytes that `collect` removed, or would remove."""
 
     products: int
     objects: int
@@ -31,12 +31,12 @@ class Freed:
 def collect(context: Context, *, dry_run: bool = False, now: datetime | None = None) -> Freed:
     """Remove products that no run links to and objects that belong to nothing.
 
-    Rows go first: a killed collector leaves objects that the next one finds, never rows without objects.
+    Rows are removed first: a killed collector leaves objects that the next one finds, never rows without objects.
 
     Args:
-        context: of the deployment.
+        context: context of the deployment.
         dry_run: remove nothing.
-        now: the moment that the age of objects is counted from (default: that of the call).
+        now: reference time for the age of objects (default: that of the call).
     """
     removed = 0
     while True:
@@ -47,7 +47,7 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         removed += len(batch)
         if not dry_run:
             context.store.delete(product_key(kind, digest) for digest, kind in batch if kind not in _WITHOUT_OBJECT)
-        # Once more after the last products: the statics that they were stored over are free now.
+        # One more round after the last products, since the statics under them have no links now.
         if dry_run or not batch:
             break
     objects = size = 0

@@ -30,7 +30,7 @@ _RETRYABLE: Final = (
 
 
 def progress(connection: Connection, run_id: str) -> Progress:
-    """Return how far a run is: the latest count, with the state of this moment.
+    """Return the progress of a run: the latest count, with its present state.
 
     Raises:
         NotFound: no such run.
@@ -49,7 +49,7 @@ def progress(connection: Connection, run_id: str) -> Progress:
 
 
 def cancel(context: Context, run_id: str) -> None:
-    """Stop a run. Its finished products stay; products that only this run wanted are not computed.
+    """Stop a run. Its finished products stay; products that only this run needs are not computed.
 
     Raises:
         NotFound, Conflict: no such run, or it has ended.
@@ -59,7 +59,7 @@ def cancel(context: Context, run_id: str) -> None:
 
 
 def resume(context: Context, run_id: str) -> None:
-    """Let a paused or cancelled run go on; its parked products are wanted again.
+    """Resume a paused or cancelled run with its parked products.
 
     Raises:
         NotFound, Conflict: no such run, or it is neither paused nor cancelled.
@@ -71,7 +71,7 @@ def retry(context: Context, run_id: str) -> None:
     """Try the failed products of a run again.
 
     Raises:
-        NotFound, Conflict: no such run, or nothing of it failed.
+        NotFound, Conflict: no such run, or its state allows no retry.
     """
     _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
 
@@ -91,7 +91,7 @@ def delete(context: Context, run_id: str) -> None:
 
 
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
-    # In one transaction: a run that is running again while its products stay parked would never end.
+    # In one transaction: a running run with parked products would never end.
     with writing(context.engine) as connection:
         now = database_time(connection)
         pins = runs.get(connection, run_id).pins

@@ -1,7 +1,7 @@
-"""The control loop: feed runs into the queues inside a bounded window, count how far they are, sweep up after the dead.
+"""The control loop: feeds runs into the queues within a bounded window, counts progress, and recovers from dead processes.
 
-One process holds the role by a database lease. It may be killed at any time: everything it knows is in the database, and each
-step is one transaction. Another process, or the same one restarted, goes on where it stopped.
+One process holds the role by a database lease. It may be killed at any time: all its state is in the database, and each step
+is one transaction. Another process, or the same one restarted, continues where it stopped.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from valerie.runs.products.states import RunState
 log = structlog.get_logger()
 
 ROLE: Final = "control"
-#: Seconds between two looks at the store while runs are paused for want of space.
+#: Seconds between two checks of the store while runs are paused for lack of space.
 _PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it.
+    """The control loop. `run` is the body of a thread; `tick` is one round of it.
 
     Args:
         context: of this process.
@@ -55,7 +55,7 @@ class ControlLoop:
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
-        # A strategy may compute for seconds, and the lease must be prolonged meanwhile.
+        # A strategy may compute for seconds, and the lease must be renewed meanwhile.
         self._proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
         self._studies = StudyKeeper(context)
         self._advancing: Future[None] | None = None
@@ -63,11 +63,11 @@ class ControlLoop:
         self._next_sweep = self._next_probe = self._next_count = -math.inf
 
     def wake(self) -> None:
-        """Begin the next round at once: something was submitted."""
+        """Begin the next round at once, because something was submitted."""
         self._wake.set()
 
     def run(self, stop: threading.Event) -> None:
-        """Work until ``stop`` is set; faults of the database or the broker are logged, and the round is tried again."""
+        """Work until ``stop`` is set; faults of the database or the broker are logged, and the round is repeated."""
         pause = 0.5
         while not stop.is_set():
             busy = False
@@ -78,7 +78,7 @@ class ControlLoop:
                 pause = min(pause * 2, 10.0)
                 log.warning("control.waits", reason=str(error), seconds=pause)
             except Exception:
-                # A defect in one round must not end feeding for good: it is logged in full, and the next round tries again.
+                # A defect in one round must not end feeding for good; the next round tries again.
                 pause = min(pause * 2, 10.0)
                 log.exception("control.failed", seconds=pause)
             if not busy:
@@ -89,12 +89,12 @@ class ControlLoop:
             with writing(self._context.engine) as connection:
                 processes.release_lease(connection, ROLE, owner=self._context.owner)
         except TransientError:
-            pass  # it ends by itself
+            pass  # the lease expires
 
     def tick(self, *, everything: bool = False) -> bool:
-        """Do one round; return whether there is more to feed at once.
+        """Do one round; return True if there is more to feed at once.
 
-        With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
+        With ``everything``, also count, sweep and check a full store regardless of their intervals.
         """
         elapsed = self._context.elapsed()
         if everything:
@@ -120,7 +120,7 @@ class ControlLoop:
             for run in running:
                 self._count(run.id)
             self._advance_studies(wait=everything)
-            # Counting may cost a tenth of this thread's time at most, however much there is to count.
+            # Counting may take at most a tenth of this thread's time.
             self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
         self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
         if elapsed >= self._next_sweep:
@@ -137,7 +137,7 @@ class ControlLoop:
     # -- feeding ---------------------------------------------------------------------------------------------------------
 
     def _pin_submitted(self, now: float) -> None:
-        """Start the runs whose engine and functions living workers offer; the offers are pinned for good."""
+        """Start the runs whose engine and functions living workers offer, and pin the offers."""
         with reading(self._context.engine) as connection:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
             offers = processes.offers(connection, now=now) if waiting else []
@@ -158,7 +158,7 @@ class ControlLoop:
                     )
 
     def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
-        """Choose pins; a run whose function was removed before it could start fails, since it would wait for ever."""
+        """Choose pins; a run whose function was removed before the start fails, since it would wait for ever."""
         names = run.spec.functions
         try:
             with reading(self._context.engine) as connection:
@@ -172,10 +172,11 @@ class ControlLoop:
         return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: Sequence[RunRow], now: float) -> bool:
-        """Write the next block of each run that has one and room in the window; return whether there may be more.
+        """Write the next block of each run with variants left and room in the window; return True if there may be more.
 
-        Runs with variants left share the window by their priorities, whatever the others have filled: a small run does not
-        wait for a large one. A run alone has the whole window, and the first block even where other runs fill it.
+        Runs with variants left share the window by their priorities, so a small run does not
+        wait for a large one. A single run has the
+        whole window, and may write its first block even if other runs fill it.
         """
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
@@ -243,7 +244,7 @@ class ControlLoop:
     # -- sweeping --------------------------------------------------------------------------------------------------------
 
     def _sweep(self, now: float) -> None:
-        """Take back what the dead held, send lost messages again, pass failures on."""
+        """Take back the leases of dead workers, resend lost messages, propagate failures."""
         with writing(self._context.engine) as connection:
             sweeping.bound_times(connection, now=now, lease_seconds=self._settings.lease_seconds)
             expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
@@ -251,7 +252,7 @@ class ControlLoop:
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
             stale = sweeping.stale_ready(connection, now=now, resend_seconds=self._settings.resend_seconds, limit=5_000)
-        # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
+        # A message that waits in its queue must not be duplicated: it is lost only if the queue is empty.
         waiting = self._waiting({ready.route for ready in stale}) if stale else {}
         lost = [ready for ready in stale if waiting.get(ready.route) == 0]
         if lost:
@@ -262,7 +263,7 @@ class ControlLoop:
         send_ready(self._context, [*expired, *late, *lost])
 
     def _waiting(self, routes: Collection[str]) -> dict[str, int]:
-        """Return the number of messages in each queue; nothing while the broker does not answer."""
+        """Return the number of messages in each queue; empty while the broker does not answer."""
         try:
             return self._context.broker.queue_lengths(routes)
         except TransientError as error:
@@ -270,14 +271,14 @@ class ControlLoop:
             return {}
 
     def _guard_space(self) -> None:
-        """Pause the runs before the last megabyte is gone: the database and the logs need space, too."""
+        """Pause the runs before the disk is full, since the database and the logs need space too."""
         try:
             _require_space(self._context)
         except StorageFull as error:
             pause_for_storage(self._context, error)
 
     def _resume_when_possible(self, paused: Sequence[RunRow]) -> None:
-        """Resume the runs that were paused for want of space once the store can be written again."""
+        """Resume the runs that were paused for lack of space once the store can be written again."""
         waiting = [run for run in paused if (run.reason or "").startswith(STORAGE_REASON)]
         if not waiting:
             return
@@ -295,6 +296,6 @@ def _require_space(context: Context) -> None:
     free, needed = context.store.free_bytes(), context.settings.min_free_mb * 2**20
     if free is not None and free < needed:
         raise StorageFull(
-            f"{free // 2**20} MiB are left in {context.store.url}; runs go on above {needed // 2**20} MiB "
+            f"{free // 2**20} MiB are left in {context.store.url}; runs continue above {needed // 2**20} MiB "
             "(VALERIE_MIN_FREE_MB; free space with `valerie gc`)"
         )

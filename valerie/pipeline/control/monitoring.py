@@ -1,4 +1,4 @@
-"""Health of what this process needs, and Prometheus metrics read from the database and the broker."""
+"""Health of this process's dependencies, and Prometheus metrics read from the database and the broker."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind, ProductState, Stage
 
-#: Whatever does not answer a check in this time is reported as unknown.
+#: A part that does not answer a check in this time is reported as unknown.
 CHECK_SECONDS = 5.0
 #: Time over which the rate of a queue is counted.
 _RATE_SECONDS: Final = 120.0
@@ -31,7 +31,7 @@ _waiting: dict[tuple[int, str], Thread] = {}
 
 
 def check(context: Context) -> dict[str, str]:
-    """Return ``ok``, or what is wrong, for database, broker and artifact store, within `CHECK_SECONDS`."""
+    """Return ``ok`` or the problem of database, broker and artifact store, within `CHECK_SECONDS`."""
 
     def database() -> None:
         with reading(context.engine) as connection:
@@ -52,15 +52,15 @@ def check(context: Context) -> dict[str, str]:
             answers[name] = str(error)
 
     deadline = time.monotonic() + CHECK_SECONDS
-    asked = []
+    threads = []
     for name in checks:
         key = (id(context), name)
-        if key in _waiting and _waiting[key].is_alive():  # of an earlier call: a second thread would wait with it
+        if key in _waiting and _waiting[key].is_alive():  # from an earlier call: a second thread would wait too
             continue
         thread = _waiting[key] = Thread(target=ask, args=(name,), name=f"check-{name}", daemon=True)
         thread.start()
-        asked.append(thread)
-    for thread in asked:
+        threads.append(thread)
+    for thread in threads:
         thread.join(timeout=max(0.0, deadline - time.monotonic()))
     return dict(answers)
 
@@ -78,8 +78,8 @@ class Queue(NamedTuple):
     Attributes:
         route: its name.
         waiting, ready, running: unfinished products.
-        messages: in the broker; None where it does not answer.
-        workers: living workers that serve it.
+        messages: number of messages in the broker; None if it does not answer.
+        workers: number of living workers that serve it.
         per_minute: products done in the last minutes, per minute.
     """
 
@@ -93,7 +93,7 @@ class Queue(NamedTuple):
 
 
 def queues(context: Context) -> list[Queue]:
-    """Return all queues by route.
+    """Return all queues, sorted by route.
 
     Raises:
         TransientError: the database does not answer.
@@ -206,7 +206,7 @@ def work(context: Context, hours: int) -> Work:
 
 
 def _messages(context: Context, routes: Collection[str]) -> dict[str, int]:
-    """Return the number of messages in each queue; nothing where the broker does not answer."""
+    """Return the number of messages in each queue; empty if the broker does not answer."""
     try:
         return context.broker.queue_lengths(routes)
     except TransientError:
@@ -214,7 +214,7 @@ def _messages(context: Context, routes: Collection[str]) -> dict[str, int]:
 
 
 class _Collector:
-    """Reads everything at scrape time: any process can be asked, and none has to keep count."""
+    """Collector that reads everything at scrape time, so any process can be scraped and none has to keep count."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

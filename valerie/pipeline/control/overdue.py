@@ -1,4 +1,4 @@
-"""Fail the predictions that nobody uploaded before their deadline."""
+"""Fails predictions that were not uploaded before their deadline."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from valerie.runs.products.states import ProductKind
 
 
 def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int:
-    """Fail predictions whose deadline has passed, unless another run still waits for them; return how many."""
+    """Fail predictions whose deadline has passed, unless another run still waits for them; return their number."""
     overdue: dict[str, str] = {}
     awaited: set[str] = set()
     for run in running:

@@ -1,4 +1,4 @@
-"""Plan a spec against this deployment: what is stored already, and what products have cost so far."""
+"""Plan a spec against this deployment, with its stored products and recorded costs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         return plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
 
 
-#: From this many products on, their mean replaces the shipped table.
+#: Number of products from which their mean replaces the shipped table.
 _MANY: Final = 3
 
 
@@ -53,7 +53,7 @@ def _costs(resolved: ResolvedRun, pins: Pins | None, recorded: list[totals.Recor
         (ProductKind.EVALUATION, EVAL_QUEUE): "",
     }
     if not resolved.engine_inputs:
-        # Recorded costs do not tell settings apart.
+        # Recorded costs do not distinguish settings.
         makers |= {(kind, pins.engine.route): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
     by_digest = {pins.functions[name].digest[:32]: name for name in spec.functions}
     costs: dict[CostKey, Cost] = {}

@@ -1,7 +1,7 @@
-"""Count how far runs are: block by block, into one document that anyone can read.
+"""Count the progress of runs, block by block, into one document.
 
-A finished block is never counted again, so a poll costs one row however large the run is, and counting costs as much as the
-feeding window holds.
+A finished block is never counted again, so a poll reads one row, however large the run is, and the cost of counting is
+bounded by the feeding window.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
 from valerie.runs.products.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
 
-#: A rate is measured over this long, or until this many have finished: a slow stage's would jump with each one.
+#: A rate is measured over at least this time and at least this many: that of a slow stage would jump with each one.
 _RATE_SECONDS: Final = 20.0
 _RATE_COUNT: Final = 10
 _RATE_LONGEST: Final = 300.0
@@ -33,11 +33,11 @@ class _Look:
 
     Attributes:
         now: Unix seconds.
-        run: its row.
+        run: row of the run.
         total: counts of all its blocks.
         backlog: unfinished products of all runs.
         served: queues that living workers serve.
-        awaited: predictions of this run that are still to be uploaded.
+        awaited: number of its predictions that are yet to be uploaded.
     """
 
     now: float
@@ -49,7 +49,7 @@ class _Look:
 
 
 class ProgressBook:
-    """Counts of the runs that this process looks after. What it forgets is read again from the finished blocks."""
+    """Counts of the runs of this process; a cache over the finished blocks."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -58,9 +58,9 @@ class ProgressBook:
         self._unfinished: dict[str, int] = {}
 
     def unfinished(self, run_id: str) -> int:
-        """Return how many products of a run are unfinished at most: some are shared with other runs, or within it.
+        """Return an upper bound of the run's unfinished products: some are shared with other runs, or within it.
 
-        Those that people are to upload are left out, and what follows from them.
+        Predictions that users have yet to upload and their scores are left out.
         """
         if run_id not in self._unfinished:
             self.update(run_id)
@@ -71,13 +71,13 @@ class ProgressBook:
         self._unfinished[run_id] = self.unfinished(run_id) + products
 
     def forget(self) -> None:
-        """Read the finished blocks again: another process counted meanwhile."""
+        """Clear the cache, because another process counted meanwhile."""
         self._closed.clear()
         self._history.clear()
         self._unfinished.clear()
 
     def update(self, run_id: str) -> bool:
-        """Count a run, finish its finished blocks and write its progress; return whether nothing is left to do."""
+        """Count a run, close its finished blocks and write its progress; return True if nothing is left to do."""
         with reading(self._engine) as connection:
             now = database_time(connection)
             run = runs.get(connection, run_id)
@@ -128,7 +128,7 @@ class ProgressBook:
 def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, BlockCounts]]) -> StageProgress:
     counts = look.total.stage(stage)
     fed, unfed = max(look.run.next_index, 1), look.run.variant_count - look.run.next_index
-    # The rest is extrapolated from the variants that have rows: a later variant may still be rejected.
+    # The rest is extrapolated from the variants that have rows, since later ones may be rejected.
     expected = counts.total + round(counts.total / fed * unfed)
     finished = [(at, total.stage(stage).done) for at, total in history]
     return StageProgress(
@@ -146,10 +146,10 @@ def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, Bl
 
 
 def finished_per_second(history: Sequence[tuple[float, int]]) -> float:
-    """Return how fast a stage is.
+    """Return the rate of a stage, per second.
 
-    The rate is over the last 20 s, or longer until ten have finished: otherwise the rate of a stage that takes ten seconds
-    for each would double or halve from one look to the next.
+    It is measured over the last 20 s, or longer until ten have finished: otherwise the rate of a stage that takes ten
+    seconds for each would double or halve from one count to the next.
 
     Args:
         history: (seconds, finished so far), oldest first.
@@ -162,13 +162,13 @@ def finished_per_second(history: Sequence[tuple[float, int]]) -> float:
 
 
 def seconds_left(history: Sequence[tuple[float, int]], left: int) -> float | None:
-    """Return how long the rest of a stage takes, seconds; None as long as too little has finished to tell.
+    """Return the time that the rest of a stage takes, in seconds; None while too little has finished to tell.
 
     Ten must have finished, or 5 min have passed: the first ones also wait for workers that start and functions that load.
 
     Args:
         history: (seconds, finished so far), oldest first.
-        left: how many are not finished.
+        left: number that are not finished.
     """
     if left == 0:
         return 0.0

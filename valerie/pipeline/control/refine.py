@@ -1,4 +1,4 @@
-"""The next spec from a run: refined where its rows are selected, where a finding is, or where a requirement is missed."""
+"""The next spec from a run, refined where rows are selected, at a finding, or where a requirement is missed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from valerie.plain import typed
 
 @dataclass(frozen=True, slots=True)
 class RefinedPart:
-    """The part of a run to refine; at most one field is set, none means everything."""
+    """The part of a run to refine. At most one field is set; none means everything."""
 
     where: str | None = None
     finding: int | None = None
@@ -39,14 +39,14 @@ def refine_run(
     """Return the next spec as YAML, and the region that it covers in words.
 
     Args:
-        context: of the deployment.
-        run_id: of a run with results.
-        selection: what is refined.
+        context: context of the deployment.
+        run_id: id of a run with results.
+        selection: the part to refine.
         add, drop: names or paths of parameters.
 
     Raises:
         NotFound: no such run.
-        InvalidInput: several selections, a selection of nothing, or a wrong name.
+        InvalidInput: several selections, an empty selection, or an unknown name.
     """
     if sum(part is not None for part in (selection.where, selection.finding, selection.requirement)) > 1:
         raise InvalidInput("a run is refined in one place", limit="--where, --finding or --requirement")
@@ -58,7 +58,7 @@ def refine_run(
             )
         return _of_finding(context, run_id, selection.finding)
     names = run.resolved.space.names
-    paths = [[_path(names, name, field) for name in given] for field, given in (("--add", add), ("--drop", drop))]
+    paths = [[_path(names, name, field) for name in entries] for field, entries in (("--add", add), ("--drop", drop))]
     with reading(context.engine) as connection:
         rows = [person.row for person in evaluated_persons(connection, run)]
     selected = _selected(run, selection, rows)
@@ -98,7 +98,7 @@ def _selected(run: StoredRun, selection: RefinedPart, rows: Sequence[TableRow]) 
         raise UnknownName("requirement", selection.requirement, known, field="--requirement")
     requirement = known[selection.requirement]
     statistic = requirement.statistic
-    # Of a share, the rows that miss its condition; of a mean, those below its bound.
+    # For a share, the rows that miss its condition; for a mean, those below its bound.
     bound = 1.0 if statistic.condition is not None else statistic.at_least
     missing = []
     for row in rows:
@@ -123,7 +123,7 @@ def _path(names: Mapping[str, ParameterDefinition], name: str, field: str) -> st
 
 
 def _middle(values: Sequence[Value], kind: ParameterType) -> Value:
-    """Return the value that occurs most often, or the middle one of numbers."""
+    """Return the most frequent value, or the median of numbers."""
     if kind in (ParameterType.CATEGORICAL, ParameterType.BOOL):
         return Counter(values).most_common(1)[0][0]
     return sorted(values)[len(values) // 2]

@@ -15,7 +15,7 @@ from valerie.pipeline.functions import registry
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
 
-_ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter is taken for a digit
+_ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter looks like a digit
 
 
 def submit(
@@ -60,7 +60,7 @@ def submit(
 
 
 def new_id(prefix: str, now: float) -> str:
-    """Return a short id that sorts by time: the prefix, seven characters of seconds, five of chance."""
+    """Return a short id that sorts by time: the prefix, seven characters of seconds, five random ones."""
     seconds = int(now)
     stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
     return prefix + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))

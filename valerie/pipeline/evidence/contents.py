@@ -1,4 +1,4 @@
-"""The documents of an evidence folder that say where its numbers come from, and the names of its files."""
+"""The documents of an evidence folder about the origin of its numbers, and the names of its files."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class _Document(BaseModel):
 
 
 class ResultDigests(_Document):
-    """SHA-256, hex, of what every execution of a spec in equal numeric classes repeats; no run's id is part of them.
+    """SHA-256, hex, of the results that every execution of a spec in equal numeric classes reproduces, without run ids.
 
     Attributes:
         frames: Merkle root over the pictures.
-        table: of ``evaluations.csv`` without the columns ``run_id`` and ``frame_id``.
-        verdicts: of the verdicts as JSON with sorted keys, indented by two.
+        table: digest of ``evaluations.csv`` without the columns ``run_id`` and ``frame_id``.
+        verdicts: digest of the verdicts as JSON with sorted keys, indented by two.
     """
 
     frames: str
@@ -44,10 +44,10 @@ class RunFacts(_Document):
 
     Attributes:
         id, name: of the run.
-        state: in which it ended.
-        spec_digest, asset_digest: of its spec and its asset.
-        parent_run, iteration: of a refinement.
-        created_at, started_at, finished_at: with time zone.
+        state: its final state.
+        spec_digest, asset_digest: digests of its spec and its asset.
+        parent_run, iteration: the refined run and the iteration.
+        created_at, started_at, finished_at: times with time zone.
         results: digests of its results.
     """
 
@@ -86,7 +86,7 @@ class FrameEntry(_Document):
     Attributes:
         variant, camera, time: indices in the run.
         sensor: index in the sensors of the spec.
-        functions: indices in its functions, of those whose predictions are shown.
+        functions: indices, in its functions, of those whose predictions are shown.
         persons: instance ids of those who are shown from near.
         assignment: path to value of the variant.
     """
@@ -119,7 +119,7 @@ class FrameList(_Document):
 
 @dataclass(slots=True)
 class NamedFrame:
-    """A frame through one sensor setting that findings or verdicts name, with the functions that looked and the persons."""
+    """A frame through one sensor setting that findings or verdicts name, with the named looked and the persons."""
 
     key: FrameKey
     sensor: str | None
@@ -130,7 +130,7 @@ class NamedFrame:
 def named_frames(document: object) -> list[NamedFrame]:
     """Return the frames that a document of results names, sorted.
 
-    An object names a frame by ``frame_id``; its ``sensor``, ``function`` and ``instance_id`` say what is shown of it.
+    An object names a frame by ``frame_id``, and its pictures by ``sensor``, ``function`` and ``instance_id``.
     """
     named: dict[tuple[FrameKey, str], NamedFrame] = {}
     for view in _views(document):

@@ -24,9 +24,9 @@ def write_crate(folder: Path, run: RunFacts, files: Mapping[str, str]) -> None:
     """Write the description; equal input gives equal bytes, since its dates are those of the run.
 
     Args:
-        folder: with the files.
-        run: that the evidence is about.
-        files: path to description, in the order in which they are listed.
+        folder: folder with the files.
+        run: the run.
+        files: path to description, in order.
     """
     from rocrate.rocrate import ROCrate
 

@@ -20,7 +20,7 @@ from valerie.pipeline.base.run_artifacts import TABLE_PARQUET, artifact_key
 from valerie.runs.resolving.spec import RunSpec
 from valerie.storage.keys import run_key, run_prefix
 
-#: Beginning of the file names.
+#: Prefix of the file names.
 _NAMES: Final = "error-model"
 
 
@@ -36,10 +36,10 @@ def make_error_models(
 
     Args:
         context: database and artifact store.
-        run_id: of the run.
+        run_id: id of the run.
         threshold: a person with pACC below it is a miss; None: the detection threshold of the spec.
-        given: columns that queries will give.
-        progress: is told what is being fitted.
+        given: columns of the queries.
+        progress: receives a message before each fit.
 
     Returns:
         File name to content.
@@ -47,7 +47,7 @@ def make_error_models(
     Raises:
         NotFound: no such run.
         Conflict: the run has not ended.
-        InvalidInput, MissingDependency: as `valerie.analysis.error_model.model.fit_error_models` does.
+        InvalidInput, MissingDependency: as for `valerie.analysis.error_model.model.fit_error_models`.
     """
     table = EvaluationTable.from_parquet(
         pa.BufferReader(context.store.get(artifact_key(context, run_id, TABLE_PARQUET)))
@@ -66,7 +66,7 @@ def make_error_models(
 
 
 def stored_error_models(context: Context, run_id: str, table: str) -> dict[str, bytes]:
-    """Return file name to content of the error models that were fitted to the table with this digest; empty without any."""
+    """Return file name to content of the error models fitted to the table with this digest; empty if there are none."""
     files = {name: context.store.get(run_key(run_id, name)) for name in _stored_names(context, run_id)}
     if CARD not in files or orjson.loads(files[CARD])["table"] != table:
         return {}

@@ -57,7 +57,7 @@ from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.plain import typed
 from valerie.runs.moments import in_utc
 
-#: Bytes per pixel of a picture, and of a painted map of classes, as PNG; rounded up.
+#: Bytes per pixel of a picture and of a painted class map, as PNG; rounded up.
 _PICTURE_BYTES, _MAP_BYTES = 2.5, 0.3
 #: Artifacts of the end of a run, each with its description.
 _RESULTS: Final = {
@@ -98,11 +98,11 @@ class ExportedEvidence:
     """The result of an export.
 
     Attributes:
-        folder: that was made.
+        folder: the new folder.
         files: number of files in its manifest.
         frames: number of frames, each through one sensor setting.
         root: Merkle root over the files, hex.
-        signer: id of the key; None where the folder is not signed.
+        signer: id of the key; None if the folder is not signed.
     """
 
     folder: Path
@@ -117,13 +117,13 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
 
     Args:
         context: database and artifact store.
-        run_id: of the run.
-        out: folder to make; must not exist, or be empty.
+        run_id: id of the run.
+        out: folder to create; must not exist, or be empty.
         key: file of a private Ed25519 key; None: the folder is not signed.
 
     Raises:
         NotFound: no such run.
-        Conflict: the run has not ended, ``out`` holds something, or the products of a named frame are gone.
+        Conflict: the run has not ended, ``out`` is not empty, or the products of a named frame are gone.
         MissingInput: the object of a named frame is gone.
         InvalidInput: not a private key.
         Refused: the files are too many or too large (`valerie.pipeline.evidence.manifest`).
@@ -169,7 +169,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
             (FRAMES, listed.model_dump(mode="json")),
         ):
             (partial / name).write_bytes(document_bytes(document))
-        (partial / MANIFEST).touch()  # so that the description may name it
+        (partial / MANIFEST).touch()  # so that the description can name it
         write_crate(partial, facts, descriptions)
         manifest = manifest_of(partial)
         payload = manifest.to_bytes()

@@ -23,8 +23,7 @@ from valerie.errors import ValerieError
 #: The manifest, and its signed copy; the manifest covers every other file.
 MANIFEST: Final = "manifest.json"
 SIGNED: Final = "manifest.dsse.json"
-#: Limits of a folder that is accepted: files that a manifest covers, bytes of all files together, bytes of a document that
-#: is read as a whole.
+#: Limits of an accepted folder: files in a manifest, bytes of all files, bytes of a document that is read at once.
 MAX_FILES: Final = 10_000
 MAX_BYTES: Final = 4 << 30
 MAX_DOCUMENT_BYTES: Final = 8 << 20
@@ -38,10 +37,10 @@ _TREE: Final = "urn:ietf:rfc:6962"
 
 
 class Refused(ValerieError):
-    """Evidence that does not hold; the message begins with the file that is wrong, or says which files are.
+    """Evidence that is not valid; the message names the files.
 
     Args:
-        problems: one sentence for each.
+        problems: one sentence for each problem.
     """
 
     def __init__(self, problems: Sequence[str]) -> None:
@@ -73,9 +72,9 @@ class EvidenceManifest(_Document):
     """An in-toto Statement v1 about the files of a folder.
 
     Attributes:
-        type: of the document.
+        type: type of the document.
         subject: the files, sorted by path.
-        predicate_type: of the predicate.
+        predicate_type: type of the predicate.
         predicate: the root of the tree over the files.
     """
 
@@ -110,7 +109,7 @@ def manifest_of(folder: Path) -> EvidenceManifest:
     """Build the manifest of a folder.
 
     Raises:
-        Refused: the folder holds something that a manifest cannot name, or too much.
+        Refused: the folder contains something that a manifest cannot name, or too much.
     """
     digests = {name: sha256_of(folder / name) for name in plain_files(folder) if name not in (MANIFEST, SIGNED)}
     subjects = [{"name": name, "digest": {"sha256": digest}} for name, digest in digests.items()]
@@ -129,7 +128,7 @@ def read_manifest(data: bytes) -> EvidenceManifest:
     """Read the bytes of a manifest.
 
     Raises:
-        Refused: they are not those that `Manifest.to_bytes` returns for any manifest.
+        Refused: `Manifest.to_bytes` would not return them for any manifest.
     """
     try:
         manifest = _validated(orjson.loads(data))
@@ -178,7 +177,7 @@ def plain_files(folder: Path) -> list[str]:
     """Return the paths of all files below a folder, sorted, with ``/``; nothing is opened.
 
     Raises:
-        Refused: something is neither a file nor a folder, has a name that a manifest cannot hold, or is too much.
+        Refused: something is neither a file nor a folder, has a name that no manifest allows, or exceeds the limits.
     """
     problems: list[str] = []
     names: list[str] = []

@@ -1,4 +1,4 @@
-"""Making frames of an evidence folder again, from its spec and pins alone, and comparing the pixels."""
+"""Replay frames of an evidence folder, only from its spec and pins, and compare the pixels."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ Document = TypeVar("Document", bound=BaseModel)
 
 @dataclass(frozen=True, slots=True)
 class ReplayedPicture:
-    """A picture of the folder, made again.
+    """A replayed picture of the folder.
 
     Attributes:
-        file: its path; empty where no picture could be made.
-        verdict: ``equal``, ``differs``, or why it cannot be made here.
+        file: its path; empty if no picture could be made.
+        verdict: ``equal``, ``differs``, or the reason why it cannot be made here.
     """
 
     file: str
@@ -59,18 +59,18 @@ class ReplayedPicture:
 
 
 def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture]:
-    """Make some frames of a verified folder again, chosen by chance, and compare their pictures.
+    """Replay randomly chosen frames of a verified folder and compare their pictures.
 
     It needs the run's asset, engine and functions in the numeric classes that the run pinned. Functions that were
     registered, and uploaded predictions, are not in the folder.
 
     Args:
-        folder: that `valerie.pipeline.evidence.verifying.verify` accepted.
-        count: number of frames; all, where there are fewer.
-        settings: of this machine: assets, engines, bounds of functions.
+        folder: folder that `valerie.pipeline.evidence.verifying.verify` accepted.
+        count: number of frames; all if there are fewer.
+        settings: settings of this machine: assets, engines, bounds of functions.
 
     Raises:
-        Refused: a document of the folder is not what it should be.
+        Refused: a document of the folder is not valid.
     """
     entries = _document(folder, FRAMES, FrameList).frames
     chosen = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
@@ -88,10 +88,10 @@ def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture
 
 @contextmanager
 def _deployment(folder: Path, settings: Settings) -> Iterator[tuple[Context, StoredRun]]:
-    """Open an empty deployment in a temporary folder that knows the run, and nothing else of it.
+    """Open a deployment in a temporary folder that contains only the run.
 
     Raises:
-        ValerieError: the run's asset, engine or functions are not here, or the asset changed.
+        ValerieError: the run's asset, engine or functions are missing here, or the asset changed.
     """
     facts, pins = _document(folder, RUN, RunFacts), _document(folder, PINS, Pins)
     spec = parse(read_document(folder, SPEC))
@@ -195,7 +195,7 @@ class _Frames:
 
 
 def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
-    """Return whether a PNG file holds exactly these pixels, (H, W, 3)."""
+    """Return True if a PNG file contains exactly these pixels, (H, W, 3)."""
     data = read_document(folder, file, max_bytes=MAX_BYTES)
     try:
         with Image.open(io.BytesIO(data), formats=("PNG",)) as image:

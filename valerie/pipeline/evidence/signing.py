@@ -21,7 +21,7 @@ _MAX_KEY_BYTES: Final = 16_384
 
 
 def new_key(path: Path) -> str:
-    """Make a key pair: ``path`` (PKCS #8, PEM, readable by its owner only) and ``path.pub`` (PEM); return the key's id.
+    """Create a key pair, ``path`` (PKCS #8, PEM, readable only by its owner) and ``path.pub`` (PEM); return the key's id.
 
     Raises:
         Conflict: one of the files exists.
@@ -35,9 +35,9 @@ def new_key(path: Path) -> str:
     public_key = load_pem_private_key(private, None).public_key()
     public = public_key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     public_path = path.with_name(path.name + ".pub")
-    for taken in (path, public_path):
-        if taken.exists() or taken.is_symlink():
-            raise Conflict(f"{taken} exists already; a key is never replaced")
+    for file in (path, public_path):
+        if file.exists() or file.is_symlink():
+            raise Conflict(f"{file} exists already; a key is never replaced")
     for file, data, mode in ((path, private, 0o600), (public_path, public, 0o644)):
         try:
             with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as stream:
@@ -51,7 +51,7 @@ def read_private_key(path: Path) -> CryptoSigner:
     """Read the private key of `new_key`.
 
     Raises:
-        InvalidInput: the file cannot be read, or holds no Ed25519 key without a password.
+        InvalidInput: the file cannot be read, or contains no Ed25519 key without a password.
     """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -73,7 +73,7 @@ def read_public_key(path: Path) -> SSlibKey:
     """Read the public key of `new_key`.
 
     Raises:
-        InvalidInput: the file cannot be read, or holds no public Ed25519 key.
+        InvalidInput: the file cannot be read, or contains no public Ed25519 key.
     """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -109,10 +109,10 @@ def sign(payload: bytes, signer: CryptoSigner) -> bytes:
 
 
 def require_envelope(data: bytes, payload: bytes) -> Envelope:
-    """Read an envelope, and refuse one that is not about this payload; its signature is not looked at.
+    """Read an envelope of this payload; its signature is not checked.
 
     Raises:
-        Refused: not an envelope as `sign` writes it, or about something else.
+        Refused: not an envelope that `sign` writes, or one of another payload.
     """
     from securesystemslib.dsse import Envelope
 

@@ -1,4 +1,4 @@
-"""Checking an evidence folder: it needs neither data folder nor server, and executes nothing from the folder."""
+"""Verify an evidence folder, without data folder or server and without executing anything from the folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Verified:
         files: number of files that the manifest covers.
         root: Merkle root over them, hex.
         signed: whether there is a signature.
-        signer: id of the key that signed; None where no key was given.
+        signer: id of the key that signed; None without a key to check with.
     """
 
     files: int
@@ -38,11 +38,11 @@ class Verified:
 def verify(folder: Path, *, key: Path | None = None) -> Verified:
     """Check names, sizes and digests of all files, and with ``key`` the signature.
 
-    Without a key nothing shows who made the folder.
+    Without a key, the origin of the folder remains unknown.
 
     Raises:
         InvalidInput: no such folder, or not a public key.
-        Refused: a file is missing, changed, not listed, a link, or beyond the limits; or the signature does not fit.
+        Refused: a file is missing, changed, not listed, a link, or beyond the limits; or the signature is not valid.
     """
     public = None if key is None else read_public_key(key)
     if not folder.is_dir():

@@ -13,14 +13,14 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import Cell
 
-#: A column with at most this many different numbers has a bin for each of them.
+#: A column with at most this many distinct numbers has a bin for each of them.
 MAX_LEVELS: Final = 24
 #: Most names of a column with bins.
 _MAX_NAMES: Final = 200
 #: Bins fit into a byte, with one more for undefined rows.
 MAX_BINS: Final = 254
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-#: Rows sampled to detect a column with few different values.
+#: Rows sampled to detect a column with few distinct values.
 _LOOKED_AT: Final = 20_000
 
 
@@ -30,8 +30,8 @@ class Bins:
 
     Attributes:
         codes: (N,) uint8 bin 0…count−1 of each row; ``count`` where the row has no value.
-        levels: the value of each bin if bins are single values; else empty.
-        edges: the count + 1 ends of the bins if bins are ranges; else empty.
+        levels: value of each bin if bins are single values; otherwise empty.
+        edges: the count + 1 ends of the bins if bins are ranges; otherwise empty.
     """
 
     codes: NDArray[np.uint8]
@@ -54,12 +54,12 @@ def bins_of(table: EvaluationTable, column: str, count: int) -> Bins:
 
     Args:
         table: the rows.
-        column: of the table.
-        count: approximate number of bins for a column with many different numbers, at most `MAX_BINS`.
+        column: a column of the table.
+        count: approximate number of bins for a column with many distinct numbers, at most `MAX_BINS`.
 
     Raises:
         UnknownName: no such column.
-        InvalidInput: it holds too many names.
+        InvalidInput: it contains too many names.
     """
     if table.is_number(column):
         return _of_numbers(table.numbers(column), count)
@@ -83,7 +83,7 @@ def _of_numbers(values: NDArray[np.float64], count: int) -> Bins:
     step = _round_step((high - low) / min(count, MAX_BINS - 2))
     first = floor(low / step + 1e-9)
     number = max(ceil(high / step - 1e-9) - first, 1)
-    # Expressions round their numbers as these edges do; a value on an edge belongs to the bin above it.
+    # Expressions round their numbers like these edges; a value on an edge belongs to the bin above it.
     edges = np.array([float(f"{(first + k) * step:.12g}") for k in range(number + 1)])
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, number - 1)
     return Bins(np.where(np.isnan(values), number, place).astype(np.uint8), edges=tuple(edges.tolist()))

@@ -35,9 +35,9 @@ MAX_ROWS: Final = 5_000_000
 MAX_SECONDS: Final = 20.0
 _MEMORY: Final = "1GB"
 _THREADS: Final = 2
-#: Selections whose rows are kept, one byte a row.
+#: Number of cached selections, one byte per row each.
 _KEPT: Final = 12
-#: Column of row numbers; expressions cannot name it, since it is no column of results.
+#: Column of row numbers; expressions cannot name it.
 ROW: Final = "row number"
 _SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
 
@@ -47,14 +47,15 @@ class ExploredColumn:
     """A column to explore.
 
     Attributes:
-        name: of the column; a varied parameter's is its path.
-        title, description, unit: for people; ``unit`` follows a number that was multiplied by ``scale``.
-        digits: decimals of a shown number; None: as many as it has.
+        name: name of the column, or path of a varied parameter.
+        title, description: texts to display.
+        unit: unit of displayed numbers, which are multiplied by ``scale``.
+        digits: decimals of a displayed number; None: as many as it has.
         group: ``row``, ``person``, ``conditions``, ``score`` or ``varied``.
-        numeric: whether it holds numbers; else names.
-        low, high: of its numbers; None without any.
-        names: that occur, sorted.
-        undefined: rows without a value.
+        numeric: whether it contains numbers rather than names.
+        low, high: range of its numbers; None without any.
+        names: names that occur, sorted.
+        undefined: number of rows without a value.
     """
 
     name: str
@@ -79,7 +80,7 @@ class Selection:
         where: the expression; empty: all rows.
         rows: (N,) bool.
         count: number of selected rows.
-        sql: the expression for DuckDB.
+        sql: the expression in SQL.
         scored: whether it depends on a function's scores.
     """
 
@@ -147,7 +148,7 @@ class Exploration:
         """Return the rows that an expression selects; all of them if it is empty.
 
         Raises:
-            InvalidInput: it breaks the grammar, compares different types or takes too long.
+            InvalidInput: it violates the grammar, compares different types or takes too long.
             UnknownName: it names an unknown column, or an unknown name of one.
         """
         with self._caching:
@@ -166,7 +167,7 @@ class Exploration:
         return selection
 
     def bins(self, column: str, count: int) -> Bins:
-        """Return the bins of a column; errors as `bins_of`."""
+        """Return the bins of a column; errors as in `bins_of`."""
         with self._caching:
             if (column, count) not in self._bins:
                 self._bins[column, count] = bins_of(self.table, column, count)

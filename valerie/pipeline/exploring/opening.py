@@ -50,12 +50,12 @@ class Explorations:
         self._kept: LRUCache[tuple[str, ...], _Kept] = LRUCache(_KEPT_ROWS, lambda kept: len(kept.exploration) + 1)
 
     def open(self, run_ids: Sequence[str]) -> Exploration:
-        """Return the rows of runs together; a parameter that a run does not vary is empty there.
+        """Return the combined rows of runs; a parameter that a run does not vary is empty in its rows.
 
         Raises:
             NotFound: no such run.
             Conflict: an asset changed.
-            InvalidInput: a run is named twice, too many runs or rows, or a parameter has different types.
+            InvalidInput: a run is named twice, there are too many runs or rows, or a parameter has different types.
         """
         key = tuple(run_ids)
         if len(set(key)) < len(key) or len(key) > MAX_RUNS:
@@ -68,7 +68,7 @@ class Explorations:
             if kept is not None and (kept.version == version or monotonic() - kept.read_at < _FRESH_SECONDS):
                 return kept.exploration
             exploration = self._read(rows)
-            # An exploration larger than the cache has raised already.
+            # `Exploration` refuses to be larger than the cache.
             self._kept[key] = _Kept(version, monotonic(), exploration)
             return exploration
 

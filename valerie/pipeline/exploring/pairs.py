@@ -55,7 +55,7 @@ class Comparison:
         difference: mean pACC of the second side minus that of the first, over places; None without pairs.
         low, high: its interval with 95 % confidence.
         places: number of places behind it.
-        pairs: the pairs of the wanted outcome that differ most.
+        pairs: the pairs of the requested outcome that differ most.
     """
 
     rows: tuple[int, int]
@@ -86,14 +86,14 @@ def compare_sides(
     outcome: Outcome,
     limit: int,
 ) -> Comparison:
-    """Match the rows of two sides: by frame within a run, else by the varied parameters, the camera and the time.
+    """Match the rows of two sides: by frame within a run, otherwise by varied parameters, camera and time.
 
     Args:
         exploration: the rows.
-        selection: applies to the first side.
+        selection: selected rows; applies to the first side.
         before, after: the sides.
         threshold: t of the detection rate.
-        outcome: of the pairs to return.
+        outcome: outcome of the pairs to return.
         limit: most pairs to return.
 
     Raises:
@@ -147,7 +147,7 @@ def largest_swings(exploration: Exploration, selection: Selection, *, limit: int
 
     Args:
         exploration: the rows.
-        selection: of them.
+        selection: the selected rows.
         limit: most pairs of each parameter.
     """
     parameters = list(exploration.table.parameters)

@@ -30,7 +30,7 @@ MAX_TILES: Final = 64
 COLUMNS: Final = 8
 #: Size of the cache, bytes.
 _KEPT_BYTES: Final = 96 << 20
-#: A crop shows this many times the height of the person, and no less than this many pixels of the picture.
+#: Smallest size of a crop: multiple of the person's height, and pixels of the picture.
 _MARGIN: Final = 1.6
 _LEAST: Final = 24
 _BLANK: Final = 128
@@ -47,10 +47,10 @@ class Tile:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``frame:instance:function:sensor``; instance 0 is nobody.
+        """Read ``frame:instance:function:sensor``; instance 0 means no person.
 
         Raises:
-            InvalidInput: another form.
+            InvalidInput: the text has another form.
         """
         parts = text.split(":", 3)
         if len(parts) != 4 or not parts[1].isascii() or not parts[1].isdigit() or len(parts[1]) > 9:
@@ -75,8 +75,8 @@ class Tiles:
         Args:
             tiles: at most `MAX_TILES`.
             kind: one of `TILE_KINDS`.
-            crop: to the person; else the whole frame.
-            width: of a thumbnail in pixels; its height is 9/16 of it, or equal where it is cropped.
+            crop: crop to the person; otherwise show the whole frame.
+            width: width of a thumbnail in pixels; its height is 9/16 of it, or equal to it in crops.
         """
         height = width if crop else width * 9 // 16
         sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
@@ -117,7 +117,7 @@ class Tiles:
 
 
 def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
-    """Return the square within a picture around a person's box; the largest in the middle without one."""
+    """Return a square within a picture around a person's box; without a box, the largest in the middle."""
     side = float(min(width, height))
     middle = (width / 2, height / 2)
     if box is not None:
@@ -130,7 +130,7 @@ def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, 
 
 
 def _filled(width: int, height: int, ratio: float) -> tuple[float, float, float, float]:
-    """Return the largest part in the middle of a picture with a ratio of width to height."""
+    """Return the largest centred part of a picture with a ratio of width to height."""
     wide, high = min(float(width), height * ratio), min(float(height), width / ratio)
     left, top = (width - wide) / 2, (height - high) / 2
     return left, top, left + wide, top + high

@@ -31,9 +31,9 @@ class Histogram:
     """Rows by bins of a column.
 
     Attributes:
-        column: its name.
-        levels: value of each bin, where a bin is one value.
-        edges: ends of the bins, where a bin is a range; one more than bins.
+        column: name of the column.
+        levels: value of each bin if bins are single values.
+        edges: ends of the bins if bins are ranges; one more than bins.
         every: number of rows in each bin, undefined ones last.
         selected: number of selected rows in each bin.
     """
@@ -65,7 +65,7 @@ class Links:
 
     Attributes:
         before, after: the columns.
-        pairs: [bin of ``before``, bin of ``after``, rows]; the bin after the last one holds undefined rows.
+        pairs: [bin of ``before``, bin of ``after``, rows]; the bin after the last one is that of undefined rows.
     """
 
     before: str
@@ -74,7 +74,7 @@ class Links:
 
 
 def links(exploration: Exploration, columns: Sequence[str], selection: Selection) -> list[Links]:
-    """Count the rows between neighbouring axes; errors as `histogram`."""
+    """Count the rows between neighbouring axes; errors as in `histogram`."""
     for column in columns:
         exploration.require(column, field="column")
     bins = [exploration.bins(column, BINS) for column in columns]
@@ -97,19 +97,19 @@ def scatter(
     Args:
         exploration: the rows.
         x, y: numeric columns.
-        color: any column; of a cell, the mean of its numbers or its most frequent name; empty: none.
-        selection: the rows.
-        form: ``cells`` always gives cells.
+        color: any column; a cell shows the mean of its numbers or its most frequent name; empty: none.
+        selection: the selected rows.
+        form: ``cells`` forces cells.
 
     Returns:
-        float32 columns ``x``, ``y`` and ``color`` (a name is its place in the sorted names; NaN: no value), and int32
+        float32 columns ``x``, ``y`` and ``color`` (a name is its index in the sorted names; NaN: no value), and int32
         ``row`` (number of the row) of a point or ``count`` (rows) of a cell, whose x and y are its middle. Metadata:
         ``form``, ``points`` or ``cells``, with the ``width`` and ``height`` of a cell, and the number of selected rows
         that lack x or y.
 
     Raises:
         UnknownName: no such column.
-        InvalidInput: x or y holds names.
+        InvalidInput: x or y contains names.
     """
     columns = []
     for field, name in (("x", x), ("y", y)):
@@ -160,7 +160,7 @@ def _cells(
 
 
 def _grid(values: NDArray[np.float64], count: int) -> tuple[NDArray[np.int16], float, float]:
-    """Return the cell of each value along an axis (−1: none), where the first begins, and the width of a cell."""
+    """Return the cell of each value along an axis (−1: none), the start of the first, and the width of a cell."""
     finite = np.isfinite(values)
     if not finite.any():
         return np.full(len(values), -1, np.int16), 0.0, 1.0
@@ -200,10 +200,10 @@ class Rates:
     """Rates of a set of rows.
 
     Attributes:
-        persons: rows with a pACC.
-        undefined: rows without, by reason.
-        pacc: interval of their mean pACC, or the reason why there is none.
-        detected: the same of the share of persons with pACC ≥ the threshold.
+        persons: number of rows with a pACC.
+        undefined: reason to number of rows without.
+        pacc: interval of the mean pACC, or the reason why there is none.
+        detected: likewise of the share of persons with pACC ≥ the threshold.
     """
 
     persons: int
@@ -217,8 +217,8 @@ class GroupRates:
     """Rates of the selected rows of a group, and of its other rows.
 
     Attributes:
-        run, function, sensor: of the group.
-        selected, rest: their rates.
+        run, function, sensor: names of the group.
+        selected, rest: rates of both parts.
     """
 
     run: str
@@ -229,11 +229,11 @@ class GroupRates:
 
 
 def rates(exploration: Exploration, selection: Selection, threshold: float) -> list[GroupRates]:
-    """Return the rates of a selection beside those of the rest, by run, function and sensor.
+    """Return the rates of a selection and of the rest, by run, function and sensor.
 
     Args:
         exploration: the rows.
-        selection: of them.
+        selection: the selected rows.
         threshold: t of the detection rate.
     """
     table = exploration.table

@@ -1,8 +1,8 @@
 """A run's frames as a data set in files: Cityscapes layout, COCO, a Parquet index.
 
-Everything is written into a hidden folder beside the target, one frame after the other. A fragment with what the frame adds to
-the documents that list all frames seals each frame. At the end these documents are joined, and the folder gets its name. So the
-target is whole or not there, and the same request goes on where it was interrupted.
+Everything is written into a hidden folder beside the target, one frame after the other. A fragment with the frame's entries for
+the documents that list all frames marks each frame as complete. At the end these documents are joined, and the folder gets its
+name. So the target is complete or does not exist, and the same request continues where it was interrupted.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class ExportProgress:
     """Progress of an export.
 
     Attributes:
-        done, total: frames.
-        resumed: number of ``done`` frames that an earlier attempt had written.
-        frames_per_s: of this attempt; 0 before the first frame.
+        done, total: numbers of frames.
+        resumed: number of ``done`` frames that an earlier attempt wrote.
+        frames_per_s: rate of this attempt; 0 before the first frame.
     """
 
     done: int
@@ -43,10 +43,10 @@ class Exported:
     """The result of an export.
 
     Attributes:
-        folder: the data set.
-        frames: per split.
-        left_out: finished frames of the run that were not selected.
-        polygons_lose_percent: by class, what polygons paint as another class; empty if they lose nothing.
+        folder: folder of the data set.
+        frames: number of frames per split.
+        left_out: number of finished frames of the run that were not selected.
+        polygons_lose_percent: share of each class's pixels that polygons paint as another class; empty if there are none.
     """
 
     folder: Path
@@ -67,17 +67,17 @@ def export_run(
 
     Args:
         context: database and artifact store.
-        run_id: of a run with finished frames; it need not be complete.
-        out: folder to make; must not exist, or be empty.
-        settings: what to export.
+        run_id: id of a run with finished frames; it need not be complete.
+        out: folder to create; must not exist, or be empty.
+        settings: the request.
         progress: called after every frame.
 
     Raises:
         NotFound: no such run.
-        Conflict: ``out`` holds something, or a prediction or an annotation is not made yet.
+        Conflict: ``out`` is not empty, or a prediction or an annotation is not available yet.
         InvalidInput, UnknownName: the settings do not fit the run, or select nothing.
         StorageFull: there is not enough room; nothing was written.
-        StorageUnavailable: ``out`` cannot be written. The same export goes on with what was written so far.
+        StorageUnavailable: ``out`` cannot be written. The same export continues from what was written so far.
     """
     runs = RunCache(context)
     run = runs.run(run_id)
@@ -95,7 +95,9 @@ def export_run(
         partial.rename(out)
     except OSError as error:
         if error.errno == errno.ENOSPC:
-            raise StorageFull(f"no space left for {out}; the same export goes on when there is") from error
+            raise StorageFull(
+                f"no space left for {out}; free some and run the same export again to continue"
+            ) from error
         raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
     return Exported(out, document["splits"], plan.left_out, document["polygons_lose_percent"])
 

@@ -1,4 +1,4 @@
-"""The folder that an export writes into: it replaces nothing, and an interrupted export goes on in it."""
+"""The folder that an export writes into: it replaces nothing, and an interrupted export continues in it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REQUEST: Final = "request.json"
 
 
 def open_partial(partial: Path, request: ExportRequest) -> None:
-    """Prepare the folder: keep what an earlier attempt at the same request wrote, else empty it."""
+    """Prepare the folder: keep what an earlier attempt at the same request wrote; otherwise empty it."""
     path = partial / _REQUEST
     if path.is_file() and (partial / FRAGMENTS).is_dir() and json.loads(path.read_bytes()) == request:
         return
@@ -33,7 +33,7 @@ def close_partial(partial: Path) -> None:
 
 
 def require_free_name(out: Path) -> None:
-    """Refuse a path where something is.
+    """Refuse an occupied path.
 
     Raises:
         Conflict: ``out`` is anything but an empty folder.

@@ -31,7 +31,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.variation.conditions import with_sun_angles
 from valerie.scene.variation.variant import apply
 
-#: Columns that a person's annotation carries beside masks.
+#: Columns in a person's annotation besides masks.
 _OF_PERSON: Final = ("character", *names_from(*OF_PERSON))
 
 
@@ -43,7 +43,7 @@ class CocoFragment(BaseModel):
         file_name: of the picture.
         annotations: one per visible instance.
         panoptic_name: file name of the panoptic picture.
-        segments: of the panoptic picture (`valerie.datasets.coco.Segment`).
+        segments: segments of the panoptic picture (`valerie.datasets.coco.Segment`).
     """
 
     width: int
@@ -59,7 +59,7 @@ class OpenLabelFragment(BaseModel):
 
     Attributes:
         sequence: path of the document below its folder, without suffix.
-        number: of the frame in the sequence.
+        number: number of the frame in the sequence.
         camera: entries of the camera.
         frame: picture and objects.
     """
@@ -74,11 +74,11 @@ class Fragment(BaseModel):
     """The entries of one frame in the documents that list all frames.
 
     Attributes:
-        name: of the frame.
-        split: that it belongs to.
-        coco, openlabel: None where that format is not asked for.
-        rows: of the index, one per person; empty where that format is not asked for.
-        lost: `lost_pixels` of the frame's polygons; empty where none are asked for.
+        name: name of the frame.
+        split: its split.
+        coco, openlabel: None if that format is not requested.
+        rows: rows of the index, one per person; empty if that format is not requested.
+        lost: `lost_pixels` of the frame's polygons; empty if they are not requested.
     """
 
     name: str
@@ -93,9 +93,9 @@ class FrameWriter:
     """Writes the files of one frame after the other.
 
     Args:
-        context: of this process.
-        runs: where the run's asset is kept.
-        plan: what is exported.
+        context: context of this process.
+        runs: cache of the run's asset.
+        plan: plan of the export.
     """
 
     def __init__(self, context: Context, runs: RunCache, plan: ExportPlan) -> None:
@@ -106,7 +106,7 @@ class FrameWriter:
         """Write a frame's files below a folder.
 
         Raises:
-            Conflict: an annotation is not made yet, or failed for good.
+            Conflict: an annotation is not available yet, or failed for good.
             MissingInput: an object is gone.
         """
         plan = self._plan
@@ -211,7 +211,7 @@ class FrameWriter:
         )
 
     def _camera(self, frame: ChosenFrame, capture: Capture) -> CameraDocument:
-        """Return the document of the frame's camera, with the focal length that the picture has."""
+        """Return the document of the frame's camera, with the focal length of the picture."""
         run = self._plan.run
         size = run.resolved.spec.resolution
         scene = apply(frame.moment, self._runs.asset(run))
@@ -222,7 +222,7 @@ class FrameWriter:
 
 def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[JsonObject]) -> OpenLabelFragment:
     name = labelled.name
-    assert labelled.camera is not None, "this format asks for the camera"
+    assert labelled.camera is not None, "this format needs the camera"
     height, width = labelled.class_map.shape
     return OpenLabelFragment(
         sequence=f"{name.city}/{name.city}_{name.sequence}",

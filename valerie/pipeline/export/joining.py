@@ -27,7 +27,7 @@ from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS
 from valerie.scene.graph.model import JOINTS
 
-#: Describes a finished data set.
+#: Description of a finished data set.
 DOCUMENT: Final = "dataset.json"
 
 
@@ -35,9 +35,9 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
     """Write the documents that list all frames.
 
     Args:
-        engine: of the database.
-        plan: what is exported.
-        folder: with the fragments of all frames.
+        engine: database.
+        plan: plan of the export.
+        folder: folder with the fragments of all frames.
 
     Returns:
         The description of the data set, as written.
@@ -90,7 +90,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
 
 
 def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:
-    """Return, by class, the share of pixels that polygons paint as another class; only where they lose some."""
+    """Return class to percentage of its pixels that polygons paint as another class, without zeros."""
     pixels, lost = Counter[str](), Counter[str]()
     for fragment in fragments:
         for name, (count, wrong) in fragment.lost.items():
@@ -120,7 +120,7 @@ def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], des
 
 
 def _write_openlabel(folder: Path, fragments: Iterable[OpenLabelFragment], description: str) -> None:
-    """Write one document per sequence; the frames of a sequence follow one another."""
+    """Write one document per sequence; the frames of a sequence must be consecutive."""
     for sequence, members in groupby(fragments, attrgetter("sequence")):
         frames = list(members)
         numbered = {fragment.number: fragment.frame for fragment in frames}

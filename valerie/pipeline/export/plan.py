@@ -33,7 +33,7 @@ FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "openlabel", "parque
 FORMAT_NAME: Final = "valerie-dataset/1"
 #: Bytes per pixel, rounded up: a picture's PNG, labels and colours, a prediction.
 _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
-#: Likewise, of annotations with a value in each pixel.
+#: Likewise for annotations with a value in each pixel.
 _ANNOTATION_BYTES: Final = {AnnotationKind.NORMALS: 3.0, AnnotationKind.FLOW: 7.0, AnnotationKind.VELOCITY: 7.0}
 
 
@@ -41,12 +41,12 @@ class ExportSettings(BaseModel):
     """The request of a user.
 
     Attributes:
-        formats: which files; ``parquet`` is the index.
-        where: which frames: an expression that at least one person's row of the frame meets; empty: all.
+        formats: files to write; ``parquet`` is the index.
+        where: expression that selects frames by at least one person's row; empty: all.
         splits: split to share of the variants; the frames of one variant stay together.
-        sensor: name of the sensor setting that the pictures are made with; None: the run's first.
-        predictions: functions whose predictions are exported too.
-        annotations: kinds to export; None: all that the run asked for.
+        sensor: name of the sensor setting of the pictures; None: the run's first.
+        predictions: functions whose predictions are also exported.
+        annotations: kinds to export; None: all that the run requested.
         polygons: also write Cityscapes' polygons.
     """
 
@@ -70,7 +70,7 @@ class ExportSettings(BaseModel):
         return splits
 
     def split_of(self, run_id: str, variant: int) -> str:
-        """Return the split that a variant belongs to; it follows from run and index alone."""
+        """Return the split of a variant; it depends only on run and index."""
         place = int(digest("split", run_id, variant)[:12], 16) / 16.0**12
         names = list(self.splits)
         for name in names[:-1]:
@@ -81,15 +81,15 @@ class ExportSettings(BaseModel):
 
 
 class ExportRequest(TypedDict):
-    """The document that must be equal for an interrupted export to go on.
+    """The document that must be equal for continuing an interrupted export.
 
     Attributes:
-        format: of the data set.
-        run: its id.
+        format: format of the data set.
+        run: id of the run.
         settings: `ExportSettings`.
-        annotations: kinds.
+        annotations: kinds of annotations.
         frames: number of frames.
-        frames_digest: of their names and products.
+        frames_digest: digest of their names and products.
     """
 
     format: str
@@ -108,8 +108,8 @@ class ExportPlan:
         run: the run.
         settings: the request.
         sensor: index of the sensor setting.
-        kinds: of annotations.
-        frames: in order.
+        kinds: kinds of annotations.
+        frames: the frames in order.
         predictions: function to the predictions of all frames.
         left_out: number of finished frames that were not selected.
     """
@@ -137,11 +137,11 @@ class ExportPlan:
         return FrameName.of(f"{resolved.spec.name}-{resolved.cameras[key.camera]}", key.variant, key.time)
 
     def split(self, frame: ChosenFrame) -> str:
-        """Return the split that a frame belongs to."""
+        """Return the split of a frame."""
         return self.settings.split_of(self.run.id, frame.key.variant)
 
     def request(self) -> ExportRequest:
-        """Return the document that must be equal for an interrupted export to go on."""
+        """Return the document that must be equal for continuing an interrupted export."""
         links = [[str(frame.key), *frame.stored.products.required] for frame in self.frames]
         return {
             "format": FORMAT_NAME,
@@ -158,7 +158,7 @@ def plan_export(context: Context, run: StoredRun, settings: ExportSettings) -> E
 
     Raises:
         InvalidInput, UnknownName: the settings do not fit the run, or select nothing.
-        Conflict: a frame has no prediction yet of a function whose predictions are asked for.
+        Conflict: a frame lacks a requested prediction.
     """
     resolved = run.resolved
     where = run_where(settings.where, resolved) if settings.where else None

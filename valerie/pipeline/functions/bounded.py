@@ -1,7 +1,7 @@
-"""Functions under test within this deployment's bounds: the one home of limits on networks from outside.
+"""Functions under test within this deployment's bounds on untrusted networks.
 
 Workers, `valerie replay`, `valerie evaluate` and comparisons of versions all open functions through `open_bounded`. A function
-that asks for too much memory fails; one that takes too long ends this process, since nothing else stops compiled code.
+that requests too much memory fails; one that takes too long ends this process, since nothing else stops compiled code.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ def open_bounded(
 
     Args:
         open_it: opens the function.
-        settings: of this deployment.
-        name: of the function, for messages.
+        settings: settings of this deployment.
+        name: name of the function in messages.
         before_end: called with the reason, in another thread, before a picture that takes too long ends this process.
 
     Raises:
         TransientError: opening it needs more memory than it may have.
-        ValerieError: as ``open_it``.
+        ValerieError: from ``open_it``.
     """
     bounds = _Bounds(settings, name, before_end)
     try:
@@ -50,12 +50,12 @@ def open_bounded(
 class BoundedFunction:
     """A function whose predictions are bounded (see `BatchFunction`).
 
-    The time of several pictures together is that of one times their number.
+    The time limit of several pictures is that of one times their number.
     """
 
     def __init__(self, function: PerceptionFunction, bounds: _Bounds) -> None:
         self._function, self._bounds = function, bounds
-        # A function behind HTTP has its document's time-out: ending this process would send the picture a second time.
+        # A function behind HTTP has its own time-out; ending this process would send the picture a second time.
         self._timed = not isinstance(function, HttpFunction)
 
     @property
@@ -96,7 +96,7 @@ class BoundedFunction:
             return self._function.predict_many(pictures)
 
     def close(self) -> None:
-        """Close the function and lift the bound on memory."""
+        """Close the function and lift the memory limit."""
         try:
             self._function.close()
         finally:
@@ -104,7 +104,7 @@ class BoundedFunction:
 
 
 class _Bounds:
-    """The bounds of one function: of memory until `lift_memory`, of time around each piece of work."""
+    """The bounds of one function: on memory until `lift_memory`, on time around each piece of work."""
 
     def __init__(self, settings: Settings, name: str, before_end: Callable[[str], None] | None) -> None:
         self.name = name
@@ -113,7 +113,7 @@ class _Bounds:
 
     @contextmanager
     def around(self, what: str, *, pictures: int = 1) -> Iterator[None]:
-        """Bound the body; with 0 ``pictures`` its time is not bounded."""
+        """Bound the body; with 0 ``pictures`` its time is unlimited."""
         seconds = self._settings.infer_seconds * pictures
         try:
             with time_limit(seconds, what=what, before_end=self._before_end):

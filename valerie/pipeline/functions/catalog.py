@@ -52,11 +52,11 @@ class FunctionEntry:
     Attributes:
         name, digest, architecture, precision, engine, provenance, judged_by: see `FunctionCard`.
         card: title and text of each row of its card.
-        numeric_classes: in which living workers offer it.
+        numeric_classes: numeric classes in which living workers offer it.
         kind, classes, unmapped: its kind, the Cityscapes classes that it can predict, and its own classes that count as
             void; None for a class of an installed package, which has no document.
         reference, version, created_at, document: of a registered version.
-        trial: of a version that was registered just now.
+        trial: trial of a version that was just registered.
         problem: the reason if its file is missing or damaged.
     """
 
@@ -81,7 +81,7 @@ class FunctionEntry:
 
     @property
     def check(self) -> dict[str, JsonValue] | None:
-        """The trial as clients read it."""
+        """The trial as JSON values."""
         return None if self.trial is None else self.trial.model_dump(mode="json", exclude_none=True)
 
 
@@ -140,9 +140,9 @@ def registered_function(context: Context, version: registry.Registered, trial: T
     """Return a registered version with its document.
 
     Args:
-        context: of the deployment.
-        version: what is registered.
-        trial: its outcome, right after the registration.
+        context: context of the deployment.
+        version: the registered version.
+        trial: its trial, right after the registration.
     """
     document = version.document.model_dump(mode="json")
     return replace(_registered(version, _offers(context, Stage.INFER)), document=document, trial=trial)
@@ -154,7 +154,7 @@ def _installed(name: str, offers: list[Offer]) -> FunctionEntry:
     if name in FUNCTIONS:
         try:
             own, document = function_card(name), function_document(name)
-            card = offered or own  # workers may run on other machines, and their engine is the one that counts
+            card = offered or own  # workers may run on other machines, and their engine counts
         except ValerieError as error:
             problem = str(error)
     return _entry(card, document, numeric_classes=_numeric_classes(offers, name), problem=problem)

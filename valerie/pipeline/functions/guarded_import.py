@@ -1,9 +1,9 @@
-"""Make a function that can be registered from a file that a user brings: recognise, convert, try out, never trust.
+"""Convert an untrusted file of a user to a function that can be registered: recognise, convert, try out.
 
 A child process opens checkpoints and networks (`valerie.pipeline.functions.import_child`). Its memory and time are bounded and
-it does not see the environment's secrets: a file that makes a parser run away ends a child and nothing else. Files that run
-code when they are loaded are refused, except programs of torch where the operator allows them. The original of a converted
-file is not kept.
+it does not see the environment's secrets, so a file that makes a parser run away only ends a child. Files that run code when
+they are loaded are refused, except programs of torch where the operator allows them. The original of a converted file is not
+kept.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from valerie.plain import Written
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 
-#: Programs of torch: taken where an operator allows it, and converted to ONNX.
+#: Programs of torch: accepted if the operator allows them, and converted to ONNX.
 _PROGRAMS: Final = {".pt2": "an exported program of torch", ".torchscript": "a TorchScript archive"}
-#: Formats that run code when they are loaded, and that users might bring all the same.
+#: Formats that run code when they are loaded, which users might try.
 _RUNS_CODE: Final = {
     **_PROGRAMS,
     ".py": "a Python program",
@@ -47,19 +47,19 @@ _RUNS_CODE: Final = {
 }
 _CHECKPOINTS: Final = (".safetensors", ".pth", ".pt", ".pkl", ".ckpt", ".bin")
 _ONNX: Final = ".onnx"
-#: Suffixes of files that users bring as functions, refused ones included.
+#: Suffixes of files that users may bring as functions, refused ones included.
 SUFFIXES: Final = frozenset((_ONNX, *_CHECKPOINTS, *_RUNS_CODE))
 _ACCEPTED: Final = ", ".join((_ONNX, *_CHECKPOINTS))
 
 
 @dataclass(frozen=True, slots=True)
 class ImportRequest:
-    """A file and what its owner says about it.
+    """A file with its owner's statements about it.
 
     Attributes:
         path: the file; None for functions without one.
-        filename: its name on the owner's machine; the suffix says what it should be.
-        document: YAML or JSON, complete or only what the file cannot say; empty for none.
+        filename: its name on the owner's machine; the suffix determines its format.
+        document: YAML or JSON, complete or only what the file does not state; may be empty.
         name, engine, precision: override the document.
     """
 
@@ -76,9 +76,9 @@ class ImportedFunction:
     """A function that is ready to be registered.
 
     Attributes:
-        document: complete.
-        payload: its file: in the folder that `import_function` was given if it was converted, else the user's own.
-        trial: the outcome of running it once here.
+        document: complete document.
+        payload: its file: the converted one in `import_function`'s folder, or the user's own.
+        trial: outcome of running it here.
     """
 
     document: FunctionDocument
@@ -90,8 +90,8 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
     """Recognise, convert and try out a function; nothing is registered.
 
     Args:
-        request: the file and what is said about it.
-        folder: for the converted file; the caller removes it.
+        request: the file and its owner's statements.
+        folder: folder for the converted file; the caller removes it.
         settings: bounds, and the engine's device.
 
     Raises:
@@ -106,7 +106,7 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
         return ImportedFunction(document, None, Trial(skipped=f"nothing to open: kind {document.kind}"))
     if "kind" in entries and entries["kind"] not in PAYLOADS:
         raise InvalidInput(f"kind {entries['kind']} takes no file", field="payload", value=request.filename)
-    # A lower precision belongs to one engine's numbers; a graphics card is faster than any processor.
+    # A requested precision or engine is kept, and a graphics card is faster than any processor.
     choose = "engine" not in entries and "precision" not in entries and not uses_gpu(settings.infer_device)
     limit = settings.max_function_mb << 20
     size = request.path.stat().st_size
@@ -137,7 +137,7 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
 
 
 def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
-    """Return how a file becomes a function, by its suffix.
+    """Return the conversion of a file, by its suffix.
 
     Raises:
         InvalidInput: the file would run code, or its suffix is unknown.
@@ -163,10 +163,10 @@ def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
 
 
 def _entries(request: ImportRequest) -> Written:
-    """Return the entries of the document, as far as the owner gives them."""
+    """Return the entries of the document that the owner states."""
     entries: Written = load_document(request.document) if request.document else {}
     if "payload" in entries and request.path is not None:
-        del entries["payload"]  # of an exported document: the file speaks for itself
+        del entries["payload"]  # from an exported document; the file itself counts
     for field in ("name", "engine", "precision"):
         if getattr(request, field) is not None:
             entries[field] = getattr(request, field)
@@ -178,7 +178,7 @@ def _entries(request: ImportRequest) -> Written:
 
 
 def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
-    """Let a child do the job.
+    """Run the job in a child process.
 
     Raises:
         InvalidInput: the file is refused, or opening it took too much memory or time.
@@ -202,7 +202,7 @@ def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
     try:
         outcome = ImportAnswer.model_validate_json(answer_file.read_bytes()).outcome
     except (OSError, ValidationError):
-        if process.returncode < 0:  # ended by a signal: its timer, or the system for want of memory
+        if process.returncode < 0:  # ended by a signal: its timer, or the system for lack of memory
             raise _out_of_bounds(settings) from None
         last = (process.stderr.strip().splitlines() or ["no message"])[-1]
         raise InvalidInput(f"the process that converts and checks it ended ({last[:300]})", field="payload") from None

@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.functions.import_child ANSWER < JOB``: open one file from outside, within bounds.
+"""``python -m valerie.pipeline.functions.import_child ANSWER < JOB``: open one untrusted file, within bounds.
 
 `valerie.pipeline.functions.guarded_import` starts this process. See `valerie.pipeline.functions.import_job` for job and answer.
 """
@@ -36,7 +36,7 @@ _SIZE: Final = (128, 256)
 
 
 def main(arguments: list[str]) -> int:
-    """Do the job on standard input and write the answer to the file that is named."""
+    """Do the job on standard input and write the answer to the named file."""
     job = ImportJob.model_validate_json(sys.stdin.read())
     _bound(job)
     answer = ImportAnswer(outcome=_outcome(job))
@@ -64,7 +64,7 @@ def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     except MemoryError:
         limit = f"{job.memory_mb} MB (VALERIE_IMPORT_MEMORY_MB)"
         return ImportFailure(message=f"payload: it needs too much memory; limit: {limit}")
-    # The document's own entry wins: the layout of a checkpoint says more, and an exported document keeps what it has.
+    # The document's own entry takes precedence: the check of a checkpoint's layout says more, and exports keep theirs.
     provenance = {"checked": "opened and run" if trial.skipped is None else "not opened", **document.provenance}
     return ImportedFile(document=document.model_copy(update={"provenance": provenance}), payload=path.name, trial=trial)
 
@@ -143,7 +143,7 @@ def _required() -> Iterator[None]:
 
 
 def _merged(stated: Written, entries: Written) -> Written:
-    """Return what a file states, overridden by its owner's entries; parts are merged entry by entry."""
+    """Return the entries that a file states, overridden by its owner's; parts are merged entry by entry."""
     merged = {**stated, **entries}
     for part in ("input", "output", "provenance"):
         if isinstance(entries.get(part), dict) and isinstance(stated.get(part), dict):

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, JsonValue
 
 from valerie.perception.documents.function import FunctionDocument, Payload
 
-#: What the child does with the file before it opens the function: nothing, check ONNX, or make another file of it.
+#: The child's action before it opens the function: none, check ONNX, or convert the file.
 Conversion = Literal["none", "onnx", "checkpoint", "program"]
 
 
@@ -22,15 +22,15 @@ class ImportJob(_Document):
     """One file to open.
 
     Attributes:
-        entries: of the function's document; complete for the conversions ``none`` and ``onnx``.
+        entries: entries of the function's document; complete for the conversions ``none`` and ``onnx``.
         path: the file.
-        folder: where a converted file goes.
-        conversion: what to do with the file.
-        max_bytes: of a checkpoint or an ONNX file.
-        memory_mb: private memory of the child; 0 sets no limit.
-        seconds: wall time of the child; 0 sets no limit.
-        device: of the engine torch.
-        choose_engine: the owner states no engine: take the fastest that agrees with the reference.
+        folder: folder for a converted file.
+        conversion: conversion of the file.
+        max_bytes: largest checkpoint or ONNX file.
+        memory_mb: limit of the child's private memory; 0 sets no limit.
+        seconds: limit of the child's wall time; 0 sets no limit.
+        device: device of the engine torch.
+        choose_engine: choose the fastest engine that agrees with the reference, since the owner states none.
     """
 
     entries: dict[str, JsonValue]
@@ -48,10 +48,10 @@ class Trial(_Document):
     """The outcome of running a function twice on one small picture.
 
     Attributes:
-        numeric_class: of the engine that ran it.
-        precision: that the engine ran in.
-        picture: width and height, pixels.
-        cpu_seconds: of one prediction.
+        numeric_class: numeric class of the engine.
+        precision: precision of the engine.
+        picture: width and height in pixels.
+        cpu_seconds: CPU time of one prediction.
         skipped: the reason why the function was not run here; None if it was.
     """
 
@@ -63,12 +63,12 @@ class Trial(_Document):
 
 
 class ImportedFile(_Document):
-    """The child's answer if all went well.
+    """The child's answer on success.
 
     Attributes:
-        document: complete.
-        payload: name of the function's file: in the job's folder if it was converted, else the job's own.
-        trial: of the function.
+        document: complete document.
+        payload: name of the function's file: in the job's folder if it was converted, otherwise the job's own.
+        trial: trial of the function.
     """
 
     document: FunctionDocument
@@ -80,8 +80,8 @@ class ImportFailure(_Document):
     """The child's answer if the file or its document is refused.
 
     Attributes:
-        message: for the user.
-        missing_dependency: a library is missing here; the file may be good.
+        message: message for the user.
+        missing_dependency: True if a library is missing here; the file may be valid.
     """
 
     message: str
@@ -95,7 +95,7 @@ class ImportAnswer(_Document):
 
 
 def payload_of(path: Path, file_format: str) -> Payload:
-    """Return a document's entry for a file."""
+    """Return a document's entry about a file."""
     with path.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     return Payload.model_validate({"sha256": sha256, "bytes": path.stat().st_size, "format": file_format})

@@ -21,7 +21,7 @@ _FOLDER: Final = "functions"
 
 
 class FunctionLoader:
-    """Loads functions of one deployment, including those that were registered after this process started."""
+    """Loader of one deployment's functions, including those that were registered after this process started."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -34,13 +34,13 @@ class FunctionLoader:
         """Load a function as a run pinned it.
 
         Args:
-            name: in the run's spec.
-            pin: of the run.
-            threads: of the inference engine; None: as many as this deployment's workers have.
+            name: name in the run's spec.
+            pin: pin of the run.
+            threads: CPU threads of the inference engine; None: as many as this deployment's workers have.
 
         Raises:
             NotFound: this version was removed from the registry.
-            TransientError: the function differs from the pinned one here; another worker may have that.
+            TransientError: the function here differs from the pinned one; another worker may have the pinned one.
             ValerieError: it cannot be opened here.
         """
         settings = self._context.settings
@@ -69,13 +69,13 @@ class FunctionLoader:
 
         Raises:
             NotFound: the payload was removed.
-            CorruptArtifact: the store holds other bytes.
+            CorruptArtifact: the store has other bytes.
             StorageFull, StorageUnavailable: this machine's folder cannot be written.
         """
         path = self._cache.fetch(document)
         try:
             require_payload(document, path)
-        except CorruptArtifact:  # of this machine's copy, or of the store's
+        except CorruptArtifact:  # this machine's copy or the store's is damaged
             self._cache.forget(document)
             path = self._cache.fetch(document)
             require_payload(document, path)

@@ -11,7 +11,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.storage.keys import function_key
 from valerie.storage.store import ArtifactStore
 
-#: Bytes per read from the store: a large network is never in memory as a whole.
+#: Bytes per read from the store, so that a large network is never in memory as a whole.
 _PIECE_BYTES = 1 << 24
 
 
@@ -20,8 +20,8 @@ class PayloadCache:
 
     Args:
         store: source of payloads.
-        folder: on this machine.
-        max_bytes: of the folder; beyond it, the files that were used least recently are deleted.
+        folder: folder on this machine.
+        max_bytes: size limit of the folder; beyond it, the least recently used files are deleted.
     """
 
     def __init__(self, store: ArtifactStore, folder: Path, *, max_bytes: int) -> None:
@@ -30,7 +30,7 @@ class PayloadCache:
         self._max_bytes = max_bytes
 
     def fetch(self, document: FunctionDocument) -> Path | None:
-        """Return the payload as a file, or None if the function has none; the digest is for the caller to verify.
+        """Return the payload as a file, or None if the function has none; the caller verifies its digest.
 
         Raises:
             NotFound: the payload was removed.
@@ -83,6 +83,6 @@ class PayloadCache:
             if total <= self._max_bytes:
                 return
             if path != keep:
-                # A process that has the file open keeps its contents.
+                # A process that has opened the file keeps its contents.
                 path.unlink(missing_ok=True)
                 total -= size

@@ -1,6 +1,6 @@
-"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print what runs on this machine as one line of JSON.
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers as one line of JSON.
 
-This is a process of its own, since a driver may crash and a worker's supervising process never loads GL or torch.
+It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def _inference(name: str, numeric_class: str, revision: int) -> Offer:
 
 
 def inference_names() -> tuple[str, ...]:
-    """Return every inference engine in every precision that it may have, and ``http``."""
+    """Return every inference engine in each of its precisions, and ``http``."""
     engines = ((engine, precisions) for engine, precisions in PRECISIONS.items() if engine != "none")
     return (*(f"{engine}/{precision}" for engine, precisions in engines for precision in precisions), HTTP)
 

@@ -1,4 +1,4 @@
-"""Functions by the references that users write: an installed or registered name, or the path of a function file."""
+"""Functions by the references in commands: an installed or registered name, or the path of a function file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SUFFIX: Final = ".safetensors"
 
 
 def is_file(reference: str) -> bool:
-    """Return whether a reference means a file: it contains a folder or has the suffix of function files."""
+    """Return True if a reference is a file: it contains a folder or has the suffix of function files."""
     return "/" in reference or reference.endswith(_SUFFIX)
 
 
@@ -33,14 +33,14 @@ def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[Fu
     """Return document and weights of a network as a run pinned it.
 
     Args:
-        name: in the run's spec.
-        pin: of the run.
-        context: of the deployment, where functions are registered.
+        name: name in the run's spec.
+        pin: pin of the run.
+        context: context of the deployment in which functions are registered.
 
     Raises:
         InvalidInput: it is not a network of VALERIE's own architectures (see `require_trainable`).
         NotFound: this version was removed.
-        Conflict: it ships with VALERIE, and the run used other weights than are installed now.
+        Conflict: it ships with VALERIE, and the run used other weights than those installed now.
     """
     if pin.kind is not None:
         with reading(context.engine) as connection:
@@ -62,17 +62,17 @@ def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[Fu
 
 
 def display_name(reference: str) -> str:
-    """Return the name of a reference in results."""
+    """Return the name that a reference has in results."""
     return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
 def open_pinned(name: str, pin: FunctionPin, *, context: Context, threads: int | None = None) -> BoundedFunction:
-    """Load exactly the function that a run used, within bounds (see `open_bounded`), to compare with the run's scores.
+    """Load exactly the function that a run used, within bounds (see `open_bounded`), for comparison with the run's scores.
 
     Args:
-        name: in the run's spec.
-        pin: of the run.
-        context: of the deployment, where functions are registered.
+        name: name in the run's spec.
+        pin: pin of the run.
+        context: context of the deployment in which functions are registered.
         threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have.
 
     Raises:
@@ -89,7 +89,7 @@ def open_reference(reference: str, *, context: Context, threads: int | None = No
 
     Args:
         reference: a function file, the name of an installed function, ``name`` or ``name@digest`` of a registered one.
-        context: of the deployment, where functions are registered.
+        context: context of the deployment in which functions are registered.
         threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have, which
             gives the same numeric class.
 
@@ -114,8 +114,8 @@ def _open_pinned(name: str, pin: FunctionPin, context: Context, threads: int | N
 
 def _not_comparable(reason: str) -> Conflict:
     return Conflict(
-        f"{reason}. Only results that were computed alike can be compared: use a machine like the run's workers and as many "
-        "threads as they have, or run the validation again here"
+        f"{reason}. Only results of the same numeric class can be compared: use a machine like the run's workers with as many "
+        "threads, or run the validation again here"
     )
 
 

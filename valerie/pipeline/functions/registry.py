@@ -1,7 +1,7 @@
-"""Registered functions under test: written once under (name, digest), found by name, kept while a run needs them.
+"""Registered functions under test: stored once under (name, digest), found by name, kept while a run needs them.
 
-A function is a frozen document and at most one payload file in the artifact store. Specs call it ``name``, which is its newest
-version when the run starts, or ``name@digest``, where the first characters of the digest are enough.
+A function is a frozen document and at most one payload file in the artifact store. Specs refer to it as ``name``, its newest
+version when the run starts, or as ``name@digest``, where the first characters of the digest suffice.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from valerie.runs.moments import in_utc
 from valerie.storage.keys import function_key
 
 _PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
-#: Characters of a digest that are shown, and that identify a version.
+#: Number of displayed characters of a digest, which identify a version.
 SHORT: Final = 12
 
 
@@ -36,7 +36,7 @@ class Registered:
     """One version of a registered function.
 
     Attributes:
-        document: of the function.
+        document: document of the function.
         version: number among the versions of its name, from 1.
         created_at: time of its registration, UTC.
     """
@@ -51,7 +51,7 @@ class Registered:
 
     @property
     def reference(self) -> str:
-        """``name@digest``, by which a spec names exactly this version."""
+        """``name@digest``, the reference of exactly this version in specs."""
         return f"{self.document.name}@{self.digest[:SHORT]}"
 
 
@@ -59,11 +59,11 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     """Store a function.
 
     Returns:
-        The registered version, and whether it is new: the same document under the same name changes nothing.
+        The registered version, and True if it is new: the same document under the same name changes nothing.
 
     Raises:
         Conflict: the name belongs to a function that ships with VALERIE or with an installed package.
-        InvalidInput: the file is not the one that the document names, or no class of the function is a person.
+        InvalidInput: the file is not the one that the document names, or no class of the function maps to a person.
         StorageFull: no space left.
     """
     require_free(document.name)
@@ -97,8 +97,8 @@ def find(connection: Connection, reference: str, *, field: str = "function") -> 
 
     Raises:
         UnknownName: no such name; near matches are named.
-        NotFound: the name has no version with this digest (any more).
-        InvalidInput: not the first characters of a digest, or those of several versions.
+        NotFound: the name has no version with this digest, or no longer.
+        InvalidInput: not the first characters of a digest, or several versions have them.
     """
     name, at, prefix = reference.partition("@")
     if at and not _PREFIX.fullmatch(prefix):
@@ -124,9 +124,9 @@ def of_digest(connection: Connection, digest: str, name: str) -> Registered:
     """Return the version that a run pinned.
 
     Args:
-        connection: to read with.
-        digest: of the document, complete.
-        name: in the run's spec.
+        connection: connection to read with.
+        digest: complete digest of the document.
+        name: name in the run's spec.
 
     Raises:
         NotFound: it was removed.
@@ -149,15 +149,15 @@ def known(connection: Connection, references: Iterable[str]) -> dict[str, Functi
 
 
 def names(connection: Connection, registered: Mapping[str, FunctionDocument]) -> set[str]:
-    """Return the names that a spec may use: ``registered`` (see `known`), and all names, for near matches."""
+    """Return the keys of ``registered`` (see `known`) and all registered names, which allow suggestions."""
     return {*registered, *(row.name for row in functions.every(connection))}
 
 
 def remove(context: Context, reference: str) -> Registered:
-    """Delete one version, and its payload where no other version has the same.
+    """Delete one version, and its payload if no other version has the same.
 
     Raises:
-        UnknownName, NotFound, InvalidInput: see `find`; also without a digest, since a removal cannot be undone.
+        UnknownName, NotFound, InvalidInput: see `find`; also for a reference without a digest, since a removal is final.
         Conflict: a run that has not ended needs it.
     """
     if "@" not in reference:
@@ -195,7 +195,7 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
 
     Raises:
         NotFound: the function has no payload, or it was removed.
-        CorruptArtifact: the store holds other bytes.
+        CorruptArtifact: the store has other bytes.
     """
     if document.payload is None:
         raise NotFound("payload of the function", document.name)
@@ -205,7 +205,7 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
 
 
 def _needs(connection: Connection, run: functions.UnfinishedRun, version: Registered) -> bool:
-    """Return whether an unfinished run pinned this version, or would pin it when it starts."""
+    """Return True if an unfinished run pinned this version, or would pin it when it starts."""
     if run.pins is not None:
         return any(pin.digest == version.digest for pin in run.pins.functions.values())
     documents = known(connection, run.spec.functions).values()

@@ -24,9 +24,9 @@ from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
 
-#: Array name to array, as `numpy.load` gives them back.
+#: Array name to array, as `numpy.load` returns them.
 Arrays = Mapping[str, NDArray[Any]]
-#: Raised by hand whenever equal products give other bytes.
+#: Raise it whenever equal products give other bytes.
 FILES_REVISION: Final = 1
 #: COCO's flag of each visibility of a joint: 0 not in the image, 1 in it and hidden, 2 visible.
 _COCO_FLAGS: Final = np.where(np.arange(VISIBLE + 1) >= HIDDEN, 1, 0)
@@ -34,10 +34,10 @@ _COCO_FLAGS[OUTSIDE], _COCO_FLAGS[VISIBLE] = 0, 2
 
 
 def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tuple[AnnotationKind, ...]:
-    """Return the kinds of these names, each once; without names, those that the spec asked for.
+    """Return the kinds with these names, each once; without names, those that the spec requests.
 
     Raises:
-        UnknownName: the run has none of such a name.
+        UnknownName: the run has no annotation of this name.
     """
     known = resolved.annotations
     for name in names or ():
@@ -47,12 +47,12 @@ def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tu
 
 
 def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
-    """Return kind to product of a frame's annotations, all of which are stored.
+    """Return kind to product of a frame's annotations, all of them stored.
 
     Raises:
         NotFound: no such frame.
         UnknownName: the run has no annotation of such a kind.
-        Conflict: one is not made yet, or failed for good.
+        Conflict: one is not available yet, or failed for good.
     """
     with reading(context.engine) as connection:
         frames.get(connection, key)
@@ -68,7 +68,7 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
 
 
 def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationKind, product: str) -> Arrays:
-    """Read the arrays of one annotation: the stored ones, or of ``light`` the columns, with one entry per person.
+    """Read the arrays of one annotation: the stored ones, or for ``light`` the columns, with one entry per person.
 
     Raises:
         MissingInput: its object is gone.

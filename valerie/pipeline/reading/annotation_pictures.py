@@ -1,4 +1,4 @@
-"""Annotations as pictures for people."""
+"""Annotations as pictures."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from valerie.rendering.annotations.joints import LIMBS, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.normals import Normals
 from valerie.scene.graph.model import JOINTS
 
-#: Colours of the edges of a box at its back and sides, and of those at its front, towards its heading.
+#: Colours of a box's edges at its back and sides, and at its front (towards its heading).
 _REST, _FRONT = (86, 180, 233), (240, 228, 66)
 _EDGES_IN_FRONT: Final = 4
-#: Colours of the limbs of the middle, of the left and of the right side; hidden limbs are darker.
+#: Colours of the limbs in the middle, on the left and on the right side; hidden limbs are darker.
 _LIMB_COLOURS: Final = ((240, 228, 66), (86, 180, 233), (230, 159, 0))
 
 
@@ -31,7 +31,7 @@ def paint_normals(normals: Normals) -> NDArray[np.uint8]:
 def paint_flow(flow: FlowMap) -> NDArray[np.uint8]:
     """Paint flow: direction as hue (red to the right, yellow-green downwards), length as saturation up to the longest.
 
-    White stands still, grey is undefined (colour wheel after S. Baker et al., "A database and evaluation methodology for
+    White is no motion, grey is undefined (colour wheel after S. Baker et al., "A database and evaluation methodology for
     optical flow", IJCV 92, 2011, doi:10.1007/s11263-010-0390-2, in HSV).
     """
     x, y = np.nan_to_num(flow.vectors[..., 0]), np.nan_to_num(flow.vectors[..., 1])
@@ -57,7 +57,7 @@ def paint_boxes(boxes: Boxes, width: int, height: int) -> tuple[NDArray[np.uint8
         corners = boxes.projected_corners[i]
         for k, (a, b) in enumerate(EDGES):
             line = (*corners[a].tolist(), *corners[b].tolist())
-            # A corner just before the camera's plane lies far outside the image.
+            # A corner just in front of the camera's plane is far outside the image.
             if np.isfinite(line).all() and np.abs(line).max() < 8 * max(width, height):
                 draw.line(
                     line, fill=_FRONT if k >= len(EDGES) - _EDGES_IN_FRONT else _REST, width=max(1, height // 500)

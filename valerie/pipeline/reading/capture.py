@@ -1,4 +1,4 @@
-"""One frame through one sensor setting: the picture, and the truth in step with it."""
+"""One frame through one sensor setting: the picture, and the truth that matches it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from valerie.sensing.settings import SensorSetting
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """A frame and the camera that takes it.
+    """A frame and the sensor that captures it.
 
     Attributes:
-        products: what shows the frame.
+        products: digests of the frame's products.
         setting: the sensor setting with the variant's own values; without a shutter where nothing moves.
-        focal_length_mm: of the camera in this variant; None where the asset does not tell and the setting does not ask.
-        run_seed: of the run.
-        labels: kind of labels of the run.
+        focal_length_mm: focal length of the camera in this variant; None if the asset does not declare it.
+        run_seed: seed of the run.
+        labels: label policy of the run.
     """
 
     products: FrameProducts
@@ -41,26 +41,26 @@ class Capture:
 
     @property
     def distorted(self) -> bool:
-        """True where the truth as seen differs from the frame's."""
+        """True if the truth in the picture differs from the frame's."""
         return self.setting.moves_truth
 
     @property
     def motion(self) -> str | None:
-        """The digest of the scan or of the velocities that the picture depends on, if any."""
+        """Digest of the scan or of the velocities that the picture depends on; None without either."""
         if self.setting.rolls:
             return self.products.scan
         return self.products.velocity if self.setting.needs_velocity else None
 
     @property
     def tag(self) -> str:
-        """32 hexadecimal characters that follow from everything the picture and its labels depend on."""
+        """Digest of everything that the picture and its labels depend on, 32 hexadecimal characters."""
         products = list(self.products.required)
         if self.motion is not None:
             products.append(self.motion)
         return digest("capture", REVISION, products, short_document(self.setting, self.run_seed), self.labels.value)
 
     def zoom(self, width: int, height: int) -> float:
-        """Return how much the picture is enlarged so that a distorting lens shows no more than was rendered.
+        """Return the factor that enlarges the picture so that a distorting lens shows only rendered pixels.
 
         1 without distortion.
         """
@@ -69,7 +69,7 @@ class Capture:
         return pixel_map(self.setting.distortion, width, height, focal_length_px(self.focal_length_mm, width)).zoom
 
     def picture(self, reader: ProductReader) -> NDArray[np.uint8]:
-        """Develop what a function under test sees: (H, W, 3) uint8 sRGB.
+        """Develop the picture that a function under test sees: (H, W, 3) uint8 sRGB.
 
         Raises:
             MissingInput: an object is gone.
@@ -91,7 +91,7 @@ class Capture:
 
         Raises:
             MissingInput: an object is gone.
-            InvalidInput: the sensor needs depths or velocities, which are those of the whole frame.
+            InvalidInput: the sensor needs depths or velocities, which exist only for the whole frame.
         """
         background = self.products.background
         metered = reader.metered_ev(background) if self.setting.auto_exposure else None
@@ -99,9 +99,9 @@ class Capture:
         return develop(reader.background(background).pixels, self.setting, shot)
 
     def seen_map(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Move a map of the rendered image, (H, W, …), with the lens: by the nearest pixel.
+        """Distort a map of the rendered image, (H, W, …), like the lens, by the nearest pixel.
 
-        A rolling shutter leaves it at the frame's moment.
+        A rolling shutter does not change it: it stays at the frame's moment.
         """
         if self.setting.distortion.identity:
             return pixels
@@ -111,7 +111,7 @@ class Capture:
         return moved
 
     def seen_truth(self, reader: ProductReader) -> GroundTruth:
-        """Read the ground truth in step with the picture, with the labels of the run.
+        """Read the ground truth that matches the picture, with the labels of the run.
 
         Raises:
             MissingInput: an object is gone.
@@ -125,7 +125,7 @@ class Capture:
         return moved_truth(truth, self.setting, index, self.focal_length_mm)
 
     def _truth(self, reader: ProductReader) -> GroundTruth:
-        """Read the exact ground truth of the rendered image, line by line behind a rolling shutter."""
+        """Read the exact ground truth of the rendered image, or of its scan by a rolling shutter."""
         truth = reader.truth(self.products.truth)
         if not self.setting.rolls or self.products.scan is None:
             return truth
@@ -154,17 +154,18 @@ def capture_of(resolved: ResolvedRun, frame: StoredFrame, sensor: int) -> Captur
 def moved_truth(
     truth: GroundTruth, setting: SensorSetting, index: NDArray[np.intp], focal_length: float | None
 ) -> GroundTruth:
-    """Return the ground truth as a sensor shows it: every map by the nearest pixel of the map that moves the image.
+    """Return the ground truth as a sensor shows it: every map is sampled at the nearest pixel.
 
-    What of a person lies beyond the border of the rendered image has no pixels that could move. The pixels of the whole
-    person are therefore scaled by the ratio of its pixels in the picture to its pixels within what the picture shows. So
-    the truncation rate is the share of the person's pinhole pixels (on the padded canvas) that the picture does not show.
+    The part of a person beyond the border of the rendered image has no pixels to move. The number of pixels of the whole
+    person is therefore scaled by the ratio of its pixels in the picture to its pinhole pixels in the area that the picture
+    shows. So the truncation rate is the share of the person's pinhole pixels (on the padded canvas) that the picture does
+    not show.
 
     Args:
-        truth: of the pinhole camera, at the frame's moment.
+        truth: truth of the pinhole camera, at the frame's moment.
         setting: the sensor; only its distortion counts.
-        index: (H, W), which pixel of the truth each pixel of the picture shows (`valerie.sensing.sensor.seen_from`).
-        focal_length: millimetres, on a sensor 36 mm wide; needed where the lens distorts.
+        index: (H, W) pixel of the truth that each pixel of the picture shows (`valerie.sensing.sensor.seen_from`).
+        focal_length: millimetres, on a sensor 36 mm wide; required if the lens distorts.
     """
     height, width = truth.class_map.shape
     within = np.ones((height, width), np.bool_)

@@ -1,4 +1,4 @@
-"""The frames of a run with their products and states; of one frame also its persons, scores and pictures."""
+"""The frames of a run with their products and states; for one frame also its persons, scores and pictures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNSCORED: Final = dict.fromkeys(("tp", "fn", "tn", "pacc", *names_from(Source.F
 
 
 class Address(Protocol):
-    """Tells where a picture of a frame can be fetched."""
+    """Function from a frame's picture to its address."""
 
     def __call__(self, key: FrameKey, **parameters: str) -> str:
         """Return the address of the picture with these parameters: ``kind``, ``function``, ``sensor``."""
@@ -40,9 +40,9 @@ class FrameSummary:
 
     Attributes:
         id: frame id.
-        variant_index, time_index: places in the run.
-        camera: its name.
-        time_s: when the frame is taken, seconds; 0 in a run without time.
+        variant_index, time_index: indices in the run.
+        camera: name of the camera.
+        time_s: moment of the frame in seconds; 0 in a run without time.
         background, layer, truth: digests.
         state: ``done``, ``failed``, or the state of the slowest product.
     """
@@ -60,7 +60,7 @@ class FrameSummary:
 
 @dataclass(frozen=True, slots=True)
 class FrameSequence:
-    """Number of frames of each variant and camera, and the seconds from one to the next."""
+    """Number of frames per variant and camera, and the seconds between two frames."""
 
     frames: int
     step_s: float
@@ -72,9 +72,9 @@ class PersonDetails:
 
     Attributes:
         instance_id: label id × 1000 + n; 0 stands for a scene without persons.
-        character: which pedestrian the person is.
-        box, amodal_box: x0, y0, x1, y1 of the visible pixels and of the person alone, end exclusive.
-        measures: of place, pixels and light.
+        character: the pedestrian.
+        box, amodal_box: x0, y0, x1, y1 of the visible pixels and of the whole person, end exclusive.
+        measures: measures of place, pixels and light.
     """
 
     instance_id: int
@@ -86,15 +86,15 @@ class PersonDetails:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationDetails:
-    """A function's look at a frame through one sensor setting.
+    """An evaluation of a function on a frame through one sensor setting.
 
     Attributes:
         sensor, function: their names.
         prediction, scores: digests.
         state: ``done``, ``failed``, or the state of the slower product.
-        measures: of the class person and of the frame; None until done.
-        judged_by: classes that scores over all classes are over; empty: all.
-        persons: the persons' scores.
+        measures: scores of the class person and of the frame; None until done.
+        judged_by: classes of the scores over all classes; empty: all.
+        persons: scores of the persons.
         images: kind of picture to its address.
     """
 
@@ -116,13 +116,13 @@ class FrameDetails(FrameSummary):
     Attributes:
         run_id: the run.
         width, height: pixels.
-        sequence: None where each variant and camera has one frame.
+        sequence: None if each variant and camera has one frame.
         assignment: path to value, of the variant and at the frame's time.
         annotations: kind to product.
-        persons: who is seen; where the scene holds no person, one with instance 0.
+        persons: the visible persons; in a scene without persons, one with instance 0.
         evaluations: one per sensor setting and function.
-        images: kind of picture to its address, behind the run's first sensor setting.
-        previous, next: ids of the frames beside this one in the order of the run.
+        images: kind of picture to its address, through the run's first sensor setting.
+        previous, next: ids of the neighbouring frames in the order of the run.
     """
 
     run_id: str
@@ -139,7 +139,7 @@ class FrameDetails(FrameSummary):
 
 
 def list_frames(context: Context, run_id: str, *, after: FrameKey | None, limit: int) -> list[FrameSummary]:
-    """Return the frames of a run that follow one, in order.
+    """Return the frames of a run after a frame, in order.
 
     Raises:
         NotFound: no such run.
@@ -243,7 +243,7 @@ def _evaluation(
 
 
 def _state(states: Iterable[ProductState]) -> ProductState:
-    """Return the state of several products: failed if one failed, done if all are, else that of the slowest."""
+    """Return the state of several products: failed if one failed, done if all are, otherwise that of the slowest."""
     present = set(states)
     order = (
         ProductState.FAILED, ProductState.PARKED, ProductState.WAITING, ProductState.READY, ProductState.RUNNING

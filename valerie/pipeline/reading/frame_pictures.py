@@ -1,4 +1,4 @@
-"""The pictures of one frame: their sources, and painting them."""
+"""The pictures of one frame: sources and painting."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 
-#: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
+#: Kinds that show only the ground truth, and only the picture (with or without a prediction).
 _OF_TRUTH: Final = (PictureKind.TRUTH, PictureKind.INSTANCES, PictureKind.DEPTH)
 _OF_IMAGE: Final = (PictureKind.PICTURE, PictureKind.OVERLAY, PictureKind.BOXES, PictureKind.JOINTS)
 
@@ -34,9 +34,9 @@ class ShownProducts:
 
     Attributes:
         kind: what it shows.
-        capture: the frame and the sensor that sees it.
-        prediction: digest; None where no function looked.
-        annotation: digest, of a kind that shows one.
+        capture: the frame and its sensor.
+        prediction: digest of the prediction; None without one.
+        annotation: digest of the annotation, for a kind that shows one.
     """
 
     kind: PictureKind
@@ -46,7 +46,7 @@ class ShownProducts:
 
     @property
     def tag(self) -> str:
-        """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
+        """Digest of the picture, 32 hexadecimal characters, known before it is painted."""
         shown = self.prediction or self.annotation or ""
         return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
 
@@ -57,15 +57,15 @@ def find_picture(
     """Find the products that a picture shows.
 
     Args:
-        context: of this process.
+        context: context of this process.
         key: the frame.
         kind: a `PictureKind`, or its name.
-        function, sensor: as the spec calls them; None: the first.
+        function, sensor: names in the spec; None: the first.
 
     Raises:
         NotFound: no such run or frame.
         UnknownName: no such kind, function, sensor setting or annotation.
-        Conflict: what the picture needs is not made yet.
+        Conflict: a product that the picture needs is not available yet.
     """
     kind = PictureKind.parse(kind)
     resolved = started_run(context, key.run_id).resolved
@@ -103,7 +103,7 @@ def paint_picture(context: Context, source: ShownProducts, reader: ProductReader
         reader: keeps backgrounds from one picture to the next; for one thread at a time.
 
     Raises:
-        UnknownName: no such kind, or it needs a function and the run has none.
+        UnknownName: no such kind, or the kind needs a function and the run has none.
         MissingInput: an object is gone.
     """
     painter = FramePainter(reader or ProductReader(context.store))
@@ -146,7 +146,7 @@ def paint_close_up(context: Context, source: ShownProducts, person: int) -> NDAr
 
 
 def _needed(kind: PictureKind, capture: Capture) -> tuple[str, ...]:
-    """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
+    """Return the digests of the products in a kind of picture, besides a prediction and an annotation."""
     if kind in (PictureKind.PREDICTION, PictureKind.NORMALS):
         return ()
     products = capture.products

@@ -1,4 +1,4 @@
-"""Runs as the gate reads them."""
+"""Reading of runs for the gate."""
 
 from __future__ import annotations
 

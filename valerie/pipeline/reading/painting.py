@@ -1,4 +1,4 @@
-"""Pictures for people: the sensor stage's output, truth, predictions and annotations, painted."""
+"""Painted pictures: the sensor stage's output, truth, predictions and annotations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CLOSE_UP: Final = 360
 #: What a close-up shows around the person: this share of the longer side, and at least so many pixels.
 _MARGIN, _LEAST_MARGIN = 0.5, 12
 _GAP: Final = 6
-#: Raised by hand whenever equal products give other pictures for people.
+#: Raise it whenever equal products give other pictures.
 PAINTING_REVISION: Final = 1
 
 _HIT, _MISS, _FALSE = (
@@ -34,7 +34,7 @@ _HIT, _MISS, _FALSE = (
 
 
 class FramePainter:
-    """Paints the frames of one store."""
+    """Painter of the frames in one store."""
 
     def __init__(self, reader: ProductReader) -> None:
         self._reader = reader
@@ -51,7 +51,7 @@ class FramePainter:
 
         Args:
             kind: what to show.
-            capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
+            capture: the frame and its sensor, which also distorts the truth.
             prediction, annotation: digests of finished products.
 
         Raises:
@@ -163,7 +163,7 @@ def _blend(
 
 
 def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
-    """Paint every instance in a colour of its own over a darkened class map."""
+    """Paint every instance in its own colour over a darkened class map."""
     painted = colorize(truth.class_map) // 3
     # Python integers, since the products below overflow the type of the map.
     for number in np.unique(truth.instance_map[truth.instance_map > 0]).tolist():

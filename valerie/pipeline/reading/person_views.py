@@ -1,4 +1,4 @@
-"""Rows that say how persons are seen."""
+"""Rows about the visibility of persons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from valerie.rendering.base import GroundTruth
 from valerie.rendering.visibility import ABSENT, Box, Visibility, measure_pixels
 
 _PIXELS: Final = names_from(Source.PIXELS)
-#: Stands for the persons of a frame without any, so that no result omits the frame in silence.
+#: Row of a frame without persons, so that no result silently omits the frame.
 NO_PERSON: Final = SeenPerson(0, {**dict.fromkeys(SEEN), "undefined_reason": ABSENT}, None, None)
 
 
@@ -26,11 +26,11 @@ def _corners(box: Box | None) -> list[int] | None:
 
 
 def measured_again(person: SeenPerson, truth: GroundTruth) -> SeenPerson:
-    """Return a person with everything that is measured in pixels taken from another truth of the same scene.
+    """Return a person with all pixel measures taken from another truth of the same scene.
 
     Args:
-        person: as the frame's own truth shows it; its other measures stay.
-        truth: as a distorting sensor sees it.
+        person: the person in the frame's own truth; its other measures stay.
+        truth: the truth that a distorting sensor sees.
     """
     shown = next((shown for shown in truth.persons if shown.instance_id == person.instance_id), None)
     if shown is None:  # absent, or no person at all

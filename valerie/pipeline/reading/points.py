@@ -26,13 +26,13 @@ from valerie.scene.variation.conditions import Conditions, conditions, varied_co
 
 
 class PlotAxis(NamedTuple):
-    """Something that pACC can be plotted over.
+    """A column that pACC can be plotted over.
 
     Attributes:
-        column: of the long table: a fixed one, or the path of a varied parameter.
-        title: what people read, e.g. ``distance``.
-        unit: shown behind numbers, after multiplying by ``scale``; may be empty.
-        scale: from the column's unit to the shown one (rates are shown in per cent).
+        column: column of the long table: a fixed one, or the path of a varied parameter.
+        title: displayed name, e.g. ``distance``.
+        unit: displayed after numbers that are multiplied by ``scale``; may be empty.
+        scale: factor from the column's unit to the displayed one (rates are displayed in per cent).
         group: ``person``, ``conditions`` or ``varied``.
     """
 
@@ -51,7 +51,7 @@ _NUMERIC: Final = ("FLOAT", "ANGLE", "INT")
 
 
 def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
-    """Return what a run's pACC can be plotted over: columns that it fills, and numbers that differ between its frames."""
+    """Return the columns that a run's pACC can be plotted over: those that it fills, and numbers that vary in it."""
     varied = set(resolved.space.varied)
     light = (Source.LIGHT,) if AnnotationKind.LIGHT in resolved.annotations else ()
     person = (measure for measure in measures_from(Source.PLACE, Source.PIXELS, *light) if measure.is_number)
@@ -60,7 +60,7 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     parameters = (
         PlotAxis(d.path, d.path.removeprefix("scene."), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
         for d in resolved.definitions
-        # The sun's angles are conditions already, whichever way they were given.
+        # The sun's angles are conditions already, in either notation.
         if d.path in varied and d.type in _NUMERIC and d.path not in ANGLES
     )
     return (
@@ -75,14 +75,14 @@ class ScatterPoints:
     """Points of a scatter plot, as columns of equal length.
 
     Attributes:
-        column: what is plotted over.
-        functions, sensors, cameras, characters: names that codes are positions in.
-        x, pacc: the point.
-        variant, camera, time, sensor, function, instance: the person in an evaluation that it stands for.
-        character: code; -1 where the asset names none.
+        column: column on the x axis.
+        functions, sensors, cameras, characters: names that codes refer to by index.
+        x, pacc: coordinates of the points.
+        variant, camera, time, sensor, function, instance: the evaluated person of each point.
+        character: code; -1 if the asset names none.
         undefined: number of persons without a pACC, by reason.
-        share: of the variants, those that are shown.
-        axes: what else can be plotted over.
+        share: share of the variants that is included.
+        axes: all possible x axes.
     """
 
     column: str
@@ -119,16 +119,16 @@ class ScatterPoints:
 
 
 def read_points(context: Context, run_id: str, column: str, *, limit: int) -> ScatterPoints:
-    """Read every evaluated person of a run; of a large run an even sample of the variants, always the same.
+    """Read every evaluated person of a run, or for a large run those of a fixed, even sample of its variants.
 
     Args:
-        context: of the process.
-        run_id: the run.
-        column: of one of its `plot_axes`.
-        limit: about so many points at most.
+        context: context of the process.
+        run_id: id of the run.
+        column: column of one of its `plot_axes`.
+        limit: approximate largest number of points.
 
     Raises:
-        NotFound, Conflict, UnknownName: no such run, its asset changed, it has no such axis.
+        NotFound, Conflict, UnknownName: no such run, its asset changed, or it has no such axis.
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
@@ -152,7 +152,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     )
     value_of = _stored_value if stored else _from_assignment(column, resolved)
     for row in rows:
-        if row.undefined_reason == ABSENT:  # no spec put that person there; summaries do not count it either
+        if row.undefined_reason == ABSENT:  # not in the scene; summaries do not count such a person either
             continue
         if row.pacc is None:
             points.undefined[row.undefined_reason or "no value"] += 1
@@ -169,7 +169,7 @@ def _stored_value(row: Point, _: Assignment) -> float | None:
 
 
 def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Point, Assignment], float | None]:
-    """Return the function that reads a column which follows from the assignment of a row's variant."""
+    """Return the function that computes a column from the assignment of a row's variant."""
     if column == "time_s":
         return lambda row, assignment: resolved.seconds(assignment, row.time_index)
     if column in Conditions._fields:

@@ -1,4 +1,4 @@
-"""Reading finished products back: whole frames, ground truth, annotations, predictions."""
+"""Reading of finished products: whole frames, ground truth, annotations, predictions."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from valerie.storage.annotations import (
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
-#: Backgrounds that stay in memory, and truths of statics.
+#: Number of cached backgrounds, and of cached truths of statics.
 _KEPT: Final = 3
 Decoded = TypeVar("Decoded")
 
 
 class ProductReader:
-    """Reads whole frames: background and layer, statics and truth layer are joined here, and nowhere else.
+    """Reader of whole frames: the only place that joins background and layer, statics and truth layer.
 
     Each method raises `MissingInput` when an object is gone or damaged.
     """
@@ -59,7 +59,7 @@ class ProductReader:
         return self._kept(self._backgrounds, "background", digest, codecs.decode_image)
 
     def metered_ev(self, background: str) -> float:
-        """Return the exposure that automatic exposure takes from a background."""
+        """Return the exposure that automatic exposure meters on a background."""
         if background not in self._metered:
             image = self._kept(self._backgrounds, "background", background, codecs.decode_image)
             self._metered[background] = metered_ev(image.pixels)
@@ -112,7 +112,7 @@ class ProductReader:
         return self._read("velocity", digest, partial(decode_flow, kind=AnnotationKind.VELOCITY))
 
     def scan(self, digest: str) -> Scan:
-        """Read what changes when a frame is read line by line."""
+        """Read the scan of a frame."""
         return self._read("scan", digest, decode_scan)
 
     def prediction(self, digest: str) -> NDArray[np.uint8]:

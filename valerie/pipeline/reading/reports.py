@@ -1,4 +1,4 @@
-"""The results of an ended run, and its report: as the end of a run stores them, or with claims and another run beside it."""
+"""The results of an ended run, and its report, optionally with claims or a comparison with another run."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ log = structlog.get_logger()
 _WITHOUT_EFFECT = frozenset(
     {"name", "description", "requirements", "parent_run", "iteration", "annotations", "infer_backgrounds"}
 )
-#: Fields that say which scenes a run has; these are compared scene by scene.
+#: Fields that define the scenes of a run; scenes are compared one by one.
 _SCENES = frozenset({"blocks", "constants", "parameters"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResults:
-    """Everything that follows from the evaluations of a run.
+    """All results of a run's evaluations.
 
     Attributes:
-        run, stored: its row, and its spec resolved.
-        cards: of its functions.
+        run, stored: its row, and its resolved spec.
+        cards: cards of its functions.
         table, analysis, verdicts: the results.
         failures: products that failed for good.
     """
@@ -108,17 +108,17 @@ def write_report(context: Context, found: RunResults) -> str:
 
 
 def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> ReportWith:
-    """Return the report of an ended run with a ledger of claims, another run beside it, or both.
+    """Return the report of an ended run with a ledger of claims, a comparison with another run, or both.
 
     Raises:
         NotFound: no such run.
         Conflict: it has not ended, or its asset changed.
-        InvalidInput, UnknownName: a claim names what the run does not have, or the runs share no scene.
+        InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene.
     """
-    found = _ended(context, run_id)
-    beside = None if other is None else _compared(context, found, other, claims)
-    ledger = () if claims is None else write_ledger(claims, found.table, seed=found.run.spec.seed)
-    source = replace(_report_input(context, found), claims=claims, ledger=ledger, beside=beside)
+    here = _ended(context, run_id)
+    beside = None if other is None else _compared(context, here, other, claims)
+    ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
+    source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
     return ReportWith(build_report(source), ledger)
 
 
@@ -126,7 +126,7 @@ def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | 
     """Compare an ended run with another one of the same scenes.
 
     Raises:
-        NotFound, Conflict, InvalidInput, UnknownName: as `report_with`.
+        NotFound, Conflict, InvalidInput, UnknownName: as for `report_with`.
     """
     return _compared(context, _ended(context, run_id), other, claims)
 
@@ -151,7 +151,8 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
     there = resolve_stored(row, context.settings)
     spec = here.stored.resolved.spec
     before, after = (
-        one.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES}) for one in (spec, there.resolved.spec)
+        document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
+        for document in (spec, there.resolved.spec)
     )
     differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
     return put_beside(
@@ -166,7 +167,7 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
 
 
 def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
-    """Yield place and values of everything in which two JSON documents differ."""
+    """Yield place and both values of every difference between two JSON documents."""
     one, other = _entries(before), _entries(after)
     if one is None or other is None:
         if before != after:
@@ -177,7 +178,7 @@ def _differing(before: object, after: object, place: str = "") -> Iterator[tuple
 
 
 def _entries(value: object) -> JsonObject | None:
-    """Return the parts of a JSON object or list by their names; None of a plain value."""
+    """Return the parts of a JSON object or list by name; None for a plain value."""
     if isinstance(value, Mapping):
         return dict(value)
     return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
@@ -188,7 +189,7 @@ def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> ComparedRun
 
 
 def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
-    """Return (N,) the inputs of the frame that each row is about: its whole scene, camera and sensor values, but no engine."""
+    """Return the (N,) digest of each row's scene, camera and sensor values, without the engine."""
     resolved = stored.resolved
     scenes: dict[str, str] = {}
     names = table.arrow["frame_id"].to_pylist()
@@ -264,7 +265,7 @@ class _Pictures:
                 else paint_close_up(self._context, source, person)
             )
         except TransientError:
-            raise  # a report without this picture would stay so
+            raise  # otherwise the report would lack this picture for good
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
@@ -272,7 +273,7 @@ class _Pictures:
 
 
 def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
-    """Return failures of the same kind as one, with their number."""
+    """Return equal failures as one, with their number."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
     for failure in failures:
         error = failure.error
@@ -287,6 +288,6 @@ def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
 
 
 def _renderer(resolved: ResolvedRun, revision: int) -> str:
-    """Return the engine as the report names it."""
+    """Return the engine's name in the report."""
     settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
     return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

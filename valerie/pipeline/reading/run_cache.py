@@ -1,4 +1,4 @@
-"""Runs as a worker sees them: read once, with their assets, and kept while they are in use."""
+"""Cache of a worker's runs with their assets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _KEPT_ASSETS: Final = 2
 
 
 class RunCache:
-    """The runs that a process works for, and the last few assets; bounded, so that memory stays flat."""
+    """The runs of a process, and the last few assets; bounded, so that memory does not grow."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -24,7 +24,7 @@ class RunCache:
         """Return a run.
 
         Raises:
-            NotFound: it was deleted meanwhile.
+            NotFound: it was deleted.
             Conflict, UnknownName: its asset changed or is gone.
         """
         return started_run(self._context, run_id)

@@ -1,4 +1,4 @@
-"""Choosing frames of a run by an expression about its metadata, parameters and scores."""
+"""Choice of a run's frames by an expression about metadata, parameters and scores."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class ChosenFrame:
 
     Attributes:
         stored: its row.
-        moment: the variant's assignment at the frame's time, as `apply` takes it.
+        moment: the variant's assignment at the frame's time, for `apply`.
         columns: the frame's part of its persons' rows.
-        persons: who is seen, and in which light; where the frame has no person, one with instance 0.
+        persons: its persons with their light; in a frame without persons, one with instance 0.
     """
 
     stored: StoredFrame
@@ -46,7 +46,7 @@ class ChosenFrame:
 
     @property
     def values(self) -> Assignment:
-        """Path to value of everything that the variant or the moment sets."""
+        """Path to value of all parameters that the variant or the moment sets."""
         return {**self.stored.assignment, **self.moment}
 
     def row(self, person: SeenPerson, resolved: ResolvedRun) -> TableRow:
@@ -61,7 +61,7 @@ class EvaluatedPerson:
 
     Attributes:
         frame: the frame.
-        instance_id: of the person; 0 stands for a frame without persons.
+        instance_id: id of the person; 0 in a frame without persons.
         row: the columns, with *all* assigned parameters.
     """
 
@@ -71,17 +71,17 @@ class EvaluatedPerson:
 
 
 def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Where:
-    """Compile an expression over a run's rows; it knows the run's cameras, sensors and functions.
+    """Compile an expression over a run's rows, with the names of its cameras, sensors and functions.
 
     Raises:
-        InvalidInput, UnknownName: as `compile_where`.
+        InvalidInput, UnknownName: as for `compile_where`.
     """
     choices = choices_of(resolved.spec, resolved.cameras)
     return compile_where(text, resolved.definitions, choices=choices, field=field)
 
 
 def sensor_index(name: str | None, resolved: ResolvedRun) -> int:
-    """Return the index of a sensor setting in the spec; of the first without a name.
+    """Return the index of a sensor setting in the spec; without a name, that of the first.
 
     Raises:
         UnknownName: the run has no such setting.
@@ -93,7 +93,7 @@ def sensor_index(name: str | None, resolved: ResolvedRun) -> int:
 
 
 def function_index(name: str | None, resolved: ResolvedRun) -> int:
-    """Return the index of a function in the spec; of the first without a name.
+    """Return the index of a function in the spec; without a name, that of the first.
 
     Raises:
         UnknownName: the run has no such function.
@@ -105,7 +105,7 @@ def function_index(name: str | None, resolved: ResolvedRun) -> int:
 
 
 def as_called(reference: str, run: StoredRun) -> str:
-    """Return what a run's spec calls the version that ``name@digest`` means, or the reference where it is none of the run's."""
+    """Return the name in a run's spec of the version ``name@digest``; the reference itself if the run does not have it."""
     functions = run.resolved.spec.functions
     name, at, beginning = reference.partition("@")
     if at and reference not in functions:
@@ -118,10 +118,10 @@ def as_called(reference: str, run: StoredRun) -> str:
 def choose_frames(
     connection: Connection, run: StoredRun, *, where: Where | None = None, sensor: int = 0
 ) -> list[ChosenFrame]:
-    """Return the finished frames of which at least one person's row is selected; all of them without ``where``.
+    """Return the finished frames with at least one selected person's row; all of them without ``where``.
 
-    Scores are those of the functions that looked through sensor setting ``sensor``. Any of them may select a frame, unless
-    ``where`` names one.
+    Scores are those of all functions through sensor setting ``sensor``; any function may select a frame, unless ``where``
+    names one.
     """
     frames = finished_frames(connection, run, sensor)
     if where is None:
@@ -134,7 +134,7 @@ def choose_frames(
 
 
 def finished_frames(connection: Connection, run: StoredRun, sensor: int = 0) -> Iterator[ChosenFrame]:
-    """Return all frames of a run whose image and truth are stored, in order."""
+    """Yield all frames of a run whose image and truth are stored, in order."""
     resolved = run.resolved
     name = resolved.spec.sensors[sensor].name
     for stored, persons in stored_frames.finished(connection, run.id):
@@ -156,9 +156,9 @@ def evaluated_persons(
     """Read the rows of the long table.
 
     Args:
-        connection: to read with.
+        connection: connection to read with.
         run: the run.
-        sensor, function: indexes in the spec; None: all.
+        sensor, function: indices in the spec; None: all.
     """
     filters = [
         long_table.Filter(column, "eq", value)
@@ -171,7 +171,7 @@ def evaluated_persons(
 
 
 def values_at(frame: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> Mapping[str, Value]:
-    """Return path to value of everything that a variant or the moment of its frame sets."""
+    """Return path to value of all parameters that a variant or the moment of its frame sets."""
     return with_sun_angles({**assignment, **resolved.at(assignment, frame.time)}, resolved.manifest)
 
 

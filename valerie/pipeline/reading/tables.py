@@ -1,4 +1,4 @@
-"""From the rows of a run to its long table."""
+"""The long table of a run from its rows."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
-#: Columns of a person that are empty where the frame has no person.
+#: Columns of a person that are empty if the frame has no person.
 _PIXELS: Final = ("pixel_area", "pixel_area_percent", "pixel_area_amodal")
 
 
 def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
-    """Read the long table of what is evaluated so far."""
+    """Read the long table of all evaluations so far."""
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
         assignments = long_table.assignments(connection, run.id)
@@ -54,7 +54,7 @@ def _table_columns(
 ) -> dict[str, Sequence[Any]]:
     """Return a piece of the long table as columns, equal to those of `table_row`.
 
-    What follows from frame or variant alone is computed once for each of them.
+    Columns that depend only on frame or variant are computed once for each of them.
     """
     resolved, spec = run.resolved, run.resolved.spec
     keys = [piece.pop(name) for name in long_table.KEY]
@@ -87,7 +87,7 @@ def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
 
     Raises:
         NotFound: no such run.
-        Conflict: a run has not started, or two runs mean different versions by the name of a function.
+        Conflict: a run has not started, or a function's name refers to different versions in two runs.
         InvalidInput: a run is named twice, or they vary different parameters.
     """
     if len(set(run_ids)) < len(run_ids):
@@ -102,12 +102,12 @@ def read_together(context: Context, run_ids: Sequence[str]) -> EvaluationTable:
 
 
 def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:
-    """Read the figures over all classes of what is evaluated so far.
+    """Read the scores over all classes of all evaluations so far.
 
     Args:
-        engine: of the database.
+        engine: database.
         run: the run.
-        cards: of its functions, in the spec's order; they say by which classes each function is judged.
+        cards: cards of its functions, in the spec's order; they state the classes that each function is judged by.
 
     Returns:
         One entry per function and sensor setting, functions first, as in the table.
@@ -132,7 +132,7 @@ def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) 
 
 
 def designs_of(run: StoredRun) -> dict[str, Design]:
-    """Return how the run chose its variants, by run id."""
+    """Return run id to the design of the run's variants."""
     space, asset = run.resolved.space, run.resolved.spec.asset
     blocks = tuple((block.design, size) for block, size in zip(space.blocks, space.block_sizes, strict=True))
     name, seed = (asset, 0) if isinstance(asset, str) else (str(asset["name"]), int(asset.get("seed", 0)))
@@ -149,7 +149,7 @@ def table_row(row: LongRow, run: StoredRun, varied: Iterable[str]) -> TableRow:
     """Return one row of the long table.
 
     Args:
-        row: as it is stored.
+        row: the stored row.
         run: the run.
         varied: paths of the parameters that get a column.
     """
@@ -167,7 +167,7 @@ def table_row(row: LongRow, run: StoredRun, varied: Iterable[str]) -> TableRow:
 
 
 def frame_columns(key: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> TableRow:
-    """Return the columns of a row that say which frame it is about, and under which conditions it was taken."""
+    """Return the columns of a row that identify its frame, and those of the conditions."""
     return {
         "run_id": key.run_id,
         "variant_index": key.variant,
@@ -179,7 +179,7 @@ def frame_columns(key: FrameKey, assignment: Assignment, resolved: ResolvedRun) 
 
 
 def person_columns(instance_id: int, measures: Measures, assignment: Assignment, resolved: ResolvedRun) -> TableRow:
-    """Return the columns of a row that are about a person."""
+    """Return the columns of a row about a person."""
     return {
         "character": character_of(instance_id, assignment, resolved),
         "instance_id": instance_id or None,
@@ -189,7 +189,7 @@ def person_columns(instance_id: int, measures: Measures, assignment: Assignment,
 
 
 def character_of(instance_id: int, assignment: Assignment, resolved: ResolvedRun) -> str | None:
-    """Return the pedestrian that an instance is: its CATEGORICAL parameter ``character``; None for instance 0."""
+    """Return an instance's pedestrian, its CATEGORICAL parameter ``character``; None for instance 0."""
     if instance_id == 0:
         return None
     path = f"scene.{PERSON.node_class}-{instance_id % 1000}.character"

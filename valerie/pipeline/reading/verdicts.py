@@ -1,4 +1,4 @@
-"""The verdicts on a run's requirements, from its rows."""
+"""Verdicts on a run's requirements, from its rows."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
     """Judge the requirements of a run whose products are all done or failed.
 
     Args:
-        context: of the deployment.
+        context: context of the deployment.
         run: the run.
-        table: its long table, of all that was evaluated.
+        table: its long table of all evaluations.
     """
     resolved = run.resolved
     if not resolved.requirements:
@@ -50,7 +50,7 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
 
 
 def _lost_rows(connection: Connection, run: StoredRun) -> Iterator[TableRow]:
-    """Yield the rows that failed for good; where the truth failed too, one for each person that may be there."""
+    """Yield the rows that failed for good; if the truth failed too, one for each person that may be present."""
     resolved = run.resolved
     spec = resolved.spec
     nodes = [person.rpartition("-")[2] for person in resolved.manifest.persons]

@@ -1,4 +1,4 @@
-"""Versions of a function compared on the stored frames of one run; nothing is rendered."""
+"""Comparison of versions of a function on the stored frames of one run; nothing is rendered."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class _Evaluated:
     """One version on the run's frames (first sensor setting).
 
     Attributes:
-        table: the long table of this function alone.
-        matrices: (19, 20) per frame.
+        table: the long table of only this function.
+        matrices: (19, 20) matrix of each frame.
     """
 
     table: EvaluationTable
@@ -61,9 +61,9 @@ class _Version:
     """A version before it sees any frame.
 
     Attributes:
-        reference: as the user names it.
-        stored: True where the run evaluated it.
-        numeric_class: in which the run pinned it, or in which it runs here.
+        reference: the user's reference.
+        stored: True if the run evaluated it.
+        numeric_class: numeric class that the run pinned, or in which it runs here.
         judged: train ids of the classes that it is judged by.
     """
 
@@ -75,12 +75,12 @@ class _Version:
 
 @dataclass(frozen=True, slots=True)
 class Grouping:
-    """Groups of persons that versions are compared on, besides all of them.
+    """Groups of persons on which versions are compared, besides all persons.
 
     Attributes:
-        where: persons that this expression selects *by the first function's scores* form a group, the others another.
-        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
-            version by chance alone.
+        where: expression that divides persons into two groups, *by the first function's scores*.
+        region: region that divides persons into two groups. Unlike a selection by scores, it favours no later version by
+            regression to the mean.
     """
 
     where: str = ""
@@ -99,20 +99,20 @@ def compare_versions(
 ) -> VersionComparison:
     """Compare functions on a run's frames; the first is "before".
 
-    Figures over all classes are over those that every version is judged by.
+    Scores over all classes cover those that every version is judged by.
 
     Args:
-        context: of the deployment.
-        run_id: of the validation.
+        context: context of the deployment.
+        run_id: id of the validation run.
         references: names or function files; those that the run evaluated are read, the others predict all frames now.
         open_function: opens a reference.
-        grouping: of persons.
-        mixed: also compare versions of unequal numeric classes, to see what precision or engine change by themselves.
+        grouping: groups of persons.
+        mixed: also compare versions in different numeric classes, to see the effect of precision or engine.
         progress: called after every predicted frame.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
-        Conflict: the run has no finished frames; or versions run in unequal numeric classes without ``mixed``.
+        Conflict: the run has no finished frames, or versions run in different numeric classes without ``mixed``.
         InferenceError: a function failed.
     """
     if len(references) < 2 or len({display_name(reference) for reference in references}) < len(references):
@@ -165,9 +165,9 @@ def _require_one_class(versions: Mapping[str, _Version]) -> None:
             for name, version in versions.items()
         )
         raise Conflict(
-            f"versions of unequal numeric classes are not compared: {classes}. Name all of them in the spec of one run "
+            f"versions in different numeric classes are not compared: {classes}. Name all of them in the spec of one run "
             "(equal frames are not rendered again), compare where the run's workers run and with as many threads, or use "
-            "--mixed to see what precision or engine change by themselves"
+            "--mixed to see the effect of precision or engine"
         )
 
 
@@ -178,7 +178,7 @@ def _groups(
     before: str,
     grouping: Grouping,
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return the rows that are selected and the rows in the region, each with its opposite."""
+    """Return the selected rows and the rows in the region, each with its complement."""
     groups: dict[str, NDArray[np.bool_]] = {}
     where, region = grouping.where, grouping.region
     if not where and region is None:
@@ -188,7 +188,7 @@ def _groups(
         assigned: dict[RowKey, TableRow] = {
             (str(person.frame), person.instance_id or None): person.row for person in persons
         }
-    # The first version's scores win over the stored ones.
+    # The first version's scores replace the stored ones.
     rows = [{**assigned.get(key, {}), **row} for key, row in zip(row_keys(table), table.arrow.to_pylist(), strict=True)]
     present = np.array([row["instance_id"] is not None for row in rows], np.bool_)
     if region is not None:
@@ -227,7 +227,7 @@ def _evaluate(
     open_function: Callable[[str], PerceptionFunction],
     progress: Callable[[EvaluationProgress], None],
 ) -> _Evaluated:
-    """Predict every frame in this process, and score it as the evaluation stage does."""
+    """Predict and score every frame in this process, like the evaluation stage."""
     varied, name = varied_types(run.resolved), display_name(reference)
     reader = ProductReader(context.store)
     rows: list[TableRow] = []

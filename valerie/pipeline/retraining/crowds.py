@@ -1,4 +1,4 @@
-"""Assets with more people, each recoloured and resized alone, for scenes to train on."""
+"""Assets with more people, each recoloured and resized separately, for training scenes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from valerie.scene.graph.model import Material, Node, Scene, Texture
 from valerie.scene.graph.naming import ROOT, is_cloth
 from valerie.scene.graph.transforms import Pose
 
-#: Raised by hand whenever the same asset gives another crowd.
+#: Raise it whenever the same asset gives another crowd.
 REVISION: Final = 1
-#: Persons that a frame shows at most.
+#: Most persons in a frame.
 MOST_PERSONS: Final = 5
 #: Prefix of the names of grey textures.
 _NEUTRAL: Final = "neutral/"
@@ -32,8 +32,8 @@ _NEUTRAL: Final = "neutral/"
 def crowd_asset(asset: SceneAsset, persons: int = MOST_PERSONS) -> SceneAsset:
     """Return the asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
 
-    Characters that the asset leaves out of training are removed. Copies have materials of their own, so that each can be
-    recoloured alone.
+    Characters that the asset excludes from training are removed. Copies have their own materials, so that each can be
+    recoloured separately.
 
     Raises:
         InvalidInput: the asset has no person.
@@ -72,7 +72,7 @@ def crowd_asset(asset: SceneAsset, persons: int = MOST_PERSONS) -> SceneAsset:
 
 
 def _without_characters(asset: SceneAsset, left_out: set[str]) -> tuple[Manifest, Scene]:
-    """Return manifest and scene without the characters at some paths: no draw then depends on them."""
+    """Return manifest and scene without the characters at some paths, so that no draw depends on them."""
     manifest, scene = asset.manifest, asset.base
     below = tuple(f"{path}." for path in left_out)
     nodes = {path: n for path, n in scene.nodes.items() if path not in left_out and not path.startswith(below)}
@@ -97,7 +97,7 @@ def _without_characters(asset: SceneAsset, left_out: set[str]) -> tuple[Manifest
 
 
 def resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:
-    """Return the nodes of a scene with all persons a little taller or smaller."""
+    """Return the nodes of a scene with each person scaled by a random factor of 0.88 to 1.06."""
     nodes = dict(scene.nodes)
     for person in manifest.persons:
         pose = Pose.of(nodes[person].transform)
@@ -109,7 +109,7 @@ def resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[
 def recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_made: float) -> dict[str, Material]:
     """Return the materials of a scene with new clothes and skins.
 
-    Each worn thing gets a colour of its own, but for a share ``as_made``; skin is darker by a factor per person.
+    Each garment gets its own colour, except for a share ``as_made``; skin is scaled by a factor per person.
     """
     materials = dict(scene.materials)
     for person in manifest.persons:
@@ -135,7 +135,7 @@ def recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_ma
 
 
 def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw linear RGB: half of all cloth is nearly grey, as in real crowds, the rest has any hue; dark is as likely as light."""
+    """Draw linear RGB: half of all cloth is nearly grey, as in real crowds, the rest has any hue, with uniform brightness."""
     saturation = rng.uniform(0.0, 0.2) if rng.random() < 0.5 else rng.uniform(0.3, 1.0)
     red, green, blue = colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.08, 1.0))
     return red**2.2, green**2.2, blue**2.2

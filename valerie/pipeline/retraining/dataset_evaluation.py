@@ -1,8 +1,8 @@
 """Functions under test on a data set of real (or exported) pictures, with the metrics of a run.
 
-Pixels are ignored as cityscapesScripts ignores them: those whose label has no train id (unlabeled, ego vehicle, out of roi,
-static, dynamic, ground …), and license plates, which Cityscapes leaves to the car behind them (id 255, −1 in eight bits,
-is ignored too). A prediction of void on a labelled pixel is a miss.
+Pixels are ignored as in cityscapesScripts: those whose label has no train id (unlabeled, ego vehicle, out of roi, static,
+dynamic, ground …), and license plates, which Cityscapes counts to the car (id 255, −1 in eight bits, is ignored too). A
+prediction of void on a labelled pixel is a miss.
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ class FunctionResult:
     """One function on all frames.
 
     Attributes:
-        name: in results (`display_name`); two versions of one function differ in it.
-        card, numeric_class: of the function that ran.
-        names: of the frames, in order.
-        matrices: (19, 20) per frame.
-        scores: derived from them.
-        persons: pixels of each person in the labels; empty where the labels tell no instances apart.
-        rows: of the long table, likewise; a frame without persons has one.
+        name: name in results (`display_name`); it differs between two versions of one function.
+        card, numeric_class: of the function.
+        names: names of the frames, in order.
+        matrices: (19, 20) matrix of each frame.
+        scores: scores derived from them.
+        persons: pixels of each person in the labels; empty if the labels do not distinguish instances.
+        rows: rows of the long table, likewise; a frame without persons has one.
         seconds: wall time of reading, predicting and counting.
     """
 
@@ -76,7 +76,7 @@ class FunctionResult:
 
     @property
     def person_pacc(self) -> FrameMean:
-        """Mean pACC of the persons, each with the same weight; undefined where the labels tell no instances apart."""
+        """Mean pACC of the persons, equally weighted; undefined if the labels do not distinguish instances."""
         return frame_mean(person.pacc for person in self.persons)
 
 
@@ -87,7 +87,7 @@ class DatasetResult:
     Attributes:
         root, split: the data set.
         digest: SHA-256 over names, pictures and labels, hex.
-        has_instances: True where the labels tell persons apart.
+        has_instances: True if the labels distinguish persons.
         functions: in the order of the references.
     """
 
@@ -107,23 +107,23 @@ class DatasetResult:
             "has_instances": self.has_instances,
             "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
             "functions": {
-                one.name: {
-                    "card": asdict(one.card),
-                    "numeric_class": one.numeric_class,
-                    "seconds": round(one.seconds, 3),
-                    "person_pacc": asdict(one.person_pacc),
-                    **one.scores.as_document(),
+                function.name: {
+                    "card": asdict(function.card),
+                    "numeric_class": function.numeric_class,
+                    "seconds": round(function.seconds, 3),
+                    "person_pacc": asdict(function.person_pacc),
+                    **function.scores.as_document(),
                 }
-                for one in self.functions
+                for function in self.functions
             },
         }
 
     def table(self) -> EvaluationTable:
         """Return the long table: one row per (frame, function, person); columns that labels cannot fill are empty."""
-        return EvaluationTable.from_rows((row for one in self.functions for row in one.rows), {})
+        return EvaluationTable.from_rows((row for function in self.functions for row in function.rows), {})
 
     def write(self, folder: Path) -> tuple[Path, ...]:
-        """Write ``evaluation.json``, ``frames.parquet`` and, where the labels tell persons apart, ``persons.parquet``."""
+        """Write ``evaluation.json``, ``frames.parquet`` and, if the labels distinguish persons, ``persons.parquet``."""
         import pyarrow.parquet as pq
 
         folder.mkdir(parents=True, exist_ok=True)
@@ -141,9 +141,9 @@ class EvaluationProgress:
     """Progress of an evaluation.
 
     Attributes:
-        function: the one that is evaluated.
-        done, total: frames; on a data set those of all functions together.
-        frames_per_s: since the start.
+        function: the function that is evaluated.
+        done, total: numbers of frames; on a data set those of all functions together.
+        frames_per_s: rate since the start.
     """
 
     function: str
@@ -154,7 +154,7 @@ class EvaluationProgress:
 
 @dataclass(frozen=True, slots=True)
 class _Truth:
-    """A labelled frame as `score_frame` takes it: the persons are those that are visible."""
+    """A labelled frame for `score_frame`; the persons are the visible ones."""
 
     class_map: NDArray[np.uint8]
     instance_map: NDArray[np.uint16]
@@ -172,14 +172,14 @@ def evaluate_dataset(
 
     Args:
         folder: the split.
-        references: of the functions; at least one.
+        references: references of the functions; at least one.
         open_function: opens a reference; the function is closed before the next is opened.
         progress: called after every frame.
 
     Raises:
         InvalidInput: no function, one named twice, or files that are no labels.
-        CorruptArtifact: a broken file.
-        InferenceError: a function failed or answered another size.
+        CorruptArtifact: a damaged file.
+        InferenceError: a function failed or returned another size.
     """
     names = [display_name(reference) for reference in references]
     if not references or len(set(names)) < len(names):
@@ -232,10 +232,10 @@ def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: in
 
     Args:
         scored: the frame.
-        name: of the function.
-        frame: its labels.
-        index: of the frame in its split.
-        dataset: folder and split, in the place of a run's id.
+        name: name of the function.
+        frame: labels of the frame.
+        index: index of the frame in its split.
+        dataset: folder and split, instead of a run's id.
     """
     common = {
         "run_id": dataset,
@@ -266,13 +266,13 @@ def _frame_table(result: DatasetResult) -> pa.Table:
     import pyarrow as pa
 
     rows = []
-    for one in result.functions:
-        for name, matrix in zip(one.names, one.matrices, strict=True):
-            scores = frame_scores(matrix, classes=one.scores.judged)
+    for function in result.functions:
+        for name, matrix in zip(function.names, function.matrices, strict=True):
+            scores = frame_scores(matrix, classes=function.scores.judged)
             rows.append(
                 {
                     "frame": name,
-                    "function": one.name,
+                    "function": function.name,
                     **asdict(scores.counts),
                     "pacc": scores.pacc,
                     **scores.measures,
@@ -284,12 +284,12 @@ def _frame_table(result: DatasetResult) -> pa.Table:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunSide:
-    """One function as a run evaluated it, to be compared with a data set.
+    """One function in a run, for comparison with a data set.
 
     Attributes:
         called: its name in the run's spec.
         pin: digest and numeric class that the run pinned; `valerie.pipeline.functions.references.open_pinned` opens it again.
-        scores: of the run's evaluated frames (first sensor setting).
+        scores: scores on the run's evaluated frames (first sensor setting).
     """
 
     called: str
@@ -298,12 +298,12 @@ class RunSide:
 
 
 def run_side(context: Context, run_id: str, function: str) -> RunSide:
-    """Return a function's scores on a run's frames, and the version that they belong to.
+    """Return a function's scores on a run's frames, and its version.
 
     Args:
-        context: of the deployment.
-        run_id: of the run.
-        function: as the run's spec calls it, or ``name@digest`` of the version that the run saw.
+        context: context of the deployment.
+        run_id: id of the run.
+        function: its name in the run's spec, or ``name@digest`` of the version in the run.
 
     Raises:
         NotFound, UnknownName: no such run, or a function that it did not evaluate.
@@ -314,5 +314,7 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
     with reading(context.engine) as connection:
         predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
     judged = pinned_card(run.pins, called).judged_ids
-    scores = collection_scores([codecs.decode_counts(one.confusion) for one in predictions.values()], judged)
+    scores = collection_scores(
+        [codecs.decode_counts(prediction.confusion) for prediction in predictions.values()], judged
+    )
     return RunSide(called, run.pins.functions[called], scores)

@@ -1,7 +1,7 @@
-"""The loop back to training: from the region where a function is weak (`weakness`) to a new version of it.
+"""Retraining: from the region where a function is weak (`weakness`) to a new version of it.
 
-Scenes are drawn on sites that neither the run nor the function has seen, until enough of them lie in the region; training
-goes on from the function's weights. The result is a function file; registered, it is the function's next version.
+Scenes are drawn on sites that neither the run nor the function has seen, until enough of them are in the region; training
+continues from the function's weights. The result is a function file, which can be registered as the function's next version.
 `valerie.pipeline.retraining.comparison` compares the two.
 """
 
@@ -45,7 +45,7 @@ class TrainingResources:
 
     Attributes:
         processes: number of processes that render.
-        threads: of torch.
+        threads: CPU threads of torch.
     """
 
     processes: int = 1
@@ -54,7 +54,7 @@ class TrainingResources:
 
 @dataclass(frozen=True, slots=True)
 class Watcher:
-    """Functions that follow a training.
+    """Callbacks of a training.
 
     Attributes:
         on_site: called after every rendered site.
@@ -73,11 +73,11 @@ class Retrained:
         file: the function file.
         digest: SHA-256 of the file.
         before: document of the function at the start.
-        frames: training frames.
-        drawn: scenes that were drawn for them.
-        steps: training steps.
+        frames: number of training frames.
+        drawn: number of scenes that were drawn for them.
+        steps: number of training steps.
         curve: picture of loss and held-out figures over the steps.
-        site_seeds: of the training frames, first and last.
+        site_seeds: first and last street seed of the training frames.
     """
 
     file: Path
@@ -102,17 +102,17 @@ def retrain(
     """Render a training set for a weakness and train a new version of the function.
 
     Args:
-        weakness: to train against.
+        weakness: the weakness to train against.
         out: function file to write.
-        settings: of frames and training.
-        folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
-            is used.
-        resources: of this machine.
-        watcher: is notified of sites and steps.
+        settings: settings of frames and training.
+        folder: folder for frames (``frames``, ``held-out``) and a checkpoint; reuses the work of an earlier attempt with the
+            same settings.
+        resources: resources of this machine.
+        watcher: callbacks for sites and steps.
 
     Raises:
-        InvalidInput: hardly any scene lies in the region, or the folder holds something else.
-        RenderingError, MissingDependency: as the raster engine and torch.
+        InvalidInput: too few drawn scenes are in the region, or the folder contains something else.
+        RenderingError, MissingDependency: from the raster engine and torch.
     """
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
@@ -164,10 +164,10 @@ def retrain(
 
 
 def register_retrained(context: Context, retrained: Retrained, name: str) -> tuple[Registered, bool]:
-    """Register a new version: the function of the start, with other weights.
+    """Register a new version: the original function with new weights.
 
     Returns:
-        The registered version, and whether it is new.
+        The registered version, and True if it is new.
 
     Raises:
         InvalidInputs: not a name of functions.
@@ -180,7 +180,7 @@ def register_retrained(context: Context, retrained: Retrained, name: str) -> tup
 def _next_document(retrained: Retrained, name: str) -> FunctionDocument:
     """Return the document of the new version.
 
-    Engine, precision and input size stay; the normalisation is that of the file, in the channels and unit of training.
+    Engine, precision and input size stay; the normalisation is that of the file, in the channel order and unit of training.
     """
     written = file_document(name, retrained.file)
     normalised = {field: getattr(written.input, field) for field in ("mean", "std", "scale", "channel_order")}
@@ -196,7 +196,7 @@ def _next_document(retrained: Retrained, name: str) -> FunctionDocument:
 
 
 def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) -> str:
-    """Return the name of a training's folder: equal for equal trainings, so that the same command goes on with it."""
+    """Return the name of a training's folder: equal for equal trainings, so that repeating a command resumes it."""
     return f"{name}-{digest('training', _request(weakness, settings))[:8]}"
 
 
@@ -235,7 +235,7 @@ def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSetti
 def _frames(
     folder: Path, settings: FrameSettings, processes: int, progress: Callable[[Shard], None] = lambda _: None
 ) -> FrameFolder:
-    """Return the frames; they are rendered unless an earlier attempt finished them."""
+    """Return the frames, rendered unless an earlier attempt finished them."""
     if (folder / "frames.json").is_file():
         return FrameFolder(folder)
     if folder.exists():  # shards without their list, of an interrupted attempt
@@ -265,7 +265,7 @@ def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, pr
 
 
 def _training_settings(document: FunctionDocument, settings: RetrainSettings) -> TrainingSettings:
-    """Return the settings of the training before, made shorter and gentler."""
+    """Return the settings of the previous training, with fewer steps and a lower learning rate."""
     before = json.loads(document.provenance.get("training-settings", "{}"))
     known = {name: value for name, value in before.items() if name in TrainingSettings.model_fields}
     return TrainingSettings.model_validate(

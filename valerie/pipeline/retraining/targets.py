@@ -1,4 +1,4 @@
-"""Training scenes that show a person in a region of weakness; everything is measured as in a run, not assumed."""
+"""Training scenes that show a person in a region of weakness, measured as in a run."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from valerie.rendering.visibility import measure, person_roots
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, Target, resolve
 
-#: Measured for each person once the truth is drawn; the distance is known before.
+#: Quantities that are measured for each person on the truth; the distance is known before.
 MEASURED: Final = ("distance_m", "occlusion_rate", "truncation_rate", "pixel_area_percent")
 #: Attributes of the person itself.
 OF_PERSON: Final = {"heading": ParameterType.ANGLE, "character": ParameterType.CATEGORICAL}
-#: Share of worn things that keep their colour where the region names characters.
+#: Share of garments that keep their colour if the region names characters.
 _AS_MADE_CHARACTERS: Final = 0.5
 
 
 def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
     """Return the quantities that a run's region may bound: visibility, heading and character of the person, light, radiometry.
 
-    A position has a meaning on one site only; distance and visibility stand for them.
+    A position has a meaning on one site only; distance and visibility represent them.
     """
     varied = [d for d in resolved.definitions if d.path in set(resolved.space.varied)]
     types = dict.fromkeys(MEASURED, ParameterType.FLOAT)
@@ -38,7 +38,7 @@ def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
 
 
 def run_values(instance_id: int, row: TableRow, resolved: ResolvedRun) -> TableRow:
-    """Return the quantities of one person of a run, from columns and assigned parameters of its row."""
+    """Return the quantities of one person of a run, from the columns and parameters of its row."""
     person = f"scene.{PERSON.node_class}-{instance_id % 1000}"
     values = {name: row.get(name) for name in MEASURED}
     for definition in resolved.definitions:
@@ -53,26 +53,26 @@ def run_values(instance_id: int, row: TableRow, resolved: ResolvedRun) -> TableR
 
 
 class TargetRegion:
-    """A region that a drawn scene shows or does not show."""
+    """A region to be shown by drawn scenes."""
 
     def __init__(self, region: Region) -> None:
         self._region = region
         self.as_made = _AS_MADE_CHARACTERS if isinstance(region.bounds.get("character"), Choices) else AS_MADE
 
     def possible(self, drawn: TrainingScene) -> bool:
-        """Return whether some person could lie in the region, before anything is drawn."""
+        """Return True if some person could be in the region, before anything is rendered."""
         common = self._common(drawn)
         return self._region.allows(common) and any(self._region.allows(values) for _, values in self._persons(drawn))
 
     def hit(self, drawn: TrainingScene, truth: GroundTruth, view: View) -> bool:
-        """Return whether some person lies in the region, by measures on the truth."""
+        """Return True if some person is in the region, by measures on the truth."""
         common, persons = self._common(drawn), dict(self._persons(drawn))
         return any(
             self._region.holds(
-                {**common, **persons.get(one.instance_id, {}), **{name: getattr(one, name) for name in MEASURED}}
+                {**common, **persons.get(person.instance_id, {}), **{name: getattr(person, name) for name in MEASURED}}
             )
-            for one in measure(truth, drawn.scene, view)
-            if one.undefined_reason is None
+            for person in measure(truth, drawn.scene, view)
+            if person.undefined_reason is None
         )
 
     def _common(self, drawn: TrainingScene) -> TableRow:
@@ -97,7 +97,7 @@ class TargetRegion:
 
 
 def _person_attribute(definition: ParameterDefinition) -> str | None:
-    """Return ``heading`` or ``character`` where a person's definition is about that."""
+    """Return ``heading`` or ``character`` if a person's definition is about that; otherwise None."""
     parts = definition.path.split(".")
     of_person = len(parts) == 3 and parts[1].startswith(f"{PERSON.node_class}-")
     return parts[2] if of_person and parts[2] in OF_PERSON else None

@@ -54,16 +54,16 @@ class FrameSettings(BaseModel):
     """Number, size and content of frames to render.
 
     Attributes:
-        split: ``train`` or ``held-out``; chooses the seeds.
+        split: ``train`` or ``held-out``; determines the seeds.
         sites: number of sites.
-        per_site: frames of each.
-        width, height: pixels.
+        per_site: number of frames of each street.
+        width, height: size in pixels.
         asset: a generated asset that takes a ``seed``.
-        arguments: of the generator; others than these and the seed are drawn (`training_scenes.draw_arguments`).
+        arguments: arguments of the generator; all others but the seed are drawn (`training_scenes.draw_arguments`).
         first_seed: first site seed; None: that of the split.
         region: None, or the bounds that must hold for at least one person of a frame
             (`valerie.pipeline.retraining.targets`). Scenes are drawn until they do.
-        broad_share: share of the frames that need not lie in the region.
+        broad_share: share of the frames that need not be in the region.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -80,13 +80,13 @@ class FrameSettings(BaseModel):
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
     def is_targeted(self, number: int) -> bool:
-        """Return whether frame ``number`` of a site must lie in the region; broad frames are spread evenly."""
+        """Return True if frame ``number`` of a site must be in the region; broad frames are spread evenly."""
         if self.region is None:
             return False
         return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
 
     def site(self, seed: int) -> AssetArguments:
-        """Return the asset of one site, as `load_asset` takes it."""
+        """Return the asset of one site, for `load_asset`."""
         return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
@@ -113,24 +113,24 @@ def render_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """Render all sites into a folder; frames depend on settings, seed and number only, not on processes.
+    """Render all sites into a folder; frames depend only on settings, seed and number, not on processes.
 
     Args:
-        folder: created if missing; must be empty.
-        settings: of the frames.
+        folder: folder to write; created if missing; must be empty.
+        settings: settings of the frames.
         processes: number of processes; each has its own GL context.
         progress: called after every site.
 
     Raises:
-        InvalidInput: the folder holds frames already, or the settings cannot be met.
-        RenderingError, MissingDependency: as the raster engine.
+        InvalidInput: the folder is not empty, or the settings cannot be met.
+        RenderingError, MissingDependency: from the raster engine.
     """
     seeds = settings.seeds()
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise InvalidInput("the folder is not empty", field="folder", value=str(folder))
     shards: list[Shard] = []
-    # Fresh processes: a GL context does not survive a fork.
+    # Fresh processes, since a GL context does not survive a fork.
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max(1, processes), mp_context=spawn, initializer=end_with_parent) as pool:
         waiting = [pool.submit(render_site, folder, seed, settings) for seed in seeds]
@@ -158,7 +158,7 @@ def render_site(folder: Path, seed: int, settings: FrameSettings) -> Shard:
 def _give_back() -> None:
     """Return freed memory to the system.
 
-    Sites come and go in arrays of many sizes. glibc would keep what is free between them: 6 GB after seven sites in full HD.
+    Sites arrays of streets differ in size, so glibc would keep free memory between them: 6 GB after seven sites in full HD.
     """
     with suppress(AttributeError, OSError):  # another C library
         ctypes.CDLL(None).malloc_trim(0)
@@ -183,14 +183,14 @@ def frames_of(
 
     Args:
         asset: the site.
-        seed: of the site and of all draws.
+        seed: seed of the site and of all draws.
         settings: number and size of frames.
         draws: counts the scenes.
-        most_draws: number of scenes that are drawn for a frame in the region; most of them cost 6 CPU-ms.
+        most_draws: largest number of scenes drawn for a frame in the region; a typical draw costs 6 ms of CPU time.
 
     Raises:
         RenderingError: no usable image after several draws.
-        InvalidInput: hardly any drawn scene lies in the region.
+        InvalidInput: too few drawn scenes are in the region.
     """
     renderer = create_renderer(_ENGINE)
     truth_pass = create_truth_pass(renderer.numeric_class)
@@ -218,13 +218,13 @@ def frames_of(
                     background = renderer.background(drawn.scene, view)
                     break
                 except RenderingError:
-                    # A camera that sees nothing but sky or a wall; the next attempt draws another scene.
+                    # The camera sees only sky or a wall; the next attempt draws another scene.
                     unusable += 1
                     if unusable == _TRIES:
                         raise
             else:
                 raise InvalidInput(
-                    f"no drawn scene of site {seed} lies in the region", field="region",
+                    f"no drawn scene of site {seed} is in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
             image = renderer.layer(drawn.scene, view).over(background)

@@ -1,9 +1,9 @@
-"""Random scenes to train on: people in random clothes, seen and lit at random.
+"""Random scenes to train on: people in random clothes, with random cameras and light.
 
-Everything that a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and
-skin, traffic, day and night, light, weather, camera and its errors. Some frames show nobody. Half of the frames are *plain*:
-they look like those of a run that varies people and sun only. `draw_arguments` varies the site itself. The manifest says
-what an asset calls its poses, clothes and traffic (`valerie.scene.assets.manifest.TrainingRules`).
+Everything that a network could learn instead of "person" is varied: positions, headings, poses, sizes, colours of cloth and
+skin, traffic, day and night, light, weather, camera and its errors. Some frames have no person. Half of the frames are
+*plain*: they look like those of a run that varies only people and sun. `draw_arguments` varies the site itself. The
+manifest names an asset's poses, clothes and traffic (`valerie.scene.assets.manifest.TrainingRules`).
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 from valerie.sensing.settings import Noise, SensorSetting, WhiteBalance
 
-#: Raised by hand whenever the same seed gives another scene.
+#: Raise it whenever the same seed gives another scene.
 REVISION: Final = 5
 
 #: Probabilities that a frame shows 0 … `MOST_PERSONS` people.
 _CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
-#: Instants of the walk: few, so that bodies made for one frame serve others.
+#: Phases of the walk: few, so that bodies made for one frame are reused in others.
 _GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
-#: Share of plain frames: cameras near their own place, the asset's weather, no traffic by day, a sensor without errors.
+#: Share of plain frames: cameras near their own positions, the asset's weather, daylight, no traffic, an ideal sensor.
 _PLAIN: Final = 0.5
-#: Share of the other frames whose camera stays near its own place.
+#: Share of the other frames whose camera stays near its own position.
 _STAYS: Final = 0.4
-#: Share of frames that are not plain with a car, and with a cyclist, in the lane.
+#: Share of the other frames with each movable vehicle on the road.
 _TRAFFIC: Final = 0.4
-#: Likewise with clouds, with fog, with rain, and with the sun down and the lamps on.
+#: Likewise with clouds, with fog, with rain, and at night.
 _CLOUDS: Final = 0.4
 _FOG: Final = 0.1
 _RAIN: Final = 0.1
 _NIGHT: Final = 0.16
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
-#: Share of worn things that keep the character's own colour, in plain frames and in others.
+#: Share of garments that keep the character's own colour, in plain frames and in others.
 _AS_MADE_PLAIN: Final = 0.5
 AS_MADE: Final = 1 / 6
 _TRIES: Final = 200
@@ -59,8 +59,8 @@ class TrainingScene:
     """One drawn scene.
 
     Attributes:
-        scene: with people, light and cameras as drawn.
-        camera: name of the camera to look through.
+        scene: scene with the drawn people, light and cameras.
+        camera: name of the camera to use.
         sensor: the camera's response and errors.
     """
 
@@ -74,10 +74,10 @@ def draw_arguments(asset: str, seed: int) -> AssetArguments:
 
     Args:
         asset: name of the pack.
-        seed: of the site.
+        seed: seed of the site.
 
     Raises:
-        UnknownName, InvalidInput, MissingDependency: as `valerie.scene.assets.asset.load_pack`.
+        UnknownName, InvalidInput, MissingDependency: as for `valerie.scene.assets.asset.load_pack`.
     """
     return load_pack(asset).draw_arguments(np.random.default_rng([REVISION, seed]))
 
@@ -94,10 +94,10 @@ def draw_scene(
 
     Args:
         asset: the site with its crowd.
-        rng: all choices come from it, but for those of ``setting``.
-        setting: None, or where camera, light and weather come from: scenes of equal settings differ in what moves, and an engine
-            that keeps backgrounds makes theirs once.
-        as_made: share of worn things that keep the character's own colour, at least; more in plain frames.
+        rng: generator of all choices but those of ``setting``.
+        setting: generator of camera, light and weather; None: ``rng``. Scenes with equal settings differ only in what moves, so
+            an engine that caches backgrounds renders theirs once.
+        as_made: smallest share of garments that keep the character's own colour; larger in plain frames.
         people_only: nothing else moves, and the weather is the asset's.
 
     Raises:
@@ -161,7 +161,7 @@ def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
 
 
 def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:
-    """Draw one of the asset's cameras: near its own place, or moved along y and turned."""
+    """Draw one of the asset's cameras: near its own position, or moved along y and turned."""
     manifest = asset.manifest
     x0, y0, x1, y1 = manifest.extent
     for _ in range(_TRIES):
@@ -194,9 +194,9 @@ def _draw_person(
     *,
     far: bool,
 ) -> None:
-    """Put a person at a legal place; it stays absent if none was found.
+    """Put a person at a legal position; it stays absent if none was found.
 
-    Four times in five the place is where the camera looks: mostly near, or, with ``far``, as often far as near.
+    Four times in five the position is in the camera's view: mostly near, or with ``far`` at a uniform distance.
     """
     characters = [c for c in manifest.definition(f"{person}.character").choices if c != ABSENT]
     x0, y0, x1, y1 = manifest.extent
@@ -230,7 +230,7 @@ def _draw_person(
 
 
 def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Put each movable vehicle that is hidden by default on the road before the camera, in some of the frames."""
+    """Put each movable vehicle on the road in front of the camera, in some of the frames."""
     for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.training.left_out)):
         wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
         kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
@@ -262,7 +262,7 @@ def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifes
 
 
 def _draw_weather(assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Draw weather that is mostly fine; what the asset does not declare stays as it is."""
+    """Draw weather that is mostly fine; parameters that the asset does not declare are not set."""
     clouds, fog, rain = rng.random(3) < (_CLOUDS, _FOG, _RAIN)
     cover, thickness, rate = rng.random(3)
     for wanted, name, value in (
@@ -294,7 +294,7 @@ def _allows(manifest: Manifest, path: str, value: float) -> bool:
 
 
 def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> bool:
-    """Return whether a camera has room and a view: nothing within a metre of its first 3 m, no house within 12 m ahead."""
+    """Return True if nothing is within 1 m of the camera's first 3 m, and no large obstacle within 12 m ahead."""
     x, y, height = place
     ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
     room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
@@ -311,7 +311,7 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
 
 
 def _pose_shares(manifest: Manifest, person: str) -> Mapping[str, float]:
-    """Return pose to how often a person takes it; the shares add up to 1."""
+    """Return pose to its share; the shares add up to 1."""
     poses = manifest.definition(f"{person}.pose").choices
     weights = manifest.training.poses or dict.fromkeys(poses, 1.0)
     whole = sum(weights.values())

@@ -1,4 +1,4 @@
-"""The region where a function of a run is weak, and everything that training against it needs."""
+"""The region where a function of a run is weak, with everything for training against it."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Weakness:
     Attributes:
         runs, function, where: the request.
         selected, evaluated: number of selected rows (persons in frames), and of all rows of the function with a person.
-        region: read from the selected rows.
-        asset, arguments: of the runs' generated asset, without its seed.
-        asset_seed: of the runs; no training frame comes from it.
-        document, file: of the version that the runs pinned, and its weights.
+        region: region of the selected rows.
+        asset, arguments: name and arguments of the runs' generated asset, without its seed.
+        asset_seed: street seed of the runs; no training frame comes from it.
+        document, file: document of the version that the runs pinned, and its weights.
     """
 
     runs: tuple[str, ...]
@@ -67,7 +67,7 @@ class Weakness:
 
     @property
     def next_name(self) -> str:
-        """Default name of the next version; functions that ship with VALERIE keep their names for themselves."""
+        """Default name of the next version; names of functions that ship with VALERIE are reserved."""
         name = self.function.partition("@")[0]
         return f"{name}-retrained" if name in FUNCTIONS else name
 
@@ -75,18 +75,18 @@ class Weakness:
 def find_weakness(
     context: Context, run_id: str, where: str, function: str | None = None, *, further: Sequence[str] = ()
 ) -> Weakness:
-    """Read the region of the selected rows of one function of a run, and everything that training against it needs.
+    """Return the weakness of a function of a run in a selection of its rows.
 
     Args:
-        context: of the deployment.
-        run_id: of a run on a generated asset that takes a seed.
-        where: selects rows: ``pacc < 0.5 and distance_m > 25``.
-        function: one of the run's; None where it has only one.
+        context: context of the deployment.
+        run_id: id of a run on a generated asset that takes a seed.
+        where: expression that selects rows: ``pacc < 0.5 and distance_m > 25``.
+        function: one of the run's functions; None if it has only one.
         further: ids of runs of the same spec but for the variants; their rows count, too.
 
     Raises:
         NotFound: no such run, or the version that it pinned was removed.
-        InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
+        InvalidInput, UnknownName: the expression, the function or the asset is not suitable, or nothing is selected.
         Conflict: the installed weights of the function are not those that the run pinned, or a further run pinned others.
     """
     runs = [read_run(context, each) for each in (run_id, *further)]
@@ -117,7 +117,7 @@ def find_weakness(
 
 
 def selected_region(context: Context, run_id: str, where: str, function: str) -> Region | None:
-    """Return the region of a selection of one function's rows, or None where the run did not evaluate the function.
+    """Return the region of a selection of one function's rows; None if the run did not evaluate the function.
 
     Raises:
         NotFound: no such run.
@@ -128,7 +128,7 @@ def selected_region(context: Context, run_id: str, where: str, function: str) ->
 
 
 def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
-    """Return the functions of a run, as its spec names them.
+    """Return the names of a run's functions in its spec.
 
     Raises:
         NotFound: no such run.
@@ -137,7 +137,7 @@ def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
 
 
 def _region(context: Context, runs: Sequence[StoredRun], where: str, function: str) -> tuple[Region, int]:
-    """Return the region of the selected rows, and how many persons the function was evaluated on."""
+    """Return the region of the selected rows, and the number of persons that the function was evaluated on."""
     resolved = runs[0].resolved
     inside: list[TableRow] = []
     everything: list[TableRow] = []

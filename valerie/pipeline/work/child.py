@@ -13,7 +13,7 @@ class Child:
         self._opened: tuple[Context, Maker] | None = None
 
     def open(self, context: Context, maker: Maker) -> None:
-        """Take what was opened after the fork; called once, in the child, before its first task."""
+        """Set the context and the maker, which were opened after the fork; call once, in the child, before its first task."""
         self._opened = (context, maker)
 
     @property

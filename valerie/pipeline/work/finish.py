@@ -1,4 +1,4 @@
-"""The end of a run: its long table, the summary of the paper's section 6.2, the report and the environment are stored."""
+"""The end of a run: stores its long table, the summary of the paper's section 6.2, the report and the environment."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ Writer = Callable[[Context, RunRow, Sequence[FailedLink]], None]
 def finish_run(context: Context, run_id: str, *, write: Writer | None = None) -> None:
     """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run. Where they cannot be stored at
-    present, the run pauses as in the middle of its work; after another transient fault the control loop asks again.
+    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run. If they cannot be stored at
+    present, the run pauses; after another transient fault the control loop calls again.
 
     Args:
-        context: of this process.
-        run_id: of a run; nothing happens unless it is finishing.
+        context: context of this process.
+        run_id: id of a run; nothing happens unless it is finishing.
         write: stores the results (default: `write_results`).
     """
     with reading(context.engine) as connection:
@@ -74,7 +74,7 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
             log.warning("finish.storage", run=run_id, error=str(error))
             pause_for_storage(context, StorageFull(f"no space left for a temporary file: {error}"))
             return
-        # A defect of ours must end the run too: asked again, it would fail again for ever.
+        # A defect must end the run too; otherwise it would be retried for ever.
         log.exception("finish.failed", run=run_id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
@@ -91,13 +91,13 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
 
 def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
     """Write table (Parquet, CSV), summary, report and environment."""
-    found = read_results(context, run, failures)
-    for name, write in ((TABLE_PARQUET, found.table.to_parquet), (TABLE_CSV, found.table.to_csv)):
+    run_results = read_results(context, run, failures)
+    for name, write in ((TABLE_PARQUET, run_results.table.to_parquet), (TABLE_CSV, run_results.table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
-    context.store.put(run_key(run.id, SUMMARY), summary_json(found.analysis, found.verdicts), replace=True)
-    context.store.put(run_key(run.id, REPORT), write_report(context, found).encode(), replace=True)
+    context.store.put(run_key(run.id, SUMMARY), summary_json(run_results.analysis, run_results.verdicts), replace=True)
+    context.store.put(run_key(run.id, REPORT), write_report(context, run_results).encode(), replace=True)
     context.store.put(run_key(run.id, ENVIRONMENT), orjson.dumps(environment()), replace=True)
 
 

@@ -1,4 +1,4 @@
-"""Making one frame again in this process and comparing it with what is stored, byte for byte."""
+"""Replay of one frame: it is computed again in this process and compared with the stored products, byte for byte."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from valerie.storage.store import ArtifactStore
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """One product of the frame, made again.
+    """One replayed product of the frame.
 
     Attributes:
         kind: background, layer, truth, an annotation, prediction or evaluation.
-        name: which function and sensor, for predictions and evaluations.
-        digest: of the product.
-        verdict: ``equal``, ``differs``, ``not stored`` or why it could not be made here.
-        cpu_seconds: that making it cost.
-        details: of an evaluation, name to the stored and the new value of each score that differs.
+        name: function and sensor of a prediction or evaluation.
+        digest: digest of the product.
+        verdict: ``equal``, ``differs``, ``not stored`` or the reason why it could not be made here.
+        cpu_seconds: its CPU time.
+        details: for an evaluation, name to the stored and the new value of each score that differs.
     """
 
     kind: str
@@ -51,12 +51,12 @@ class Replayed:
 
     @property
     def agrees(self) -> bool:
-        """True where the product is the stored one."""
+        """True if the product equals the stored one."""
         return self.verdict == "equal"
 
 
 def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
-    """Render and infer one frame again, with nothing taken from the store but what it is compared with.
+    """Render and infer one frame again; the store is only read for the comparison.
 
     Raises:
         NotFound: no such run or frame.
@@ -90,7 +90,7 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
 
 
 class _Replay:
-    """Makes products into a store in memory and compares them with those of the real one."""
+    """Comparison of products, made into a store in memory, with those of the real one."""
 
     def __init__(self, context: Context) -> None:
         self._real = context.store
@@ -102,10 +102,10 @@ class _Replay:
         """Make a product and compare it with the stored one.
 
         Args:
-            maker: of the product.
-            job: names the product.
-            name: which function and sensor.
-            stored: the link of an annotation, or an evaluation: their results are rows, not objects.
+            maker: maker of the product.
+            job: job of the product.
+            name: function and sensor.
+            stored: link of an annotation, or an evaluation, whose results are rows instead of objects.
         """
         started = time.process_time()
         try:
@@ -137,7 +137,7 @@ class _Replay:
             return measured.person_lights(connection, finished.digest) == list(finished.person_lights)
 
     def _same_truth(self, digest: str) -> bool:
-        """Return whether two truths hold the same, one perhaps whole and the other over its statics."""
+        """Return True if two truths have equal contents; one may be stored whole and the other over its statics."""
         try:
             fresh = ProductReader(self.scratch.store).truth(digest)
             stored = ProductReader(self._real).truth(digest)
@@ -147,7 +147,7 @@ class _Replay:
 
 
 def _differing(made: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
-    """Return name to the stored and the new value of each figure that differs; nothing where none are stored."""
+    """Return name to the stored and the new value of each score that differs; empty if none are stored."""
     if made is None or stored is None:
         return {}
     return {

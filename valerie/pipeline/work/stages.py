@@ -1,7 +1,7 @@
-"""The life of a product in a worker: claim → compute → store → publish → notify those that wait for it.
+"""The life of a product in a worker: claim → compute → store → publish → notify waiting products.
 
-No transaction is open while computing; a heartbeat thread renews the leases. A worker may be killed at any moment: what was
-stored but not published is stored again with equal bytes, what was claimed comes back when its lease ends.
+No transaction is open while computing; a heartbeat thread renews the leases. A worker may be killed at any moment: an object
+that was stored but not published is stored again with equal bytes, and a claimed product is released when its lease expires.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from valerie.storage.keys import product_key
 
 log = structlog.get_logger()
 
-#: Finished products are published together at most this late: a killed worker loses no more work than that.
+#: Finished products are published together after at most this time, which bounds the work that a killed worker loses.
 _PUBLISH_SECONDS: Final = 1.0
-#: Pause before the second, third … attempt after a transient fault.
+#: Pauses before the second, third … attempt after a transient fault.
 _BACKOFF_SECONDS: Final = (1.0, 5.0, 30.0)
 
 
@@ -45,32 +45,32 @@ class Maker(Protocol):
 
         Raises:
             MissingInput: an input's object is gone.
-            TransientError: worth another try.
-            ValerieError: it will never work.
+            TransientError: another attempt may succeed.
+            ValerieError: no attempt can succeed.
         """
         ...
 
 
 @runtime_checkable
 class LooksAhead(Protocol):
-    """A maker that makes some products more cheaply together."""
+    """A maker that can make some products together at a lower cost."""
 
     def expect(self, jobs: Sequence[Job]) -> None:
-        """Announce the jobs that follow one by one, in this order, unless the process ends or another announcement comes."""
+        """Announce the next jobs, in order; they hold until the process ends or until the next announcement."""
         ...
 
 
 @runtime_checkable
 class MayEnd(Protocol):
-    """A maker that ends this process where a product takes too long: nothing else stops compiled code."""
+    """A maker that ends this process if a product takes too long, since nothing else stops compiled code."""
 
     def before_end(self, tell: Callable[[str], None]) -> None:
-        """Take what to call before that, with the reason, from any thread, while the product is still being made."""
+        """Set the function that is called with the reason before that, from any thread, during the product's computation."""
         ...
 
 
 def serve_queue(context: Context, maker: Maker, route: str) -> None:
-    """Make the packet of a queue whose turn it is, and before it the products with earlier turns that were tried before."""
+    """Make the packet record a queue whose turn it is, and before it the products with earlier turns that were tried before."""
     again = True
     while again:
         with writing(context.engine) as connection:
@@ -125,12 +125,12 @@ class _Batch:
             return list(self._held)
 
     def begin(self, job: Job) -> None:
-        """Note which product is being made."""
+        """Record the current product."""
         with self._lock:
             self._current = job
 
     def settle(self, job: Job, product: Finished | None) -> None:
-        """Note a finished product, or one that was given back or failed; publish what was finished some time ago."""
+        """Record a finished product (None: given back or failed); publish if the last publication is some time ago."""
         with self._lock:
             if product is None:
                 self._held.discard(job.digest)
@@ -149,7 +149,7 @@ class _Batch:
             self._published_at = self._context.elapsed()
 
     def end(self, reason: str) -> None:
-        """Publish the finished products and give the others back: this process ends, for ``reason``, in the middle of one."""
+        """Publish the finished products and give back the others, because this process ends with the current one unfinished."""
         with self._lock:
             try:
                 self.publish()
@@ -160,7 +160,7 @@ class _Batch:
 
 
 def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
-    """Make one product; an error is recorded, never raised, so that the rest of the message is done."""
+    """Make one product; errors are recorded, never raised, so that the rest of the message is processed."""
     try:
         return maker.make(job)
     except MissingInput as error:
@@ -177,7 +177,7 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
         else:
             _give_back(context, [job.digest], seconds=_BACKOFF_SECONDS[0])
     except Exception as error:
-        # Also a defect of ours or of an engine must end as a recorded failure of this product, not as a stuck run.
+        # A defect of ours or of an engine must also become a recorded failure of this product, not a stuck run.
         if not isinstance(error, ValerieError):
             log.exception("stage.defect", digest=job.digest, kind=job.kind)
         _fail(context, job, error)
@@ -191,7 +191,7 @@ def _publish(context: Context, finished: Sequence[Finished]) -> None:
     lost = {product.digest for product in finished} - set(published)
     if lost:
         log.warning("stage.lease_lost", digests=sorted(lost))
-    # In a transaction of its own: see promote_dependents.
+    # A separate transaction: see promote_dependents.
     with writing(context.engine) as connection:
         ready = products.promote_dependents(connection, published, now)
     send_ready(context, ready)
@@ -211,7 +211,7 @@ def _fail(context: Context, job: Job, error: BaseException) -> None:
 
 
 def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
-    """Give a product back for another attempt after a pause; fail it after the last."""
+    """Give a product back for another attempt after a pause; after the last attempt, fail it."""
     if job.attempts >= context.settings.max_attempts:
         _fail(context, job, error)
         return
@@ -231,12 +231,12 @@ def _give_back(context: Context, digests: Collection[str], *, seconds: float, co
 
 
 def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
-    """Have a lost input made again; the product waits for it."""
+    """Request a lost input again, and let the product wait for it."""
     if job.attempts >= context.settings.max_attempts:
         _fail(context, job, error)
         return
     log.warning("stage.input_lost", digest=job.digest, input=error.digest)
-    context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be taken for the new one
+    context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be mistaken for the new one
     with writing(context.engine) as connection:
         products.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
@@ -248,7 +248,7 @@ def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
     """Renew the leases of a batch while the body computes."""
 
     def beat() -> None:
-        # Before the transaction: the holder of the batch may be waiting for the database.
+        # Read before the transaction, since the holder of the batch's lock may be waiting for the database.
         held = batch.held
         try:
             with writing(context.engine) as connection:

@@ -1,8 +1,8 @@
 """Uploaded predictions: label maps for the frames of a run whose function is of kind ``predictions``.
 
 Such a prediction is a product like any other, on a route that no worker serves. It is *ready* when its frame is rendered, and
-done when a user uploads the label map; until then its run is ``awaiting-predictions``. When the run's deadline has passed,
-missing predictions have failed for good, with the deadline as the reason.
+done when a user uploads the label map; until then its run is ``awaiting-predictions``. After the run's deadline, missing
+predictions fail for good, with the deadline as the reason.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ def put_prediction(
     """Store the label map of one frame as its prediction.
 
     Args:
-        context: of this process.
+        context: context of this process.
         key: the frame.
-        data: PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void.
-        function: as the spec calls it; None where the run awaits predictions of one function.
-        sensor: sensor setting; None where the run has one.
+        data: PNG of the frame's size with 8 bits per pixel; values are ids of the function's classes, 255 is void.
+        function: name in the spec; None if the run awaits predictions of one function.
+        sensor: sensor setting; None if the run has one.
 
     Returns:
-        True where it is new; the same label map again changes nothing.
+        True if it is new; the same label map again changes nothing.
 
     Raises:
         NotFound: no such run or frame, or the function was removed.
         UnknownName, InvalidInput: no such function or sensor; not a label map, another size, an id without a class.
-        Conflict: there is another label map for this frame already, the frame is not rendered yet, or the deadline passed.
+        Conflict: the frame already has another label map, it is not rendered yet, or the deadline has passed.
     """
     with reading(context.engine) as connection:
         run = resolve_stored(runs.get(connection, key.run_id), context.settings)
@@ -77,7 +77,7 @@ class _Uploaded:
 
 
 def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[int, int]:
-    """Return the indexes of sensor and function.
+    """Return the indices of sensor and function.
 
     Raises:
         Conflict: the run awaits no predictions.
@@ -88,11 +88,11 @@ def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[in
     if not awaited:
         raise Conflict(f"run {run.id} is not waiting for predictions")
     sensors = [setting.name for setting in resolved.spec.sensors]
-    for what, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
+    for kind, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
         if name is None and len(names) > 1:
-            raise InvalidInput(f"which {what}?", field=what, limit=", ".join(names))
+            raise InvalidInput(f"which {kind}?", field=kind, limit=", ".join(names))
         if name is not None and name not in names:
-            raise UnknownName(what, name, names, field=what)
+            raise UnknownName(kind, name, names, field=kind)
     return (
         0 if sensor is None else sensors.index(sensor),
         resolved.spec.functions.index(awaited[0] if function is None else function),
@@ -120,13 +120,13 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
     if state == "done":
         if context.store.get(key) != encoded:
             raise Conflict(
-                "there is another prediction for this frame already, and results may rest on it; to upload others, register "
-                "the function again with another document (its provenance, say) and submit a run with it"
+                "this frame already has another prediction, and results may depend on it; to upload others, register "
+                "the function again with another document (for example, another provenance) and submit a run with it"
             )
         return False
     if state != "ready":
         raise Conflict(_WHY_NOT.get(state, f"the prediction is {state}"))
-    # An upload that was cut off may have left an object that no result uses; the first published one counts.
+    # An interrupted upload may have left an object that no result uses; the first published one counts.
     context.store.delete(key)
     make_products(context, _Uploaded(context, encoded, pixels), [digest])
     state = _state(context, digest)

@@ -1,7 +1,7 @@
-"""A worker process: it offers what it can make, stays visible as alive, and consumes the queues of its numeric classes.
+"""A worker process: it publishes its offers, signals that it is alive, and consumes the queues of its numeric classes.
 
 The process that Celery forks for the work opens its own database connections and its own GL context or network. The parent
-only supervises, so that a crash of a driver costs a child, not the worker.
+only supervises, so that a crash of a driver ends a child, not the worker.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _PROBE_TIMEOUT_SECONDS: Final = 120.0
 
 
 class Presence:
-    """Keeps a worker's row and health file fresh from a thread until `leave`, while Celery may fork at any time."""
+    """Thread that refreshes a worker's row and health file until `leave`, while Celery may fork at any time."""
 
     def __init__(self, settings: Settings, stage: Stage, offers: Sequence[AnyOffer]) -> None:
         self._engine = open_engine(settings.database_url)
@@ -82,7 +82,7 @@ class Presence:
         self._thread.start()
 
     def leave(self) -> None:
-        """Delete the row; where that fails, the row expires."""
+        """Delete the row; if that fails, the row expires."""
         self._stop.set()
         self._thread.join(timeout=2 * _SEEN_EVERY_SECONDS)
         self._health.unlink(missing_ok=True)
@@ -105,10 +105,10 @@ class Presence:
 
 
 def render_offers(engines: Sequence[str]) -> list[AnyOffer]:
-    """Return what this machine renders with. Each engine is probed in a process of its own, since a driver may crash.
+    """Return the offers of render engines here. Each engine is probed in a separate process, since a driver may crash.
 
     Raises:
-        MissingDependency: none of ``engines`` works here; says why.
+        MissingDependency: none of ``engines`` works here; states the reasons.
     """
     offers: list[AnyOffer] = []
     complaints: list[str] = []
@@ -124,16 +124,16 @@ def render_offers(engines: Sequence[str]) -> list[AnyOffer]:
 
 
 def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOffer]:
-    """Return what this machine infers with, in the numeric classes that its inference engines really have.
+    """Return the offers of functions and inference engines here, with their actual numeric classes.
 
     Args:
         functions: names of installed functions.
-        engines: for registered functions, as `valerie.pipeline.functions.probe.inference_names` calls them.
+        engines: inference engines for registered functions, from `valerie.pipeline.functions.probe.inference_names`.
 
     Raises:
-        MissingDependency: none of ``functions`` works here; says why.
+        MissingDependency: none of ``functions`` works here; states the reason.
     """
-    # One process for both: importing an inference library costs more than trying it.
+    # One process for both, since importing an inference library takes longer than testing it.
     offers, complaint = _probe(Stage.INFER, [*functions, *engines])
     if not any(isinstance(offer, FunctionOffer) for offer in offers):
         offers, complaint = _probe(Stage.INFER, functions)
@@ -143,7 +143,7 @@ def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOf
 
 
 class _Probed(NamedTuple):
-    """Return the offers that work, or the reason why none does."""
+    """The working offers, or the reason why there are none."""
 
     offers: list[AnyOffer]
     complaint: str
@@ -174,12 +174,12 @@ def serve(
     register: Callable[[Celery], Child],
     open_maker: Callable[[Context], Maker],
 ) -> None:
-    """Be a worker of one stage until told to stop.
+    """Run a worker of one stage until it is stopped.
 
     Args:
-        settings: of this deployment.
-        stage: whose products it makes.
-        offers: what this machine can make; their routes are the queues that are consumed.
+        settings: settings of this deployment.
+        stage: stage of its products.
+        offers: offers of this machine; their routes are the queues that are consumed.
         register: declares the stage's tasks on the Celery app.
         open_maker: called in the forked child, before its first task.
 
@@ -191,7 +191,7 @@ def serve(
     child = register(app)
 
     def open_child(**_: object) -> None:
-        end_with_parent(signal.SIGKILL)  # a child in the middle of a product would work on for nobody
+        end_with_parent(signal.SIGKILL)  # otherwise a child would continue working on a product for nobody
         # Leases name the worker, so that people see who makes what; each child of a worker has a name of its own.
         context = replace(open_context(settings), owner=f"{presence.worker_id}.{secrets.token_hex(2)}")
         child.open(context, open_maker(context))
@@ -227,6 +227,6 @@ def serve(
         return
     finally:
         presence.leave()
-    log.warning("worker.broker_lost", action="starting anew")
+    log.warning("worker.broker_lost", action="restarting")
     time.sleep(1.0)
     os.execv(sys.executable, sys.orig_argv)  # noqa: S606  this very program

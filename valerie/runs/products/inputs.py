@@ -195,8 +195,8 @@ class ProductInputs:
                 further = [shutter.document, course.values.decode()]
             product = prefix.digest(*sources, *further)
             annotations.append(AnnotationDigest(ProductKind(kind), product, sources))
-        made = {annotation.kind: annotation.product for annotation in annotations}
-        velocity, scan = made.get(ProductKind.VELOCITY), made.get(ProductKind.SCAN)
+        by_kind = {annotation.kind: annotation.product for annotation in annotations}
+        velocity, scan = by_kind.get(ProductKind.VELOCITY), by_kind.get(ProductKind.SCAN)
         evaluations = []
         # Only the variant's own values override the sensor setting; the asset's defaults do not.
         sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}

@@ -77,7 +77,7 @@ class FindGoal(GoalDocument):
     """Find the modes of failure, by `valerie.guided.find`.
 
     Attributes:
-        repeats: further seeds under which a failure must fail; 0 where nothing is random.
+        repeats: further seeds under which a failure must fail; 0 if nothing is random.
     """
 
     question = "In how many ways does a variant fail?"
@@ -356,7 +356,7 @@ class Outcomes(Document):
     """The final outcomes of a batch.
 
     Attributes:
-        scores: score of each variant; None where a variant has none.
+        scores: score of each variant; None if a variant has none.
         second: likewise for the second function; empty in a study of one function.
         rejected: indices of the rejected variants. They have no score and do not count in the budget.
         cpu_seconds: price of all products of the batch, whenever they were made; None where no proposal depends on it.

@@ -41,9 +41,9 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
     """Join several files into one scene, with the labels of the manifest.
 
     Nodes and cameras must differ by path. With several files, materials and textures get the name of their file as a prefix,
-    and materials of a placed file the name of its node, so that each can vary on its own. The scene has the first file's sun
-    and the manifest's bearing. Cameras and suns of placed files are left out, since they belong to the model. Nodes that the
-    manifest names but no file has are skipped; `require_declared` lists them.
+    and materials of a placed file the name of its node, so that each can vary on its own. The first sun and the manifest's
+    bearing apply. Cameras and suns of placed files are left out, since they belong to the model. Nodes that the manifest names
+    but no file has are skipped; `require_declared` lists them.
 
     Args:
         parts: file name to content.

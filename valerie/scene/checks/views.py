@@ -16,7 +16,7 @@ from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height
 
-#: Least share of directions from a place that leave through a surface, for a place that counts as inside it.
+#: Least `enclosure` of a place that counts as inside a surface.
 _INSIDE: Final = 0.6
 #: Aspect ratio of the picture in which persons must be: that of the default resolution.
 _ASPECT: Final = 16 / 9

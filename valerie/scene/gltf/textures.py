@@ -21,25 +21,25 @@ class TextureReader:
         self._images: dict[int, NDArray[np.uint8]] = {}
         self._texels = 0
 
-    def name(self, texture: int, who: str) -> str:
+    def name(self, texture: int, reference: str) -> str:
         """Return the name of a glTF texture in the scene.
 
         Args:
             texture: the texture's index.
-            who: the reference to it, e.g. ``material brick: baseColorTexture``; for errors.
+            reference: the reference to it, e.g. ``material brick: baseColorTexture``; for errors.
 
         Raises:
             InvalidInput: there is no such texture, or it has no PNG or JPEG image.
         """
-        return self._names[self._source(texture, who)]
+        return self._names[self._source(texture, reference)]
 
     def all_textures(self) -> dict[str, Texture]:
         """Return every image of the file as a texture, by name."""
         return {name: Texture(name, self._image(index)) for index, name in enumerate(self._names)}
 
-    def _source(self, texture: int, who: str) -> int:
+    def _source(self, texture: int, reference: str) -> int:
         file = self._container.name
-        source = item(self._document.textures, texture, f"{file}: {who}: textures").source
+        source = item(self._document.textures, texture, f"{file}: {reference}: textures").source
         field = f"{file}: textures.{texture}"
         if source is None:
             raise InvalidInput("the texture has no PNG or JPEG image", field=field)

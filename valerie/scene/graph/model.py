@@ -129,7 +129,7 @@ class Stance:
 
 
 #: The joints of a figure. Left and right are the figure's own. ``head`` is the joint of skull and neck, ``toes`` the ball of
-#:the foot.
+#: the foot.
 JOINTS: Final = (
     "pelvis", "spine", "chest", "neck", "head", "head_top", "left_eye", "right_eye",
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
@@ -287,7 +287,7 @@ class Sun:
 #: Beams of lamps: evenly filled cones, and the dipped beams of vehicles.
 BEAMS: Final = ("cone", "dipped")
 #: Switches of lamps, and the illuminance of the ground, lux, below which ``auto`` turns each on. Street lamps: the usual
-#:twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
+#: twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
 SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})
 #: Positions of a switch.
 POSITIONS: Final = ("auto", "on", "off")

@@ -24,7 +24,7 @@ _POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
 #: Largest overlap of legal outlines, metres: outlines are rounded, and touching is legal.
 _TOUCHING_M: Final = 0.01
 #: Inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may
-#:overhang a kerb.
+#: overhang a kerb.
 _STANDING: Final = 0.8
 
 

@@ -183,7 +183,7 @@ def test_every_finding_is_listed_with_its_pair_of_pictures_and_its_spec(source, 
 
 
 def test_findings_come_first_then_limits_and_provenance_is_folded(source, page, html):
-    parts = (source.findings.items[0].sentence, "Means speak of the listed variants", "Pedestrian Frames")
+    parts = (source.findings.items[0].sentence, "Means apply only to the listed variants", "Pedestrian Frames")
     order = [page.words.index(part) for part in parts]
 
     assert order == sorted(order)

@@ -267,7 +267,7 @@ def test_tables_of_runs_on_several_sites_join_to_a_sample_of_sites(rows, paramet
     assert len(joined) == 6 * len(rows)
     assert (joined.units.estimand, joined.units.count) == (Estimand.SITES, 6)
     assert joined.codes("run_id").names == tuple(f"r{site}" for site in range(6))
-    with pytest.raises(InvalidInput, match="unlike parameters"):
+    with pytest.raises(InvalidInput, match="different parameters"):
         EvaluationTable.joined([of_site(0), EvaluationTable.from_rows([], {})])
 
 

@@ -338,6 +338,7 @@ def test_find_counts_modes_and_shows_a_variant_of_each(pipeline: Pipeline) -> No
     result = known.result()
     assert result is not None
     assert len(result.numbers["modes"]) == 2  # type: ignore[arg-type]
+    assert result.sentences[0] == f"2 modes in {result.numbers['failures']} repeated failures."
     shown = {words: batches[number].outcomes.scores[index] for number, index, words in known.decisive()}
     assert list(shown) == ["Mode 1", "Mode 2"]
     assert all(score is not None and score < 0.5 for score in shown.values())
@@ -350,6 +351,7 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
     result = known.result()
     assert result is not None
     assert result.numbers["passing"] == pytest.approx(0.538, abs=0.03)
+    assert result.sentences[0].startswith(f"pass: {100 * result.numbers['passing']:.1f} %, fail: ")  # type: ignore[operator]
     for number, index, words in known.decisive():
         assert words == "Next to the bound"
         assert batches[number].outcomes.scores[index] == pytest.approx(0.5, abs=0.05)

@@ -273,7 +273,7 @@ class TestBesideARun:
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
         threads = served.settings.inference_threads + 1
-        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* computed alike"):
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* of the same numeric class"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
 
     def test_another_revision_is_refused(

@@ -77,7 +77,7 @@ def test_the_same_again_changes_nothing_and_another_is_refused(waiting: tuple[Pi
     pipeline, run = waiting
     assert put(pipeline, run)
     assert not put(pipeline, run)
-    with pytest.raises(Conflict, match="there is another prediction for this frame already"):
+    with pytest.raises(Conflict, match="this frame already has another prediction"):
         put(pipeline, run, ids=np.zeros((36, 64), np.uint8))
 
 

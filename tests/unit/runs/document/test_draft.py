@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.shipped import SPECS
 from valerie.errors import InvalidInput
 from valerie.loading import load_document
 from valerie.runs.document.draft import FieldChange, ParameterChange, changed_draft, draft_of, read_draft
 from valerie.runs.resolving.spec import parse
 
-EXAMPLES = sorted((Path(__file__).parents[4] / "examples").glob("*.yaml"))
 COMMENTED = """\
 # Who wrote this
 name: first   # a name
@@ -54,7 +54,7 @@ def varied(name: str, vary: dict[str, Any] | None = None, constant: Any = None) 
     return ParameterChange(parameter=name, vary=vary, constant=constant)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
 def test_a_spec_written_as_a_draft_reads_back_as_an_equal_spec(path: Path) -> None:
     spec = parse(path.read_bytes())
     again = parse(draft_of(spec))
@@ -62,7 +62,7 @@ def test_a_spec_written_as_a_draft_reads_back_as_an_equal_spec(path: Path) -> No
     assert again.digest == spec.digest
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
 @pytest.mark.parametrize("value", ["other", None])
 def test_a_changed_field_is_the_only_change_of_an_example(path: Path, value: str | None) -> None:
     text = path.read_text()

@@ -5,11 +5,12 @@ import jsonschema
 import pytest
 import yaml
 
+from tests.shipped import SPECS
 from valerie.runs.document.schema import run_spec_schema, schema_text
 from valerie.runs.resolving.spec import parse
 
 ROOT = Path(__file__).parents[4]
-FILES = [*sorted((ROOT / "examples").glob("*.yaml")), ROOT / "valerie" / "runs" / "template.yaml"]
+FILES = [*SPECS, ROOT / "valerie" / "runs" / "template.yaml"]
 
 
 @pytest.fixture(scope="module")

@@ -119,3 +119,26 @@ def test_a_measure_turns_the_rows_of_a_variant_into_a_score(
     measure = parse_measure(text)
     assert measure.score(values) == pytest.approx(score, nan_ok=True)
     assert measure.at_least == pytest.approx(at_least)
+
+
+@pytest.mark.parametrize(
+    ("text", "missed"),
+    [
+        ("min(pacc) >= 0.5", "pacc < 0.5"),
+        ("max(iou) <= 0.9", "iou > 0.9"),
+        ("mean(iou) >= 60 %", "iou < 0.6"),
+        ("share(pacc >= 0.5) >= 95 %", "pacc < 0.5"),
+        ("share(pacc <= 0.2) <= 5 %", "pacc <= 0.2"),
+        ("quantile(pacc, 0.1) >= 0.3", "pacc < 0.3"),
+    ],
+)
+def test_a_measure_names_the_rows_that_speak_against_a_variant(text: str, missed: str) -> None:
+    assert parse_measure(text).missed == missed
+
+
+def test_rounds_change_no_proposal_and_are_written_again() -> None:
+    plain, rounds = (parse_study(document(**more)) for more in ({}, {"rounds": {"most": 3, "training": {"steps": 7}}}))
+    assert plain.digest == rounds.digest
+    assert parse_study(rounds.to_yaml()).rounds == rounds.rounds
+    with pytest.raises(InvalidInputs, match=r"rounds\.training\.steps"):
+        parse_study(document(rounds={"training": {"steps": 0}}))

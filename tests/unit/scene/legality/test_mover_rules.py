@@ -133,7 +133,7 @@ def test_a_vehicle_is_not_kept_off_the_ways() -> None:
 def test_an_obstacle_that_changes_its_size_without_a_position_is_refused() -> None:
     document = traffic().model_dump(mode="json")
     scaled = {"path": "scene.building-1.scale", "minimum": 0.5, "maximum": 2, "default": 1}
-    with pytest.raises(InvalidInput, match="changes its size"):
+    with pytest.raises(InvalidInput, match="turns or scales"):
         Manifest.model_validate({**document, "parameters": [*document["parameters"], scaled]})
 
 

@@ -125,5 +125,5 @@ def test_an_obstacle_that_moves_blocks_where_it_is(
 def test_an_obstacle_that_turns_without_a_position_is_refused() -> None:
     document = MANIFEST.model_dump()
     turning = {"path": "scene.car-1.heading", "default": 0}
-    with pytest.raises(InvalidInput, match="about which it does"):
+    with pytest.raises(InvalidInput, match="turns or scales needs"):
         Manifest.model_validate({**document, "parameters": [*document["parameters"], turning]})

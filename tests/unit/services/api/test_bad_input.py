@@ -198,7 +198,7 @@ def test_a_cursor_of_another_list_or_out_of_bounds_is_refused(api: httpx.Client,
 @pytest.mark.parametrize(
     ("path", "field", "near", "allowed"),
     [
-        ("/v1/runs?stat=failed", "stat", "did you mean state?", "cursor, limit, state"),
+        ("/v1/runs?stat=failed", "stat", "did you mean state, tag?", "cursor, limit, state, tag"),
         ("/v1/runs/RUN/evaluations?filtre=pacc:gt:0", "filtre", "did you mean filter?", "cursor, filter, format, limit, sort"),
         ("/v1/runs/RUN?limit=3", "limit", "known: none", ""),
         ("/v1/frames/RUN.0.0.0/image?kind=truth&zoom=2", "zoom", "known: function, kind, sensor", "function, kind, sensor"),

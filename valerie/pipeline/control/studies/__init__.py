@@ -1,1 +1,1 @@
-"""Advance studies in the control loop, and serve the commands of users."""
+"""Studies in the control loop, and the users' commands on them."""

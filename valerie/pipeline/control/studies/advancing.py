@@ -1,7 +1,7 @@
 """Advance studies: take outcomes, submit accepted batches, propose the next.
 
 All state is in the database. Each step is one transaction, which does nothing if another process has done it. A proposal
-depends only on the study and the stored outcomes, so the process that continues after a kill proposes the same.
+depends only on the study and the stored outcomes, so a process that continues after a kill proposes the same.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class StudyKeeper:
         self._pursuits = {row.id: self._pursuits[row.id] for row in rows if row.id in self._pursuits}
 
     def _step(self, study: StudyRow) -> bool:
-        """Advance a study by one step; return whether another step may follow at once."""
+        """Advance a study by one step; return True if another step may follow at once."""
         with reading(self._context.engine) as connection:
             batches = studies.batches(connection, study.id)
             study = studies.get(connection, study.id)
@@ -92,7 +92,7 @@ class StudyKeeper:
         log.info("study.batch", study=study.id, batch=batch.number, run=run_id)
 
     def _end(self, study: StudyRow, batch: BatchRow) -> bool:
-        """Store the outcomes of a batch if its run has ended; return whether it has."""
+        """Store the outcomes of a batch if its run has ended; return True if it has."""
         assert batch.run_id is not None, "a submitted batch"
         with reading(self._context.engine) as connection:
             try:
@@ -100,9 +100,9 @@ class StudyKeeper:
             except NotFound:
                 run = None
         if run is None or run.state in (RunState.CANCELLED, RunState.FAILED):
-            what = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
+            ending = "was deleted" if run is None else f"is {run.state}" + (f": {run.reason}" if run.reason else "")
             self._change(
-                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {what}"
+                study, state=StudyState.PAUSED, reason=f"run {batch.run_id} of batch {batch.number + 1} {ending}"
             )
             return False
         if run.state is RunState.COMPLETED_WITH_FAILURES:
@@ -189,7 +189,7 @@ class StudyKeeper:
             studies.set_values(connection, study.id, expected=StudyState.RUNNING, reason=waits, result=result)
 
     def _over_budget(self, study: StudyRow, batches: Sequence[BatchRow], basis: Sequence[BatchRow]) -> str | None:
-        """Return which part of the budget is spent; None while none is."""
+        """Return the reason why the budget is spent; None while it is not."""
         budget = study.document.budget
         if left(study, batches) == 0:
             return f"the budget of {budget.variants:,} variants is spent"
@@ -219,7 +219,7 @@ class StudyKeeper:
 
 
 def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
-    """Return a pursuit that knows every batch before the first that has not ended."""
+    """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
     pursuit.follow([*takewhile(_ended, batches)], everything=True)
     return pursuit

@@ -30,16 +30,16 @@ _ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
 
 @dataclass(frozen=True, slots=True)
 class NextBatch:
-    """The next batch of a study with its price.
+    """The next batch of a study with its cost.
 
     Attributes:
-        number: of the batch, from 0.
-        reason: why these variants.
+        number: number of the batch, from 0.
+        reason: reason for these variants.
         legal, rejected: numbers of variants.
         accepted: False while it waits for a person.
-        run_id: of its run; None before it starts.
-        spec: of its run.
-        plan: size and cost.
+        run_id: id of its run; None before it starts.
+        spec: spec of its run.
+        plan: size and cost of its run.
     """
 
     number: int
@@ -92,7 +92,7 @@ def begin(context: Context, document: StudyDocument) -> str:
 
 
 def next_batch(context: Context, study_id: str) -> NextBatch:
-    """Return the newest batch that has not ended, with its reason and price.
+    """Return the newest batch that has not ended, with its reason and cost.
 
     Raises:
         NotFound: no such study.
@@ -125,9 +125,9 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
     own variants belong in an ordinary run, for which `next_batch` returns a spec.
 
     Args:
-        context: of the deployment.
-        study_id: of a running study.
-        count: another number of points, for which the strategy proposes again.
+        context: context of the deployment.
+        study_id: id of a running study.
+        count: another number of points, for which the strategy makes a new proposal.
 
     Raises:
         NotFound: no such study.
@@ -230,7 +230,7 @@ def _read(context: Context, study_id: str) -> tuple[StudyRow, list[BatchRow]]:
 
 def _require_going(study: StudyRow) -> None:
     if study.state.is_final:
-        raise Conflict(f"study {study.id} is {study.state}; this is possible while it goes on")
+        raise Conflict(f"study {study.id} is {study.state}; this is possible only before it ends")
 
 
 def _open_runs(batches: list[BatchRow]) -> list[str]:

@@ -25,10 +25,10 @@ from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
 
-#: Numbers of variants that are shown where a result names none: the lowest scores, and those next above the bound.
+#: Numbers of variants that are shown if a result names none: those with the lowest scores, and those next above the bound.
 _LOWEST: Final = 4
 _NEXT: Final = 2
-#: A variant of a study: batch, index and what it is.
+#: A variant of a study: batch, index and description.
 _Place = tuple[int, int, str]
 
 
@@ -80,7 +80,7 @@ def _shown(batch: BatchRow, resolved: ResolvedStudy) -> ShownBatch:
 
 
 def _counts(batch: BatchRow, resolved: ResolvedStudy) -> tuple[int, int]:
-    """Return the numbers of variants that failed for a function, and of legal ones that lack a score."""
+    """Return the number of variants with a failing score, and of legal ones that lack a score."""
     variants = [] if batch.outcomes is None else batch.outcomes.by_variant
     at_least = resolved.measure.at_least
     failed = sum(any(score is not None and score < at_least for score in scores) for scores in variants)
@@ -119,8 +119,8 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
                 shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
-                what = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
-                yield ShownPicture(what, shown, values, str(key), picture)
+                caption = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
+                yield ShownPicture(caption, shown, values, str(key), picture)
 
 
 def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]:

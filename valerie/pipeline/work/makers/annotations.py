@@ -1,4 +1,4 @@
-"""Annotations of frames, made from the scene, the camera and the stored ground truth."""
+"""Annotations of frames, computed from the scene, the camera and the stored ground truth."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from valerie.storage.annotations import Annotation, encode_annotation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenScene:
-    """A frame's scene through its camera, and how it goes on.
+    """A frame's scene through its camera, and its continuation.
 
     Attributes:
         scene, view: of the frame.
-        later: returns the scene so many seconds later.
+        later: returns the scene a number of seconds later.
         step: seconds until the next frame; 0 without a sequence.
     """
 
@@ -40,10 +40,10 @@ def annotate(kind: AnnotationKind, seen: SeenScene, truth: Callable[[], GroundTr
     """Make one annotation and return its stored form.
 
     Args:
-        kind: of annotation.
+        kind: kind of annotation.
         seen: the frame.
         truth: reads the frame's truth.
-        truth_pass: of this process.
+        truth_pass: truth pass of this process.
 
     Raises:
         MissingInput: the truth's object is gone.
@@ -65,13 +65,13 @@ def annotate(kind: AnnotationKind, seen: SeenScene, truth: Callable[[], GroundTr
 def lit_persons(
     job: Job, scene: Scene, view: View, *, reader: ProductReader, light: LightPass
 ) -> tuple[MeasuredPerson, ...]:
-    """Measure the light on the persons of a frame who are drawn.
+    """Measure the light on the visible persons of a frame.
 
     Args:
-        job: a product of kind ``light``.
+        job: job of kind ``light``.
         scene, view: of the frame.
         reader: reads its image and truth.
-        light: of this process.
+        light: light pass of this process.
 
     Raises:
         MissingInput: an object is gone.

@@ -1,4 +1,4 @@
-"""Scores of predictions: counts per frame and per person, and the ratios that follow."""
+"""Scores of predictions: counts per frame and per person, and their ratios."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from valerie.storage import codecs
 
 
 class EvaluateMaker:
-    """Scores predictions by counting pixels, with the same result on every machine."""
+    """Maker that scores predictions by counting pixels, with the same result on every machine."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -60,7 +60,7 @@ class EvaluateMaker:
         )
 
     def _views(self, job: Job, truth: GroundTruth) -> tuple[SeenPerson, ...]:
-        """Return the persons of the frame's own truth with everything in pixels measured again."""
+        """Return the persons of the frame's own truth with all pixel measures from the distorted truth."""
         with reading(self._context.engine) as connection:
             persons = measured.person_views(connection, job.frame.products.truth)
         return tuple(measured_again(person, truth) for person in persons)

@@ -25,12 +25,12 @@ from valerie.sensing.picture_levels import picture_levels
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
-#: Functions that stay open.
+#: Most functions that stay open.
 _MOST_OPEN: Final = 4
 
 
 class Predicted(NamedTuple):
-    """A prediction, the grey levels of the picture that it was made from, and the CPU seconds that it cost."""
+    """A prediction, the grey levels of its picture, and its CPU seconds."""
 
     labels: NDArray[uint8]
     levels: Measures
@@ -38,10 +38,10 @@ class Predicted(NamedTuple):
 
 
 class InferMaker:
-    """Makes predictions. The last functions stay open, since the messages of a run alternate between its functions.
+    """Maker of predictions. The last functions stay open, since the messages of a run alternate between its functions.
 
-    Where the function takes several pictures at once, the pictures of the next products are predicted together with the current
-    one, and kept until it is their turn. Claims, storing and failures stay with each product.
+    If the function takes several pictures at once, the pictures of the next products are predicted together with the current
+    one, and kept until their turn. Claims, storing and failures remain separate for each product.
     """
 
     def __init__(self, context: Context) -> None:
@@ -80,13 +80,13 @@ class InferMaker:
         )
 
     def _predict(self, job: Job) -> Predicted:
-        """Predict one picture, and together with it some of the next ones."""
+        """Predict one picture together with some of the next ones."""
         started = time.process_time()
         run, look = self._runs.run(job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
         function = self._function(name, run.pins.functions[name])
         pictures = {job.digest: self._picture(job)}
-        # A second attempt goes alone: a picture that ended a process must not take its neighbours along twice.
+        # A second attempt has no companions: a picture that ended a process must not harm its neighbours twice.
         size = function.batch_size if job.attempts == 1 else 1
         if size > 1:
             pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
@@ -101,7 +101,7 @@ class InferMaker:
         return self._ahead.pop(job.digest)
 
     def _predictions(self, function: BoundedFunction, pictures: Sequence[NDArray[uint8]]) -> Sequence[NDArray[uint8]]:
-        """Predict all pictures, or the first alone where together they fail, so that one picture harms no other."""
+        """Predict all pictures, or only the first if they fail together, so that no picture harms another."""
         predictions = None
         if len(pictures) > 1:
             try:
@@ -126,7 +126,7 @@ class InferMaker:
             try:
                 picture = self._picture(other)
             except ValerieError:
-                continue  # reported when it is its turn
+                continue  # reported in its turn
             if picture.shape == shape:
                 companions[other.digest] = picture
         return companions
@@ -148,11 +148,11 @@ class InferMaker:
         return self._open[key]
 
     def _make_room(self) -> None:
-        """Close all functions if there are many, or if they take half of the memory that a worker may have."""
+        """Close all functions if there are many, or if they use half of a worker's memory limit."""
         half = self._settings.worker_max_memory_mb << 19
         if len(self._open) >= _MOST_OPEN or psutil.Process().memory_info().rss > half:
             while self._open:
-                self._open.popitem()[1].close()  # the newest first, since each restores the bound of before it
+                self._open.popitem()[1].close()  # the newest first, since each restores the previous limit
 
     def _say(self, reason: str) -> None:
         if self._tell is not None:

@@ -33,14 +33,14 @@ from valerie.storage.annotations import encode_annotation
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
-#: Number of truths of statics whose digests are kept: as many as the truth pass keeps.
+#: Number of truths of statics whose digests are cached, as many as in the truth pass.
 _KEPT_STATICS: Final = 4
 
 _ANNOTATIONS: Final = frozenset(ProductKind(kind) for kind in AnnotationKind)
 
 
 class RenderMaker:
-    """Renders. An engine is opened at its first use and stays open: one context per process and engine."""
+    """Maker of rendered products. An engine is opened at its first use and stays open: one context per process and engine."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -152,7 +152,7 @@ class RenderMaker:
 
 
 class _Statics:
-    """Stores each truth of statics once. The truths of frames are stored as layers over it."""
+    """Store of truths of statics, each stored once; the truths of frames are stored as layers over them."""
 
     def __init__(self, store: ArtifactStore) -> None:
         self._store = store
@@ -181,7 +181,7 @@ def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
 
 
 def _require_class(name: str, actual: str, pinned: str) -> None:
-    """Refuse a driver that changed under a running worker, so that a run does not mix pixels.
+    """Refuse a driver that changed during a worker's life, so that a run does not mix numeric classes.
 
     Raises:
         TransientError: the numeric class is not the pinned one.

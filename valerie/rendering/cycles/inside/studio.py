@@ -92,12 +92,12 @@ class Studio:
         return {}, {}
 
     def texture(self, header: Message, arrays: ByName) -> tuple[Message, ByName]:
-        """Add a texture: an ``image``, (H, W, 3 or 4) uint8; with ``color`` in the header its values are sRGB, else linear."""
+        """Add a texture from ``image``; see `Materials.texture`."""
         self._materials.texture(header, arrays["image"])
         return {}, {}
 
     def material(self, header: Message, _: ByName) -> tuple[Message, ByName]:
-        """Add a material: Blender's Principled BSDF with the values of ``header``."""
+        """Add a material; see `Materials.material`."""
         self._materials.material(header)
         return {}, {}
 
@@ -118,7 +118,7 @@ class Studio:
         return {}, {"pixels": self._film.image(self._scene)}
 
     def denoise(self, _: Message, arrays: ByName) -> tuple[Message, ByName]:
-        """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
+        """Denoise an image; see `Film.denoised`."""
         return {}, self._film.denoised(self._threads, arrays)
 
     def _clear(self) -> None:

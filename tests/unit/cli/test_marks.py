@@ -1,0 +1,55 @@
+"""`valerie mark` and `valerie status --tag`, against a real server over the drawn runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from services.api.app import create_app
+from tests.world.drawn import DrawnWorld, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
+from valerie.cli.main import app
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """The address of a server, and its run."""
+    settings = settings_of(tmp_path, log_level="error")
+    run = DrawnWorld(settings).work(spec("marked"))
+    with served(create_app(settings, control=False)) as client:
+        yield str(client.base_url), run
+
+
+def call(url: str, *arguments: str) -> str:
+    result = CliRunner().invoke(app, [*arguments, "--url", url])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_tags_are_added_and_taken_away_and_the_note_stays(server: tuple[str, str]) -> None:
+    url, run = server
+    call(url, "mark", run, "--tag", "night", "--tag", "rain", "--note", "look here")
+    call(url, "mark", f"{run}.0.1.0", "--tag", "odd")
+    shown = call(url, "mark", run, "--untag", "rain", "--tag", "dusk")
+    assert shown.splitlines() == [f"{run}.0.1.0: odd", f"{run}: dusk, night: look here"]
+    assert call(url, "mark", run) == shown
+
+
+def test_a_finding_that_the_run_lacks_is_refused(server: tuple[str, str]) -> None:
+    url, run = server
+    result = CliRunner().invoke(app, ["mark", run, "--finding", "99", "--tag", "x", "--url", url])
+    assert (result.exit_code, "--finding" in str(result.exception)) == (1, True)
+
+
+def test_runs_are_listed_by_tag_with_and_without_a_server(server: tuple[str, str], tmp_path: Path) -> None:
+    url, run = server
+    call(url, "mark", run, "--tag", "night")
+    for where in (("--url", url), ("--data-dir", str(tmp_path))):
+        lines = CliRunner().invoke(app, ["status", "--tag", "night", "--json", *where]).stdout.splitlines()
+        assert [json.loads(line)["tags"] for line in lines] == [["night"]]
+        assert CliRunner().invoke(app, ["status", "--tag", "day", "--json", *where]).stdout == ""

@@ -1,0 +1,49 @@
+"""What the commands about studies and truths refuse, and what `valerie plan --truth-only` writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.world.blank import SMALL
+from valerie.cli.main import app
+from valerie.errors import InvalidInput
+from valerie.runs.resolving.spec import parse
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    path = tmp_path / "spec.json"
+    path.write_text(json.dumps(SMALL))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["study", "run", "SPEC", "--until-met"], "--until-met.*with --retrain"),
+        (["plan", "SPEC", "--where", "distance_m < 8"], "--where.*with --truth-only"),
+        (["plan", "SPEC", "-o", "x.yaml"], "--output.*with --truth-only"),
+        (["plan", "SPEC", "--truth-only", "--where", "pacc < 0.5"], "--where.*measures of the truth"),
+    ],
+)
+def test_options_that_lack_another_one_are_refused(
+    arguments: list[str], problem: str, spec: Path, invoke: CliRunner
+) -> None:
+    result = invoke.invoke(app, [str(spec) if word == "SPEC" else word for word in arguments])
+    assert isinstance(result.exception, InvalidInput)
+    with pytest.raises(InvalidInput, match=problem):
+        raise result.exception
+
+
+def test_variants_are_chosen_by_their_truth(spec: Path, tmp_path: Path, invoke: CliRunner) -> None:
+    chosen = tmp_path / "chosen.yaml"
+    arguments = ["plan", str(spec), "--truth-only", "--where", "scene.person-1.pos.x < -2.95", "-o", str(chosen)]
+    result = invoke.invoke(app, [*arguments, "--data-dir", str(tmp_path / "data")])
+    assert result.exit_code == 0, result.output
+    (block,) = parse(chosen.read_text()).blocks
+    assert len(block.points) == 3
+    assert {point["scene.person-1.pos.x"] for point in block.points} == {-3.0}
