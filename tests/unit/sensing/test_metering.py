@@ -7,7 +7,7 @@ import pytest
 
 from valerie.sensing.metering import BRIGHTEST_EV, DARKEST_EV, DAYLIGHT, LONGEST_EV, metered_ev
 from valerie.sensing.sensor import Shot, develop
-from valerie.sensing.settings import Noise, SensorSetting
+from valerie.sensing.settings import METERING, Noise, SensorSetting
 
 #: Results are hundredths of a stop; a float16 is within 2⁻¹¹ of its value, 0.0007 stops.
 ROUNDING = 0.0057
@@ -67,3 +67,16 @@ def test_without_automatic_exposure_the_setting_decides() -> None:
     night = grey(0.0004)
     assert develop(night, SensorSetting()).max() < 3
     assert develop(night, SensorSetting(auto_exposure=True)).min() > 60
+
+
+@pytest.mark.parametrize(("stops", "least", "most"), [(0.0, 0.3, 1.0), (-11.0, 5.0, 40.0)])
+def test_the_noise_of_the_default_camera_is_below_a_grey_level_by_day_and_grows_with_the_gain_at_night(
+    stops: float, least: float, most: float
+) -> None:
+    # 18 % grey around a street of DAYLIGHT: at night 6 of the 11 stops are gain, so 64 times fewer electrons are counted
+    # than by day, and shot noise is at least 8 times larger.
+    light = np.full((64, 64, 3), 0.18 * 2.0**stops, np.float16)
+    shot = Shot(metered_ev=-stops)
+    clean = develop(light, METERING.model_copy(update={"noise": Noise()}), shot).astype(float)
+    noise = float((develop(light, METERING, shot) - clean).std())
+    assert least < noise < most

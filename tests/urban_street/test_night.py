@@ -1,0 +1,30 @@
+"""The street at night, as the default camera sees it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from valerie.analysis.rows.picture_faults import BLACK, CONSTANT
+from valerie.rendering.base import View
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.variation.variant import apply
+from valerie.sensing.picture_levels import picture_levels
+from valerie.sensing.sensor import develop
+from valerie.sensing.settings import METERING, SensorSetting
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("elevation", [-4.0, -8.0, -20.0])
+def test_night_is_a_picture_for_the_default_camera_and_black_for_a_fixed_exposure(elevation: float) -> None:
+    scene = apply({"scene.sun-1.elevation": elevation}, load_asset("urban-street"))
+    engine = RasterRenderer()
+    night = engine.background(scene, View("camera-1", 240, 135)).pixels
+    engine.close()
+    assert picture_levels(develop(night, SensorSetting()))["picture_mean"] < BLACK
+    seen = picture_levels(develop(night, METERING))
+    assert seen["picture_mean"] > 5 * BLACK
+    assert seen["picture_deviation"] > 5 * CONSTANT
+    assert seen["black_share"] < 0.5
+    assert np.isfinite(list(seen.values())).all()
