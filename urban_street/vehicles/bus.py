@@ -13,9 +13,9 @@ from urban_street.solids.surfaces import Bag, Surface, boxes, merge
 from urban_street.vehicles.cars import wheels
 from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.details import facing, number_plate
-from urban_street.vehicles.hull import Hull, both_sides, on_left
+from urban_street.vehicles.hull import Hull, both_sides
 from urban_street.vehicles.interior import add_seat
-from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.skin import cut, mirrored_bag, reversed_
 from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 11.95
@@ -81,7 +81,7 @@ def build_bus() -> list[RawPart]:
         half.merge(_lamps(hull, lamps, tail))
         inner = hull.master.domain.difference(shapely.union_all([*panes, windscreen, rear_window, *gaps, arches]))
         half.add("vehicle-trim", reversed_(cut(hull.master.coarse(2), inner.simplify(0.03), offset=-0.05).surface))
-        body.merge(half if side > 0 else on_left(half))
+        body.merge(half if side > 0 else mirrored_bag(half))
     body.merge(hull.lid("paint", 0.07))
     _roof_units(body)
     _display(body, hull)

@@ -9,8 +9,9 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.details import add_details, add_side_details
 from urban_street.vehicles.interior import add_interior
-from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Panels, mirrored_bag
+from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Panels
 from urban_street.vehicles.shell import Shell
+from urban_street.vehicles.skin import mirrored_bag
 from urban_street.vehicles.wheels import WheelSize, build_wheel
 
 

@@ -161,11 +161,3 @@ def both_sides(bag: Bag) -> Bag:
     for material, surfaces in bag.surfaces.items():
         whole.add(material, *(mirrored(surface) for surface in surfaces))
     return whole
-
-
-def on_left(bag: Bag) -> Bag:
-    """Return the mirror image of a bag."""
-    other = Bag()
-    for material, surfaces in bag.surfaces.items():
-        other.add(material, *(mirrored(surface) for surface in surfaces))
-    return other

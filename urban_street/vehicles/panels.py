@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
-from urban_street.vehicles.skin import Master, Patch, cut, flange, mirrored, reversed_
+from urban_street.vehicles.skin import Master, Patch, cut, flange, reversed_
 
 #: Half the width and the depth of a gap between panels, metres.
 _GAP = 0.0035
@@ -30,14 +30,6 @@ class Half:
 
     parts: dict[str, Bag] = field(default_factory=lambda: {name: Bag() for name in (BODY, FRONT_DOOR, REAR_DOOR)})
     both: Bag = field(default_factory=Bag)
-
-
-def mirrored_bag(bag: Bag) -> Bag:
-    """Return the mirror image of a bag."""
-    other = Bag()
-    for material, surfaces in bag.surfaces.items():
-        other.add(material, *(mirrored(surface) for surface in surfaces))
-    return other
 
 
 class Panels:

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from urban_street.solids.surfaces import Floats, Ints, Surface, unit
+from urban_street.solids.surfaces import Bag, Floats, Ints, Surface, unit
 
 #: Domain points closer than this are one point.
 _WELD = 1e-7
@@ -162,6 +162,14 @@ def mirrored(surface: Surface) -> Surface:
     """Return the mirror image at the plane x = 0."""
     flip = np.array([-1.0, 1.0, 1.0])
     return Surface(surface.positions * flip, surface.normals * flip, surface.uvs, surface.faces[:, ::-1])
+
+
+def mirrored_bag(bag: Bag) -> Bag:
+    """Return the mirror image of a bag."""
+    other = Bag()
+    for material, surfaces in bag.surfaces.items():
+        other.add(material, *(mirrored(surface) for surface in surfaces))
+    return other
 
 
 def reversed_(surface: Surface) -> Surface:

@@ -12,9 +12,9 @@ from urban_street.solids.surfaces import Bag, boxes, sheet
 from urban_street.vehicles.cars import wheels
 from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.details import facing, number_plate
-from urban_street.vehicles.hull import Hull, both_sides, on_left
+from urban_street.vehicles.hull import Hull, both_sides
 from urban_street.vehicles.interior import add_seat
-from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.skin import cut, mirrored_bag, reversed_
 from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 7.40
@@ -34,7 +34,9 @@ def build_truck() -> list[RawPart]:
     _chassis(body)
     parts = [RawPart("body", body)]
     for k, side in enumerate((-1, 1)):
-        parts.append(RawPart(f"door-{k + 1}", doors if side > 0 else on_left(doors), (side * 1.02, 3.22, 0.0), "rot.z"))
+        parts.append(
+            RawPart(f"door-{k + 1}", doors if side > 0 else mirrored_bag(doors), (side * 1.02, 3.22, 0.0), "rot.z")
+        )
     return parts + wheels(WheelSize(_TYRE, 0.235, 0.245), "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
 
 
