@@ -130,9 +130,10 @@ def _searched(searched: Studied) -> tuple[str, ...]:
 
 def _trained(trained: Trained) -> tuple[str, ...]:
     first, last = trained.street_seeds
+    streets = f"street {first}" if first == last else f"streets {first}–{last}"
     return (
         f"{trained.selected:,} rows with {trained.where}; region: {trained.region or 'everywhere'}.",
-        f"{trained.frames:,} images of {trained.drawn:,} scenes on streets {first}–{last}, {trained.steps:,} steps.",
+        f"{trained.frames:,} images of {trained.drawn:,} scenes on {streets}, {trained.steps:,} steps.",
         f"Registered as {trained.reference}.",
     )
 
