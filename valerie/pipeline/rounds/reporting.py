@@ -132,7 +132,7 @@ def _trained(trained: Trained) -> tuple[str, ...]:
     first, last = trained.site_seeds
     return (
         f"{trained.selected:,} rows with {trained.where}; region: {trained.region or 'everywhere'}.",
-        f"{trained.frames:,} images of {trained.drawn:,} scenes on sites {first}–{last}, {trained.steps:,} steps.",
+        f"{trained.frames:,} images of {trained.drawn:,} scenes on sites {streets}, {trained.steps:,} steps.",
         f"Registered as {trained.reference}.",
     )
 
