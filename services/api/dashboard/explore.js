@@ -281,7 +281,7 @@ export async function exploreView({ main, parameters, signal }) {
   };
   const trainDialog = () => {
     const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
-    dialog("Train on this", h("p", { class: "soft small" }, "A new version of a function learns on fresh streets where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
+    dialog("Train on this", h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
   };
   const exportDialog = () => {
     const stem = title.replaceAll(/[^\w.-]+/g, "-");

@@ -77,8 +77,8 @@ def test_training_against_a_weakness_says_what_is_missing(
     for more, match in (
         ([], "--where"),
         (["--where", "pacc < 1", "--out", str(tmp_path / "x.onnx")], "not the name of a function file"),
-        (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "fresh streets"),
-        (["--where", "pacc < 1"], "fresh streets"),
+        (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "fresh sites"),
+        (["--where", "pacc < 1"], "fresh sites"),
     ):
         found = invoke.invoke(app, [*begin, *more]).exception
         assert isinstance(found, InvalidInput)

@@ -262,7 +262,7 @@ class EvaluationTable:
         """(N,) int64 number 0…P−1 of the place of each row; neighbours have adjacent numbers.
 
         A drawn variant is its own place. Listed variants share a place if all persons have the same positions on one
-        street; where the list is repeated on several sites, each site is one place.
+        site; where the list is repeated on several sites, each site is one place.
         """
         if self.units.estimand is Estimand.SITES:
             return combine([self._sites])

@@ -77,7 +77,7 @@ class Retrained:
         drawn: number of scenes that were drawn for them.
         steps: number of training steps.
         curve: picture of loss and held-out figures over the steps.
-        site_seeds: first and last street seed of the training frames.
+        site_seeds: first and last site seed of the training frames.
     """
 
     file: Path

@@ -56,7 +56,7 @@ class FrameSettings(BaseModel):
     Attributes:
         split: ``train`` or ``held-out``; determines the seeds.
         sites: number of sites.
-        per_site: number of frames of each street.
+        per_site: number of frames of each site.
         width, height: size in pixels.
         asset: a generated asset that takes a ``seed``.
         arguments: arguments of the generator; all others but the seed are drawn (`training_scenes.draw_arguments`).
@@ -158,7 +158,7 @@ def render_site(folder: Path, seed: int, settings: FrameSettings) -> Shard:
 def _give_back() -> None:
     """Return freed memory to the system.
 
-    Sites arrays of streets differ in size, so glibc would keep free memory between them: 6 GB after seven sites in full HD.
+    The arrays of sites differ in size, so glibc would keep free memory between them: 6 GB after seven sites in full HD.
     """
     with suppress(AttributeError, OSError):  # another C library
         ctypes.CDLL(None).malloc_trim(0)

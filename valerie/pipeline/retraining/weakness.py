@@ -38,7 +38,7 @@ class Weakness:
         selected, evaluated: number of selected rows (persons in frames), and of all rows of the function with a person.
         region: region of the selected rows.
         asset, arguments: name and arguments of the runs' generated asset, without its seed.
-        asset_seed: street seed of the runs; no training frame comes from it.
+        asset_seed: site seed of the runs; no training frame comes from it.
         document, file: document of the version that the runs pinned, and its weights.
     """
 

@@ -2,7 +2,7 @@
 
 Bilinear interpolation mixes the four logits around a pixel with non-negative weights. Where one class is the largest in all
 four, it is the largest in every mixture, so only pixels between different classes have to be interpolated: one in nine in
-pictures of streets.
+pictures of traffic.
 """
 
 from __future__ import annotations
