@@ -130,9 +130,10 @@ def _searched(searched: Studied) -> tuple[str, ...]:
 
 def _trained(trained: Trained) -> tuple[str, ...]:
     first, last = trained.site_seeds
+    sites = f"site {first}" if first == last else f"sites {first}–{last}"
     return (
         f"{trained.selected:,} rows with {trained.where}; region: {trained.region or 'everywhere'}.",
-        f"{trained.frames:,} images of {trained.drawn:,} scenes on sites {streets}, {trained.steps:,} steps.",
+        f"{trained.frames:,} images of {trained.drawn:,} scenes on {sites}, {trained.steps:,} steps.",
         f"Registered as {trained.reference}.",
     )
 
