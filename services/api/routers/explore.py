@@ -43,7 +43,7 @@ from valerie.pipeline.exploring.confusion import Cell as ConfusionCell
 from valerie.pipeline.exploring.confusion import Confusions
 from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
-from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
+from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, largest_swings
 from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
 from valerie.pipeline.export.archive import export_archive
 from valerie.pipeline.export.plan import ExportSettings, Format
@@ -218,7 +218,7 @@ def comparison(
     context: ContextDependency,
     before: _SideText,
     after: _SideText,
-    outcome: Annotated[Outcome, Query(description="of the pairs to return")] = Outcome.BROKEN,
+    outcome: Annotated[PairOutcome, Query(description="of the pairs to return")] = PairOutcome.BROKEN,
     threshold: Threshold = None,
     limit: Annotated[int, Query(ge=1, le=200)] = 24,
 ) -> ComparisonRead:

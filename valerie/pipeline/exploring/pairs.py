@@ -17,7 +17,7 @@ from valerie.pipeline.exploring.exploration import ROW, Exploration, Selection
 from valerie.statistics.gates import compare_versions
 
 
-class Outcome(StrEnum):
+class PairOutcome(StrEnum):
     """Change of a person from the first side to the second; found means pACC ≥ the threshold."""
 
     FIXED = "fixed"
@@ -60,7 +60,7 @@ class Comparison:
 
     rows: tuple[int, int]
     matched: int
-    outcomes: dict[Outcome, int]
+    outcomes: dict[PairOutcome, int]
     difference: float | None
     low: float | None
     high: float | None
@@ -83,7 +83,7 @@ def compare_sides(
     after: Side,
     *,
     threshold: float,
-    outcome: Outcome,
+    outcome: PairOutcome,
     limit: int,
 ) -> Comparison:
     """Match the rows of two sides: by frame within a run, otherwise by varied parameters, camera and time.
@@ -120,11 +120,11 @@ def compare_sides(
     pa_, pb = joined["pa"].to_numpy(), joined["pb"].to_numpy()
     hit, hit_after = pa_ >= threshold, pb >= threshold
     masks = {
-        Outcome.FIXED: ~hit & hit_after, Outcome.BROKEN: hit & ~hit_after,
-        Outcome.BOTH_MISSED: ~hit & ~hit_after, Outcome.BOTH_FOUND: hit & hit_after,
+        PairOutcome.FIXED: ~hit & hit_after, PairOutcome.BROKEN: hit & ~hit_after,
+        PairOutcome.BOTH_MISSED: ~hit & ~hit_after, PairOutcome.BOTH_FOUND: hit & hit_after,
     }  # fmt: skip
     # Largest change first; among persons that both sides missed, the lowest scores.
-    weight = pa_ + pb if outcome is Outcome.BOTH_MISSED else -np.abs(pb - pa_)
+    weight = pa_ + pb if outcome is PairOutcome.BOTH_MISSED else -np.abs(pb - pa_)
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]

@@ -9,7 +9,7 @@ from tests.planted_tables import X, drawn, planted_table
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.exploring import views
 from valerie.pipeline.exploring.exploration import Exploration
-from valerie.pipeline.exploring.pairs import Outcome, Side, compare_sides, largest_swings
+from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, largest_swings
 from valerie.runs.resolving.where import compile_where
 from valerie.statistics.intervals import Interval
 
@@ -158,7 +158,7 @@ def test_rates_of_selection_and_rest_are_the_means_of_their_rows(explored: Explo
 def test_two_functions_are_matched_frame_by_frame(explored: Exploration) -> None:
     compared = compare_sides(
         explored, explored.select("camera == 'camera-2'"), Side("planted", "net"), Side("planted", "other"),
-        threshold=0.5, outcome=Outcome.BROKEN, limit=1000,
+        threshold=0.5, outcome=PairOutcome.BROKEN, limit=1000,
     )  # fmt: skip
     rows = explored.table.arrow.to_pylist()
     pairs = [(a["pacc"], b["pacc"]) for a, b in zip(rows[::2], rows[1::2], strict=True) if a["camera"] == "camera-2"]
@@ -168,8 +168,8 @@ def test_two_functions_are_matched_frame_by_frame(explored: Exploration) -> None
             and a["camera"] == "camera-2" and a["pacc"] is not None and b["pacc"] is not None]  # fmt: skip
     assert pairs
     assert compared.matched == len(both)
-    assert compared.outcomes[Outcome.BROKEN] == sum(a >= 0.5 > b for a, b in both) == len(compared.pairs)
-    assert compared.outcomes[Outcome.FIXED] == sum(a < 0.5 <= b for a, b in both)
+    assert compared.outcomes[PairOutcome.BROKEN] == sum(a >= 0.5 > b for a, b in both) == len(compared.pairs)
+    assert compared.outcomes[PairOutcome.FIXED] == sum(a < 0.5 <= b for a, b in both)
     changes = [pair.pacc_before - pair.pacc_after for pair in compared.pairs]
     assert changes == sorted(changes, reverse=True)
     assert compared.low is not None
@@ -183,12 +183,12 @@ def test_two_runs_are_matched_by_what_they_vary() -> None:
     joined = type(before).joined([before, after])
     compared = compare_sides(
         Exploration(joined), Exploration(joined).select(), Side("a", "net"), Side("b", "net"),
-        threshold=0.5, outcome=Outcome.FIXED, limit=5,
+        threshold=0.5, outcome=PairOutcome.FIXED, limit=5,
     )  # fmt: skip
     assert compared.rows == (3, 3)
     assert compared.matched == 2
     assert [(pair.pacc_before, pair.pacc_after) for pair in compared.pairs] == [(0.1, 0.7)]
-    assert compared.outcomes[Outcome.BROKEN] == 1
+    assert compared.outcomes[PairOutcome.BROKEN] == 1
 
 
 def test_the_largest_swing_is_between_rows_that_differ_in_one_parameter() -> None:
