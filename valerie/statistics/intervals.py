@@ -25,6 +25,7 @@ Where a design draws its units together, the variance comes from its replicates 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from math import ceil, sqrt
 from typing import Final
 
@@ -76,22 +77,35 @@ class Interval:
     estimand: Estimand
 
 
+class Shortfall(StrEnum):
+    """Reason why a mean has no interval."""
+
+    #: Nothing was drawn at random.
+    LISTED = "listed"
+    #: There are too few units.
+    FEW = "few"
+    #: The units differ so much in size that they are worth too few of equal size.
+    UNEQUAL = "unequal"
+
+
 @dataclass(frozen=True, slots=True)
 class Refusal:
     """Refusal of an interval.
 
     Attributes:
-        reason: one sentence.
-        more_units: how many more units would give an interval; ``reason`` names them.
+        reason: of the refusal.
+        more_units: number of further units that would give an interval.
         estimate: mean of the data; None without rows.
         units: number of units.
+        worth: number of units of equal size that they are worth (Kish 1965).
         estimand: what the mean is over.
     """
 
-    reason: str
+    reason: Shortfall
     more_units: int
     estimate: float | None
     units: int
+    worth: float
     estimand: Estimand
 
 
@@ -267,22 +281,17 @@ def _single(units: Units) -> bool:
 
 
 def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
-    count, noun = len(sums.sums), estimand.noun
+    count = len(sums.sums)
+    worth = sums.worth if count else 0.0
     if estimand is Estimand.LISTED_GRID:
-        missing = MIN_UNITS - 1
-        reason = (
-            "the variants are listed, not drawn at random, and say nothing about what lies between them; "
-            f"repeat them on {missing} more sites, or draw the variants"
-        )
+        reason, missing = Shortfall.LISTED, MIN_UNITS - 1
     elif count < MIN_UNITS:
-        missing = MIN_UNITS - count
-        reason = f"{count} {noun} are too few; {missing} more would do"
-    elif sums.worth < MIN_WORTH:
-        missing = ceil(count * MIN_WORTH / sums.worth) - count
-        reason = f"{count} {noun} are worth only {sums.worth:.1f} of equal size; about {missing} more would do"
+        reason, missing = Shortfall.FEW, MIN_UNITS - count
+    elif worth < MIN_WORTH:
+        reason, missing = Shortfall.UNEQUAL, ceil(count * MIN_WORTH / worth) - count
     else:
         return None
-    return Refusal(reason, missing, sums.mean if count else None, count, estimand)
+    return Refusal(reason, missing, sums.mean if count else None, count, worth, estimand)
 
 
 def _checked(

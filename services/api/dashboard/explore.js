@@ -344,17 +344,16 @@ async function choose({ main, signal }) {
 }
 
 // Rates of the selection beside the rest.
-function ratesTable({ groups, threshold, scored, selected }, rows, whole) {
-  const interval = (one) => (one.low === undefined ? h("div", { class: "small soft", title: one.reason }, one.units ? "no interval" : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
+function ratesTable({ groups, threshold, scored, selected, certainty }, rows, whole) {
+  const interval = (one) => (one.low === undefined ? h("div", { class: "small soft" }, one.units ? "no interval" : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
   const cell = (rate) => h("td", { class: "right" }, h("strong", {}, percent(rate.estimate)), interval(rate));
   const several = new Set(groups.map((one) => one.run)).size > 1, sensors = new Set(groups.map((one) => one.sensor)).size > 1;
   const lines = groups.flatMap((group) => [["selection", group.selected], ["rest", group.rest]].filter(([side]) => !whole || side === "selection").map(([side, one], k) =>
     h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft mono" }, [several ? group.run : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, whole ? "all rows" : side)),
       h("td", { class: "right number" }, count(one.persons), h("div", { class: "small soft", title: Object.entries(one.undefined).map(([why, n]) => `${count(n)} ${why}`).join(", ") }, `${count(Object.values(one.undefined).reduce((a, b) => a + b, 0))} undefined`)), cell(one.pacc), cell(one.detected))));
-  const reason = groups.map((one) => one.selected.pacc.reason).find(Boolean);
   return [table(["", { text: "Persons", class: "right" }, { text: "Mean pACC", class: "right" }, { text: `pACC ≥ ${fixed(threshold, 2)}`, class: "right", title: "detection rate" }], lines, { caption: "Rates of the selection and the rest" }),
     scored && selected < rows ? h("p", { class: "small soft under" }, "The selection depends on scores, so these rates repeat what was asked for.") : null,
-    reason ? h("p", { class: "small soft under" }, `No interval: ${reason}.`) : null];
+    certainty.length ? h("p", { class: "small soft under" }, certainty.join(" ")) : null];
 }
 
 function sortTool({ state, columns, remember }, reload, id) {

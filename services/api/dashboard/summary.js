@@ -4,10 +4,10 @@ import { count, percent } from "./format.js";
 
 const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.high).toFixed(1)}]` : "");
 // A refusal has a reason and no ends; then the spread over places is shown.
-const interval = (one, spread) => ends(one && !one.reason ? one : spread);
+const interval = (one, spread) => ends(one?.low === undefined ? spread : one);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
-export function summarySection({ verdicts, summary, findings }, marked) {
+export function summarySection({ verdicts, summary, findings, certainty }, marked) {
   const judged = verdictList(verdicts);
   const warnings = summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
   if (!summary.rows.length) return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
@@ -35,12 +35,9 @@ export function summarySection({ verdicts, summary, findings }, marked) {
       h("td", { class: "small soft" }, undefinedText(row.undefined) || "none"));
   });
   const occluded = summary.occlusion.find((one) => one.character === "all") ?? summary.occlusion[0];
-  const spread = summary.rows.find((row) => row.pacc_mean_spread)?.pacc_mean_spread;
-  const reasons = [...new Set(summary.rows.map((row) => row.pacc_mean_interval?.reason).filter(Boolean))];
-  const brackets = spread ? `[Middle 80 % of the means of ${count(spread.places)} places].` : "[95 % interval].";
   return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings,
     table(head, rows, { caption: "Summary per function and pedestrian" }),
-    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", brackets, reasons.map((reason) => ` No confidence interval: ${reason}.`),
+    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", certainty.join(" "),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
     list("Findings", findings.items, marked), list("Candidates, not confirmed", findings.candidates, marked),
     findings.items.length ? null : h("p", { class: "small soft under" }, `${count(findings.comparisons)} comparisons; none is confirmed.`),

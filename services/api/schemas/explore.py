@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, computed_field
 
 from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
+from valerie.analysis.summary.wording import refusal_sentences
 from valerie.measures import Cell
 from valerie.pipeline.exploring.confusion import Confusion
 from valerie.pipeline.exploring.exploration import ExploredColumn
@@ -103,6 +104,14 @@ class RatesRead(Read):
         description="by run, function and sensor",
         examples=[[{"run": RUN_ID, "function": FUNCTION, "sensor": "default", "selected": _RATES, "rest": _RATES}]],
     )
+
+    @computed_field(  # type: ignore[prop-decorator]
+        description="why intervals of the selection are missing",
+        examples=[["No confidence interval: 4 variants are too few; 2 more would do."]],
+    )
+    @property
+    def certainty(self) -> list[str]:
+        return refusal_sentences(group.selected.pacc for group in self.groups)
 
 
 class ComparisonRead(Read):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, computed_field
 
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
+from valerie.analysis.summary.wording import certainty_sentences
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.measures import Source
 
@@ -141,10 +142,11 @@ class SummaryRead(Read):
                         "detected": 26,
                         "detection_rate": 0.9286,
                         "detection_interval": {
-                            "reason": "4 variants are too few; 2 more would do",
+                            "reason": "few",
                             "more_units": 2,
                             "estimate": 0.9286,
                             "units": 4,
+                            "worth": 4.0,
                             "estimand": "design_box",
                         },
                         "detection_spread": None,
@@ -169,3 +171,11 @@ class SummaryRead(Read):
             }
         ]
     )
+
+    @computed_field(  # type: ignore[prop-decorator]
+        description="what the intervals and spreads of the rows are of, and why intervals are missing",
+        examples=[["[95 % interval] for the space that the design draws from, from 30 variants."]],
+    )
+    @property
+    def certainty(self) -> list[str]:
+        return certainty_sentences(self.summary.rows)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from valerie.errors import InvalidInput
-from valerie.statistics.intervals import Interval, Refusal, mean_interval
+from valerie.statistics.intervals import Interval, Refusal, Shortfall, mean_interval
 from valerie.statistics.replicates import replicates
 from valerie.statistics.units import Estimand, Units, sampling_units
 
@@ -209,7 +209,7 @@ def test_a_listed_grid_has_no_sampling_error_and_the_refusal_says_what_would() -
     refusal = mean_interval(mild(48), sampling_units("grid", np.arange(48)))
     assert isinstance(refusal, Refusal)
     assert refusal.estimand is Estimand.LISTED_GRID
-    assert "5 more sites" in refusal.reason
+    assert (refusal.reason, refusal.more_units) == (Shortfall.LISTED, 5)
     sites = np.repeat(np.arange(1 + refusal.more_units), 48)
     variants = np.arange(len(sites))
     assert isinstance(mean_interval(mild(len(sites)), sampling_units("grid", variants, sites=sites)), Interval)
@@ -220,7 +220,7 @@ def test_too_few_units_are_refused_with_how_many_more_would_do(count: int) -> No
     refusal = mean_interval(mild(count), drawn(count))
     assert isinstance(refusal, Refusal)
     assert refusal.estimate == pytest.approx(mild(count).mean())
-    assert f"{refusal.more_units} more" in refusal.reason
+    assert refusal.reason is Shortfall.FEW
     enough = count + refusal.more_units
     assert isinstance(mean_interval(mild(enough), drawn(enough)), Interval)
     assert isinstance(mean_interval(mild(enough - 1), drawn(enough - 1)), Refusal)
@@ -230,7 +230,8 @@ def test_one_unit_that_outweighs_all_others_is_refused() -> None:
     weights = np.r_[np.ones(19), 200.0]
     refusal = mean_interval(mild(20), drawn(20), weights=weights)
     assert isinstance(refusal, Refusal)
-    assert refusal.units == 20
+    assert (refusal.reason, refusal.units) == (Shortfall.UNEQUAL, 20)
+    assert refusal.worth == pytest.approx(weights.sum() ** 2 / (weights**2).sum())
     count = 20 + refusal.more_units
     alike = np.tile(weights, -(-count // 20))
     assert isinstance(mean_interval(mild(len(alike)), drawn(len(alike)), weights=alike), Interval)

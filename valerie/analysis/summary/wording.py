@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.summary.summary import OCCLUDED, OcclusionShare, Summary, SummaryRow
 from valerie.analysis.wording import percent, reasons_text
-from valerie.statistics.intervals import Interval, Refusal
+from valerie.statistics.intervals import Interval, Refusal, Shortfall
 from valerie.statistics.units import Estimand
 
 _ESTIMANDS: Final[Mapping[Estimand, str]] = {
@@ -41,8 +41,27 @@ def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
     if any(row.pacc_mean_spread for row in rows):
         places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
         sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
-    reasons = dict.fromkeys(refusal.reason for row in rows if isinstance(refusal := row.pacc_mean_interval, Refusal))
-    return sentences + [f"No confidence interval: {reason}." for reason in reasons]
+    return sentences + refusal_sentences(row.pacc_mean_interval for row in rows)
+
+
+def refusal_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
+    """Return the reasons for missing intervals, each once."""
+    refusals = (interval for interval in intervals if isinstance(interval, Refusal))
+    return [f"No confidence interval: {reason}." for reason in dict.fromkeys(map(_refusal, refusals))]
+
+
+def _refusal(refusal: Refusal) -> str:
+    units, more = f"{refusal.units} {refusal.estimand.noun}", refusal.more_units
+    match refusal.reason:
+        case Shortfall.LISTED:
+            return (
+                "the variants are listed, not drawn at random, and say nothing about what lies between them; "
+                f"repeat them on {more} more sites, or draw the variants"
+            )
+        case Shortfall.FEW:
+            return f"{units} are too few; {more} more would do"
+        case Shortfall.UNEQUAL:
+            return f"{units} are worth only {refusal.worth:.1f} of equal size; about {more} more would do"
 
 
 def limits(summary: Summary, findings: Findings) -> list[str]:
