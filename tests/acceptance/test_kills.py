@@ -74,7 +74,7 @@ def begin(system: System, context: Context) -> str:
 
     def under_way(_: dict[str, Any]) -> bool:
         with reading(context.engine) as connection:
-            return 0 < (connection.scalar(done) or 0) < FRAMES // 2
+            return 0 < (connection.scalar(done) or 0) < FRAMES
 
     assert system.wait(run, until=under_way) not in ENDED
     return run

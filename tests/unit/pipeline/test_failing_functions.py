@@ -108,8 +108,9 @@ class Noted(BlankFunction):
 
 @pytest.mark.parametrize("count", [3, 6])
 def test_the_last_networks_stay_open_and_all_are_forgotten_before_there_are_too_many(
-    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch, count: int
+    pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
+    pipeline = pipelines(worker_max_memory_mb=65_536)  # the tests before this one may have left much in memory
     book: list[str] = []
     opened: list[weakref.ref[Noted]] = []
 

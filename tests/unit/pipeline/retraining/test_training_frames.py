@@ -43,7 +43,7 @@ def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
 @pytest.mark.timeout(300)
 def test_a_killed_command_leaves_no_process_that_renders(tmp_path: Path) -> None:
     """Its folder belongs to the command that continues."""
-    command = [sys.executable, "-m", "valerie", "train", "frames", str(tmp_path / "frames"), "--streets", "50"]
+    command = [sys.executable, "-m", "valerie", "train", "frames", str(tmp_path / "frames"), "--sites", "50"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as started:
         parent = psutil.Process(started.pid)
         rendering: list[psutil.Process] = []
