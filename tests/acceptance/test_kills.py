@@ -69,12 +69,17 @@ def begin(system: System, context: Context) -> str:
 
     Evaluations are counted in the database: progress is counted twice a second at most, and a fast machine ends runs meanwhile.
     """
-    run = system.submit(DOCUMENT)
     done = select(func.count()).where(Product.kind == ProductKind.EVALUATION, Product.state == ProductState.DONE)
 
-    def under_way(_: dict[str, Any]) -> bool:
+    def evaluated() -> int:
         with reading(context.engine) as connection:
-            return 0 < (connection.scalar(done) or 0) < FRAMES
+            return connection.scalar(done) or 0
+
+    before = evaluated()
+    run = system.submit(DOCUMENT)
+
+    def under_way(_: dict[str, Any]) -> bool:
+        return 0 < evaluated() - before < FRAMES
 
     assert system.wait(run, until=under_way) not in ENDED
     return run
