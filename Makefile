@@ -80,7 +80,7 @@ format: setup-dev ## Format the code
 TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
 
 .PHONY: test
-test: setup-dev ## Run the tests (about 12 minutes on two quiet cores)
+test: setup-dev ## Run the tests (about 15 minutes on two cores)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
 .PHONY: test-browser
