@@ -16,8 +16,6 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict
-
 from valerie import plugins
 from valerie.errors import ValerieError
 from valerie.parameters.definitions import Value
@@ -25,6 +23,7 @@ from valerie.parent import end_with_parent
 from valerie.perception.running.limits import limit_memory
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.truth import TruthMaker
+from valerie.runs.values import Document
 from valerie.scene.assets.asset import SceneAsset, load_asset
 from valerie.scene.variation.variant import apply
 from valerie.sensing.metering import metered_ev
@@ -38,11 +37,7 @@ _IDLE_SECONDS: Final = 180.0
 _MEMORY_MB: Final = 6_144
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PreviewFrame(_Document):
+class PreviewFrame(Document):
     """A frame to render.
 
     Attributes:
@@ -56,7 +51,7 @@ class PreviewFrame(_Document):
     focal_length_mm: float | None
 
 
-class PreviewJob(_Document):
+class PreviewJob(Document):
     """Frames of one asset to render.
 
     Attributes:
@@ -77,7 +72,7 @@ class PreviewJob(_Document):
     frames: tuple[PreviewFrame, ...]
 
 
-class PreviewAnswer(_Document):
+class PreviewAnswer(Document):
     """The answer to a job.
 
     Attributes:
