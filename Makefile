@@ -104,6 +104,10 @@ test-cycles: setup-dev cycles ## Test the engine Cycles with a real Blender (sma
 	$(TEST_ENVIRONMENT) VALERIE_TEST_CYCLES_PYTHON=$(CYCLES_VENV)/bin/python \
 	  $(PYTHON_BIN) -m pytest tests/cycles $(PYTEST_OPTIONS)
 
+.PHONY: test-cluster
+test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (Debian: slurm-wlm munge rabbitmq-server kubernetes-client)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/cluster $(PYTEST_OPTIONS)
+
 .PHONY: test-compose
 test-compose: setup-dev ## Build the containers and send a run through them (needs a Docker engine)
 	$(PYTHON_BIN) -m pytest tests/compose -s $(PYTEST_OPTIONS)

@@ -21,7 +21,9 @@ from valerie.plain import Keywords
 # reads this when it is imported.
 os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
 
+from amqp.exceptions import AMQPError, NotFound
 from celery import Celery, Task
+from kombu.connection import Connection
 from kombu.exceptions import BatchPublishError, OperationalError
 from redis.exceptions import RedisError
 from redis.exceptions import TimeoutError as RedisTimeout
@@ -30,7 +32,7 @@ from valerie.errors import TransientError
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
 from valerie.runs.products.turns import packet_size
-from valerie.settings import Settings
+from valerie.settings import NO_BROKER, Settings
 
 RENDER: Final = "valerie.render"
 INFER: Final = "valerie.infer"
@@ -40,7 +42,7 @@ FINISH: Final = "valerie.finish"
 _TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: EVALUATE}
 
 #: Errors that the libraries raise when the broker does not answer.
-_SILENCE: Final = (OperationalError, BatchPublishError, RedisError, OSError)
+_SILENCE: Final = (OperationalError, BatchPublishError, RedisError, AMQPError, OSError)
 #: Time limit for an answer of the broker, seconds. Redis needs milliseconds.
 _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
@@ -85,7 +87,21 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         worker_cancel_long_running_tasks_on_connection_loss=False,
-        broker_transport_options={
+        **(_rabbitmq(answer_seconds) if _is_rabbitmq(settings) else _redis(settings, answer_seconds)),
+        timezone="UTC",
+    )
+    return app
+
+
+def _is_rabbitmq(settings: Settings) -> bool:
+    return settings.broker_url.startswith(("amqp", "pyamqp"))
+
+
+def _redis(settings: Settings, answer_seconds: float) -> Keywords:
+    """Return the options of Redis and Valkey."""
+    return {
+        "broker_transport": "redis" if settings.broker_url.startswith("redis") else None,
+        "broker_transport_options": {
             # Longer than any task. A message that outlives it is delivered twice, which the claim makes harmless.
             "visibility_timeout": settings.visibility_timeout_seconds,
             # By default, kombu would restore a killed worker's messages after about 100 s instead of within seconds.
@@ -97,10 +113,22 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
             # No "retry_on_timeout": with it, kombu would send one message at a time (see `send_products`).
             "socket_keepalive": True,
         },
-        broker_transport="redis" if settings.broker_url.startswith("redis") else None,
-        timezone="UTC",
-    )
-    return app
+    }
+
+
+def _rabbitmq(answer_seconds: float) -> Keywords:
+    """Return the options of RabbitMQ: queues are replicated (quorum queues), messages are confirmed."""
+    return {
+        "task_default_queue_type": "quorum",
+        "task_create_missing_queue_type": "quorum",
+        "broker_connection_timeout": min(answer_seconds, 5.0),
+        "broker_heartbeat": 10,
+        "broker_transport_options": {
+            "confirm_publish": True,
+            "read_timeout": answer_seconds,
+            "write_timeout": answer_seconds,
+        },
+    }
 
 
 #: Options of every message. The readable texts in its header are constant, since building them would double the cost.
@@ -130,13 +158,15 @@ def messages_of(ready: Iterable[Ready]) -> list[Message]:
 
 
 class Broker:
-    """Sends messages and measures queues; one per process.
+    """Sends messages and measures queues; one per process. Without a broker (`Settings.broker_url` is ``none``) it does nothing.
 
     If a broker keeps its connections open but does not answer within `_ANSWER_SECONDS`, callers are refused at once for
     `_QUIET_SECONDS`, so that no thread waits for long.
     """
 
     def __init__(self, settings: Settings) -> None:
+        self._absent = settings.broker_url == NO_BROKER
+        self._rabbitmq = _is_rabbitmq(settings)
         self._app = create_app(settings, answer_seconds=_ANSWER_SECONDS)
         self._quiet_until = -math.inf
 
@@ -147,7 +177,7 @@ class Broker:
             TransientError: the broker does not answer.
         """
         messages = messages_of(ready)
-        if not messages:
+        if self._absent or not messages:
             return
         with self._answering():
             try:
@@ -169,16 +199,22 @@ class Broker:
 
     def send_finish(self, run_id: str) -> None:
         """Ask an evaluation worker to finish a run."""
+        if self._absent:
+            return
         with self._answering():
             self._send_together([Message(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
-        """Return the number of messages that wait in each queue, without those that a worker holds.
+        """Return the number of messages that wait in each queue, without those that a worker holds; nothing without a broker.
 
         Raises:
             TransientError: the broker does not answer.
         """
+        if self._absent:
+            return {}
         with self._answering(), self._app.connection_for_read() as connection:
+            if self._rabbitmq:
+                return {route: _length(connection, route) for route in routes}
             pipeline = connection.channel().client.pipeline(transaction=False)
             for route in routes:
                 pipeline.llen(route)
@@ -195,6 +231,18 @@ class Broker:
             if _timed_out(error):
                 self._quiet_until = time.monotonic() + _QUIET_SECONDS
             raise TransientError(f"the broker does not answer: {error}") from error
+
+
+def _length(connection: Connection, queue: str) -> int:
+    """Return the number of messages in a queue of RabbitMQ."""
+    # A question about an unknown queue closes its channel, so each has its own.
+    channel = connection.channel()  # type: ignore[no-untyped-call]  # kombu
+    try:
+        return int(channel.queue_declare(queue, passive=True).message_count)
+    except NotFound:
+        return 0
+    finally:
+        channel.close()
 
 
 def _timed_out(error: BaseException | None) -> bool:

@@ -20,6 +20,8 @@ from valerie.spelling import package_name
 from valerie.validation import problem_of
 
 PREFIX: Final = "VALERIE_"
+#: ``broker_url`` of a deployment whose workers ask the database (`valerie.pipeline.work.asking`).
+NO_BROKER: Final = "none"
 #: Variables that belong to set-up and tests, not to a running process.
 _FOREIGN: Final = ("VALERIE_SETUP_", "VALERIE_TEST_")
 _LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
@@ -44,7 +46,9 @@ class Settings(BaseSettings):
 
     # Broker
     broker_url: str = Field(
-        "redis://127.0.0.1:6379/0", description="Redis of the queues; unless set, the one-machine mode starts its own"
+        "redis://127.0.0.1:6379/0",
+        description="Redis, Valkey or RabbitMQ (amqp://…) of the queues; unless set, the one-machine mode starts its own; "
+        "none: all workers ask the database (worker_idle_seconds)",
     )
     redis_server: Path | None = Field(
         None, description="redis-server program of the one-machine mode; empty: search for one"
@@ -97,6 +101,13 @@ class Settings(BaseSettings):
     lease_seconds: Seconds = Field(60.0, description="time after which the product of a silent worker is taken back")
     heartbeat_seconds: Seconds = Field(5.0, description="pause between two heartbeats; at most a third of the lease")
     shutdown_seconds: Seconds = Field(5.0, description="time that a worker has to stop")
+    worker_idle_seconds: float | None = Field(
+        None,
+        ge=0,
+        le=86_400,
+        allow_inf_nan=False,
+        description="time without work after which a worker ends; with it, a worker asks the database instead of the broker",
+    )
     worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is replaced")
     worker_max_memory_mb: int = Field(4_096, ge=256, description="memory above which a worker process is replaced")
     render_engines: str = Field(

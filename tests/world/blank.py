@@ -21,9 +21,10 @@ class Pipeline(World):
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
         values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2}
+        values |= {"broker_url": "memory://"}
         values |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
         super().__init__(
-            settings_of(folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **values),
+            settings_of(folder, asset_dir=assets, testing_engines=True, **values),
             lambda context: {Stage.RENDER: RenderMaker(context), Stage.INFER: InferMaker(context)},
         )
         if workers:

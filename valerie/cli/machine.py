@@ -18,6 +18,17 @@ from valerie.runs.products.frames import FrameKey
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed
 
+IdleSeconds = Annotated[
+    float | None,
+    typer.Option(
+        "--idle",
+        min=0,
+        max=86_400,
+        help="End after so many seconds without work. Such a worker asks the database and needs no broker.",
+        show_default=False,
+    ),
+]
+
 
 def worker(
     stage: Annotated[str, typer.Argument(metavar="render|infer|eval", help="Stage of the worker.")],
@@ -27,6 +38,7 @@ def worker(
             "--engines", help="Engines that a render worker offers, e.g. cycles; by default VALERIE_RENDER_ENGINES."
         ),
     ] = None,
+    idle: IdleSeconds = None,
     data_dir: DataDir = None,
 ) -> None:
     """Run one worker process on this machine.
@@ -48,6 +60,8 @@ def worker(
         for engine in engines.split(","):
             plugins.require_renderer(engine, field="--engines")
         settings = settings.model_copy(update={"render_engines": engines})
+    if idle is not None:
+        settings = settings.model_copy(update={"worker_idle_seconds": idle})
     server = running.find(settings.data_dir)
     if server is not None and "broker_url" not in settings.model_fields_set:
         settings = settings.model_copy(update={"broker_url": server.broker_url})

@@ -21,6 +21,7 @@ from valerie.cli import (
     predictions,
     results,
     runs,
+    slurm,
     specs,
     studies,
     training,
@@ -90,6 +91,7 @@ app.add_typer(functions.app, name="function", rich_help_panel=_PARTS)
 app.add_typer(frames.frames_app, name="frames", rich_help_panel=_PARTS)
 app.add_typer(predictions.predictions_app, name="predictions", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.worker)
+app.add_typer(slurm.app, name="slurm", rich_help_panel=_PARTS)
 app.add_typer(training.app, name="train", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.gc)
 app.command(rich_help_panel=_PARTS)(machine.migrate)

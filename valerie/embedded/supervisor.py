@@ -16,7 +16,7 @@ from typing import Final, Self
 from valerie.embedded import redis_server, running
 from valerie.embedded.process import Command, GuardedProcess, python_command
 from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
-from valerie.settings import Settings
+from valerie.settings import NO_BROKER, Settings
 
 #: A service that ends this often within this time is given up.
 _DEATHS: Final = 5
@@ -119,11 +119,11 @@ class Supervisor:
         Args:
             settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis.
             lock: the held lock of the data folder; released at the end.
-            workers: names in `WORKERS` to start.
+            workers: names in `WORKERS` to start. None starts without a broker: workers join that ask the database.
         """
         self._initial_settings = settings
         self._lock = lock
-        self._worker_names = tuple(workers)
+        self._worker_names = tuple(workers) if settings.broker_url != NO_BROKER else ()
         self._services: dict[str, Service] = {}
         self._guarding = threading.Lock()
         self._stop = threading.Event()

@@ -11,6 +11,7 @@ from services.api.openapi import problems
 from services.api.schemas.catalog import (
     AssetEntry,
     AssetRead,
+    DemandRead,
     LabelRead,
     MeasureRead,
     QueueRead,
@@ -77,6 +78,15 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
 )
 def queues(context: ContextDependency) -> list[QueueRead]:
     return [QueueRead.model_validate(entry) for entry in monitoring.queues(context)]
+
+
+@router.get(
+    "/demand",
+    responses=problems(422),
+    summary="Work for each pool of workers, for autoscalers",
+)
+def demand(context: ContextDependency) -> DemandRead:
+    return DemandRead.model_validate(monitoring.demand(context))
 
 
 @router.get(

@@ -110,6 +110,16 @@ class QueueRead(Read):
     per_minute: float = Field(description="products done in the last two minutes, per minute", examples=[36.5])
 
 
+class DemandRead(Read):
+    """Products that are ready or leased, and runs that wait for a worker or for their results."""
+
+    render: dict[str, int] = Field(
+        description="by engine, and truth", examples=[{"raster": 12, "pyrender": 0, "cycles": 0, "truth": 4}]
+    )
+    infer: int = Field(examples=[30])
+    eval: int = Field(examples=[5])
+
+
 class CostSeriesRead(Read):
     kind: ProductKind = Field(examples=["layer"])
     products: list[int] = Field(description="done in each span", examples=[[0, 24]])

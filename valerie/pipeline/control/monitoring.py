@@ -13,12 +13,22 @@ from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from sqlalchemy import text
 
+from valerie import plugins
 from valerie.db import processes, runs, totals
 from valerie.db.engine import database_time, reading
 from valerie.db.processes import WorkerRow
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.runs.products.states import EVAL_QUEUE, ProductKind, ProductState, Stage
+from valerie.pipeline.base.pins import TRUTH
+from valerie.runs.products.states import (
+    EVAL_QUEUE,
+    UPLOADED_ROUTE,
+    ProductKind,
+    ProductState,
+    RunState,
+    Stage,
+    stage_of,
+)
 
 #: A part that does not answer a check in this time is reported as unknown.
 CHECK_SECONDS = 5.0
@@ -123,6 +133,45 @@ def queues(context: Context) -> list[Queue]:
         )
         for route in routes
     ]
+
+
+class Demand(NamedTuple):
+    """Work for each pool of workers: products that are ready or leased, and runs that wait for such a worker.
+
+    A number above zero calls for a worker, whatever the broker's queues hold; workers prefetch their messages.
+
+    Attributes:
+        render: by engine, and ``truth``.
+        infer, eval: of their stages; a run that waits for its results counts for ``eval``.
+    """
+
+    render: dict[str, int]
+    infer: int
+    eval: int
+
+
+def demand(context: Context) -> Demand:
+    """Return the work for each pool, for autoscalers.
+
+    Raises:
+        TransientError: the database does not answer.
+    """
+    with reading(context.engine) as connection:
+        backlog = totals.backlog(connection)
+        submitted = runs.in_states(connection, (RunState.SUBMITTED,))
+        finishing = runs.count_by_state(connection).get(RunState.FINISHING, 0)
+    products: Counter[str] = Counter()
+    for route, state, count in backlog:
+        if route != UPLOADED_ROUTE and state in (ProductState.READY, ProductState.RUNNING):
+            stage = stage_of(route)
+            products[route.split(".")[1] if stage is Stage.RENDER else stage] += count
+    waiting = Counter(run.spec.engine for run in submitted)
+    engines = (*plugins.renderer_names(testing=context.settings.testing_engines), TRUTH)
+    return Demand(
+        render={engine: products[engine] + waiting[engine] for engine in engines},
+        infer=products[Stage.INFER] + len(submitted),
+        eval=products[Stage.EVAL] + finishing,
+    )
 
 
 @dataclass(frozen=True)

@@ -69,16 +69,22 @@ class MayEnd(Protocol):
         ...
 
 
-def serve_queue(context: Context, maker: Maker, route: str) -> None:
-    """Make the packet record a queue whose turn it is, and before it the products with earlier turns that were tried before."""
-    again = True
+def serve_queue(context: Context, maker: Maker, route: str) -> bool:
+    """Make the packet of a queue whose turn it is, and before it the products with earlier turns that were tried before.
+
+    Returns:
+        False if nothing was ready.
+    """
+    again, worked = True, False
     while again:
         with writing(context.engine) as connection:
             now, lease = database_time(connection), context.settings.lease_seconds
             jobs = products.claim_next(connection, route, owner=context.owner, now=now, lease_seconds=lease)
         # Messages are counted for the packets of products that were never tried.
         again = any(job.attempts > 1 for job in jobs)
+        worked = worked or bool(jobs)
         _make(context, maker, jobs)
+    return worked
 
 
 def make_products(context: Context, maker: Maker, digests: Sequence[str]) -> None:

@@ -26,15 +26,16 @@ from valerie.db import processes
 from valerie.db.engine import database_time, open_engine, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
-from valerie.errors import MissingDependency, TransientError
+from valerie.errors import InvalidInput, MissingDependency, TransientError
 from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.requests import BROKER_LOST
+from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.child import Child
 from valerie.pipeline.work.stages import Maker
 from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer
 from valerie.runs.products.states import EVAL_QUEUE, Stage
-from valerie.settings import Settings
+from valerie.settings import NO_BROKER, Settings
 
 log = structlog.get_logger()
 
@@ -174,7 +175,7 @@ def serve(
     register: Callable[[Celery], Child],
     open_maker: Callable[[Context], Maker],
 ) -> None:
-    """Run a worker of one stage until it is stopped.
+    """Run a worker of one stage until it is stopped, or idle for `Settings.worker_idle_seconds`.
 
     Args:
         settings: settings of this deployment.
@@ -185,8 +186,20 @@ def serve(
 
     Raises:
         Conflict: the database is older or newer than this version.
+        InvalidInput: there is no broker, and the worker shall wait for messages.
         TransientError: the database does not answer.
     """
+    presence = Presence(settings, stage, offers)
+    routes = sorted({offer.route for offer in offers}) or [EVAL_QUEUE]
+    if settings.worker_idle_seconds is not None:
+        _serve_asking(settings, presence, routes, open_maker)
+        return
+    if settings.broker_url == NO_BROKER:
+        raise InvalidInput(
+            "without a broker, a worker has to ask the database",
+            field="VALERIE_WORKER_IDLE_SECONDS",
+            limit="the seconds without work after which the worker ends",
+        )
     app = create_app(settings)
     child = register(app)
 
@@ -203,7 +216,6 @@ def serve(
         ready.set()
 
     worker_ready.connect(note_ready, weak=False)
-    presence = Presence(settings, stage, offers)
     presence.join()
     try:
         app.worker_main(
@@ -212,7 +224,7 @@ def serve(
                 "worker",
                 "--pool=prefork",
                 "--concurrency=1",
-                f"--queues={','.join(sorted({offer.route for offer in offers}) or [EVAL_QUEUE])}",
+                f"--queues={','.join(routes)}",
                 f"--hostname={stage}-{os.getpid()}@%h",
                 "--without-gossip",
                 "--without-mingle",
@@ -230,3 +242,18 @@ def serve(
     log.warning("worker.broker_lost", action="restarting")
     time.sleep(1.0)
     os.execv(sys.executable, sys.orig_argv)  # noqa: S606  this very program
+
+
+def _serve_asking(
+    settings: Settings, presence: Presence, routes: Sequence[str], open_maker: Callable[[Context], Maker]
+) -> None:
+    """Run a worker that asks the database for work; a batch system restarts it if a driver ends the process."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())  # ends after the products in work
+    presence.join()
+    try:
+        context = replace(open_context(settings), owner=f"{presence.worker_id}.{secrets.token_hex(2)}")
+        ask_for_work(context, open_maker(context), routes, stop)
+    finally:
+        presence.leave()

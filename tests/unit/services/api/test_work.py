@@ -14,7 +14,9 @@ from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.models import Product
+from valerie.pipeline.control.submit import submit
 from valerie.runs.products.states import ProductState
+from valerie.runs.resolving.spec import parse
 
 
 def test_a_worker_shows_what_its_child_makes(tmp_path: Path) -> None:
@@ -95,3 +97,20 @@ def test_a_child_whose_parent_was_deleted_is_a_root(fresh: httpx.Client, drawn: 
     child = fresh.post("/v1/runs", json=spec("child", parent_run=drawn.finished)).json()["id"]
     assert fresh.delete(f"/v1/runs/{drawn.finished}").status_code == 204
     assert [one["parent_run"] for one in fresh.get(f"/v1/runs/{child}/lineage").json()] == [None]
+
+
+def test_demand_counts_products_to_make_and_runs_that_wait_for_workers(tmp_path: Path) -> None:
+    world = DrawnWorld(settings_of(tmp_path))
+    world.work(spec("n"), products=1)
+    submit(world.context, parse({**spec("later"), "renderer": "cycles"}))
+    with reading(world.context.engine) as connection:
+        states = connection.execute(select(Product.route, Product.state)).all()
+    to_make = Counter(".".join(route.split(".")[:2]) for route, state in states if state in ("ready", "running"))
+    with served(create_app(settings_of(tmp_path), control=False)) as client:
+        demand = client.get("/v1/demand").json()
+    assert to_make["render.raster"] > 0 < to_make["render.truth"]
+    assert demand == {
+        "render": {"raster": to_make["render.raster"], "pyrender": 0, "cycles": 1, "truth": to_make["render.truth"]},
+        "infer": sum(count for route, count in to_make.items() if route.startswith("infer")) + 1,
+        "eval": to_make["eval"],
+    }
