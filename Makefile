@@ -80,12 +80,12 @@ format: setup-dev ## Format the code
 TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
 
 .PHONY: test
-test: setup-dev ## Run the tests (about 15 minutes on two cores)
-	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
+test: setup-dev ## Run the tests but those of the browser (minutes)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow and not browser" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
 .PHONY: test-browser
 test-browser: setup-dev ## Test the dashboard in Chromium, with axe-core on every page (minutes)
-	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/integration/test_dashboard*.py $(PYTEST_OPTIONS)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m browser tests/integration $(PYTEST_OPTIONS)
 
 # Seeds are spread over two processes. A failing one prints the command that repeats it.
 SCHEDULES ?= 10000

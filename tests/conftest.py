@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
 import signal
@@ -38,6 +39,17 @@ def memory_limit_of_no_function() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
     yield
     resource.setrlimit(resource.RLIMIT_DATA, _MEMORY_LIMITS)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect without looking for garbage, and leave the tests out of later searches: they live to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -6,7 +6,6 @@ from celery import Celery
 
 from valerie.broker import EVALUATE, FINISH
 from valerie.pipeline.work.child import Child
-from valerie.pipeline.work.finish import finish_run
 
 
 def register(app: Celery) -> Child:
@@ -19,6 +18,9 @@ def register(app: Celery) -> Child:
 
     @app.task(name=FINISH)  # type: ignore[untyped-decorator]
     def finish(run_id: str) -> None:
+        # The analysis takes as long to import as all else here, and no product waits for it.
+        from valerie.pipeline.work.finish import finish_run
+
         finish_run(child.context, run_id)
 
     return child

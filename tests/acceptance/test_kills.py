@@ -23,8 +23,8 @@ from valerie.runs.products.states import ProductKind, ProductState
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(480)]
 
 Outcome = tuple[list[dict[str, object]], dict[str, str]]
-DOCUMENT = spec(xs=16, ys=8)
-FRAMES = 16 * 8 * 2
+DOCUMENT = spec(xs=10, ys=8)
+FRAMES = 10 * 8 * 2
 
 
 @pytest.fixture(scope="module")
@@ -124,9 +124,9 @@ def test_a_run_survives_kill_9_of_the_child_that_computes(
 
 STUDY = spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3], ["person-1.pos.y", "UNIFORM", 3, 9]]) | {
     "measure": "min(pacc) >= 0.5",
-    "goal": {"name": "estimate", "first": 40},
-    "budget": {"variants": 150},
-    "batch": 25,
+    "goal": {"name": "find", "repeats": 0},
+    "budget": {"variants": 64},
+    "batch": 8,
 }
 
 

@@ -11,7 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 #: Slow to load, large, or needing a system library: nothing for a server or a command line.
-HEAVY = ("torch", "onnx", "onnxruntime", "openvino", "transformers", "moderngl", "OpenGL", "pyrender", "cv2", "trimesh")
+HEAVY = (
+    "torch", "onnx", "onnxruntime", "openvino", "transformers", "moderngl", "OpenGL", "pyrender", "cv2", "trimesh",
+    "scipy.stats",
+)  # fmt: skip
 
 
 def _python(program: str) -> str:
@@ -66,9 +69,10 @@ def test_the_api_lists_engines_functions_and_assets_without_heavy_libraries(tmp_
     assert _loaded_by(program, HEAVY) == []
 
 
-def test_an_infer_worker_loads_no_gl_and_a_render_worker_no_torch() -> None:
-    assert _loaded_by("import services.infer_worker.app", ("moderngl", "OpenGL", "pyrender")) == []
-    assert _loaded_by("import services.render_worker.app", ("torch",)) == []
+def test_a_worker_starts_without_the_libraries_of_other_stages() -> None:
+    assert _loaded_by("import services.infer_worker.app", ("moderngl", "OpenGL", "pyrender", "scipy")) == []
+    assert _loaded_by("import services.render_worker.app", ("torch", "scipy")) == []
+    assert _loaded_by("import services.eval_worker.app", ("torch", "moderngl", "scipy", "jinja2")) == []
 
 
 def test_the_command_line_answers_without_loading_what_it_does_not_need() -> None:

@@ -26,7 +26,7 @@ TOKEN = "correct-horse-battery"
 #: Provenance of the newest version of a registered function.
 SECOND = {"source": "<b>second</b>.onnx", "checked": "opened and run"}
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.browser, pytest.mark.processes, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from tests.world.world import settings_of
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-pytestmark = [pytest.mark.processes, pytest.mark.gl, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.browser, pytest.mark.processes, pytest.mark.gl, pytest.mark.timeout(600)]
 #: Time for the first preview of a street on a busy machine, milliseconds.
 PREVIEW_MS = 120_000
 

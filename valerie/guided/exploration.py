@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.stats import qmc
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import LEAST_LEGAL, Cube
@@ -24,6 +23,8 @@ class SpaceFilling:
     """
 
     def __init__(self, domain: Cube, seed: int) -> None:
+        from scipy.stats import qmc
+
         self._domain = domain
         self._sobol = qmc.Sobol(domain.dimensions, rng=np.random.default_rng([seed, 0]))
         self._left = np.empty((0, domain.dimensions))

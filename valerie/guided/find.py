@@ -24,7 +24,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RBFInterpolator
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain
@@ -386,6 +385,8 @@ class Find:
 
     def _round(self, rng: np.random.Generator, descent: _Descent) -> UnitPoints:
         """Return the candidates around a descent's best point with the lowest scores by a local model."""
+        from scipy.interpolate import RBFInterpolator
+
         best = self._points[descent.best]
         defined = np.flatnonzero(~np.isnan(self._margins))
         squares = ((self._features[defined] - self._features[descent.best]) ** 2).sum(axis=1)

@@ -26,7 +26,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -109,6 +108,8 @@ class Rank:
     """
 
     def __init__(self, domain: Cube, *, seed: int) -> None:
+        from scipy.stats import qmc
+
         if domain.dimensions < 2:
             raise InvalidInput("a ranking needs two parameters", field="vary", value=domain.dimensions, limit=">= 2")
         self.domain, self.seed = domain, seed

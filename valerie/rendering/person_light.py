@@ -12,7 +12,6 @@ from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, View, bounds
 from valerie.scene.graph.model import Scene
@@ -132,14 +131,16 @@ def ring_contrast(luminance: NDArray[np.float32], mask: NDArray[np.bool_], box: 
         mask: (H, W) bool, the body's visible pixels.
         box: bounding box of the mask.
     """
+    from scipy.ndimage import maximum_filter
+
     height, width = mask.shape
     ring = ring_width(int(np.count_nonzero(mask[box.slices])))
     reach = ring + _GAP
     around = Rectangle(box.x - reach, box.y - reach, box.width + 2 * reach, box.height + 2 * reach)
     part = around.clipped(width, height).slices
     body = mask[part]
-    near = ndimage.maximum_filter(body, 2 * _GAP + 1)
-    far = ndimage.maximum_filter(body, 2 * reach + 1)
+    near = maximum_filter(body, 2 * _GAP + 1)
+    far = maximum_filter(body, 2 * reach + 1)
     outside = far & ~near
     if not outside.any():
         return None

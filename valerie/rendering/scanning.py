@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import GroundTruth, LinearImage, PersonTruth, Rectangle, Renderer, View, bounds
@@ -173,6 +172,8 @@ def _speeds(
     truth_pass: TruthMaker, moments: Moments, view: View, numbers: Lines, line_time_s: float
 ) -> NDArray[np.float64]:
     """Return the highest speed around each line while the frame is read, pixels per second."""
+    from scipy.ndimage import maximum_filter1d
+
     count = int(numbers.max()) + 1
     half = 0.5 * (count - 1) * line_time_s
     speeds = np.zeros(count)

@@ -16,7 +16,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 #: Radius below which discs count as points, pixels.
 _SHARP: Final = 0.5
@@ -111,6 +110,8 @@ def disc_kernel(radius: float) -> Floats:
 
 def convolve(image: Floats, kernel: Floats) -> Floats:
     """Convolve an (H, W, C) image with a kernel of odd size, zero-padded. The result is clipped at 0 from below."""
+    from scipy import fft
+
     height, width = image.shape[:2]
     reach = kernel.shape[0] // 2
     shape = [fft.next_fast_len(n + reach, real=True) for n in (height, width)]

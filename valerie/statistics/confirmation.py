@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import false_discovery_control
 
 from valerie.errors import InvalidInput
 from valerie.statistics.contrasts import Change, Contrast, contrasts
@@ -116,6 +115,8 @@ def search(
         interactions: whether to test differences of differences too.
         only: the changes to test; None: all.
     """
+    from scipy.stats import false_discovery_control
+
     looked_at = contrasts(observations, interactions=interactions, only=only)
     if not looked_at:
         return Search((), 0, observations.places)

@@ -21,7 +21,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
 
 from valerie.statistics.observations import Observations, dense
 
@@ -84,6 +83,8 @@ class Contrast:
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Return Student's t interval of the difference with confidence ``level``; infinite without degrees of freedom."""
+        from scipy.special import stdtrit
+
         if self.degrees <= 0:
             return -float("inf"), float("inf")
         half = -float(stdtrit(self.degrees, (1 - level) / 2)) * self.error
@@ -411,6 +412,8 @@ def _p_values(
     without_spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return two-sided p-values of Student's t; where the places show no spread, those of exchanging the levels."""
+    from scipy.special import stdtr
+
     flat = errors <= _NO_SPREAD
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(flat, 0.0, np.abs(estimates) / errors)

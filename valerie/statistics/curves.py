@@ -20,7 +20,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, stdtrit
 
 from valerie.errors import InvalidInput
@@ -290,6 +289,8 @@ def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sum
 
 def _fit(shape: Shape, total: NDArray[np.float64], count: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values of a shape at the bins, from sums and numbers of rows; bins without rows are interpolated."""
+    from scipy.optimize import isotonic_regression
+
     filled = np.flatnonzero(count)
     mean, weight = total[filled] / count[filled], count[filled]
     if shape is Shape.LEVEL:

@@ -17,7 +17,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, ndtr, stdtr, stdtrit
-from scipy.stats import false_discovery_control, rankdata
 
 from valerie.errors import InvalidInput
 from valerie.statistics.observations import dense
@@ -121,6 +120,8 @@ def compare_versions(
     Raises:
         InvalidInput: the lengths differ, or ``effect`` or ``false_discoveries`` is not between 0 and 1.
     """
+    from scipy.stats import false_discovery_control
+
     before, after, codes = np.asarray(baseline, np.float64), np.asarray(version, np.float64), np.asarray(places)
     masks = {name: np.asarray(mask, np.bool_) for name, mask in slices.items()}
     for field, column in {"version": after, "places": codes, **masks}.items():
@@ -210,6 +211,8 @@ def signed_rank_test(differences: NDArray[np.float64]) -> float:
 
     Differences of 0 are left out; ties share their mean rank. Exact for up to 25 places.
     """
+    from scipy.stats import rankdata
+
     nonzero = differences[np.abs(differences) > _NO_DIFFERENCE]
     if not len(nonzero):
         return float("nan")

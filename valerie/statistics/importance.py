@@ -14,8 +14,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
-from scipy.stats import rankdata, t
+from scipy.special import ndtri, stdtr
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.statistics.confirmation import holm
@@ -171,6 +170,8 @@ def measured_importance(
         InvalidInput: lengths differ, or a number is not finite.
         MissingDependency: scikit-learn is not installed.
     """
+    from scipy.stats import rankdata
+
     scores, numbers, place = _checked(values, places, columns)
     generator = np.random.default_rng(seed)
     rows = _some_places(place, generator)
@@ -199,7 +200,7 @@ def measured_importance(
         of_places = np.bincount(place, gain) / np.bincount(place)
         losses.append(float(of_places.mean() / scores.var()))
         error = float(of_places.std(ddof=1)) / count**0.5
-        p_values.append(float(t.sf(of_places.mean() / error, count - 1)) if error > 0 else 1.0)
+        p_values.append(float(stdtr(count - 1, -of_places.mean() / error)) if error > 0 else 1.0)
     names = list(columns)
     entries = zip((names[k] for k in varying), losses, holm(p_values).tolist(), strict=True)
     return tuple(sorted((Importance(*entry) for entry in entries), key=lambda one: (one.p_value, -one.loss)))

@@ -31,7 +31,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv, ndtri, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.statistics.replicates import MIN_POINTS, MIN_REPLICATES
@@ -211,6 +210,8 @@ class _Sums:
 
 
 def _student(sums: _Sums, tail: float) -> tuple[float, float]:
+    from scipy.special import stdtrit
+
     half = -float(stdtrit(sums.worth - 1, tail)) * sqrt(sums.variance)
     return sums.mean - half, sums.mean + half
 
@@ -230,6 +231,8 @@ def _beta(sums: _Sums, tail: float, unseen: float, variance: float | None = None
 
 
 def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -> float:
+    from scipy.special import betaincinv
+
     total = sums.total + unseen
     mean = float(sums.sums.sum()) / total
     if mean < _LEAST:
@@ -269,6 +272,8 @@ def _between(by_replicate: _Sums, per_unit: _Sums, tail: float) -> float:
     Few small replicates of scores piled at 0 and 1 may agree by chance. Therefore the variance of independent units, which
     is larger, counts as one more replicate of a design with `MIN_POINTS` points, and as less of one with more points.
     """
+    from scipy.special import ndtri, stdtrit
+
     own = len(by_replicate.sums) - 1
     borrowed = MIN_POINTS / len(per_unit.sums)
     variance = (own * by_replicate.variance + borrowed * per_unit.variance) / (own + borrowed)

@@ -20,7 +20,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit, logsumexp, ndtri
 
 from valerie.errors import InvalidInput
 from valerie.statistics.intervals import Refusal, mean_interval
@@ -247,6 +246,8 @@ class _Game:
 @cache
 def _stakes(p: float, *, upward: bool) -> NDArray[np.float64]:
     """Return (B,) stakes λ = (q − p) / (p (1 − p)) of alternatives q on one side of p, at log-normal distances in log-odds."""
+    from scipy.special import expit, logit, ndtri
+
     distance = _DISTANCE * np.exp(_SPREAD * ndtri((np.arange(_BETS) + 0.5) / _BETS))
     q = expit(logit(p) + (distance if upward else -distance))
     return np.asarray((q - p) / (p * (1 - p)))
@@ -254,6 +255,7 @@ def _stakes(p: float, *, upward: bool) -> NDArray[np.float64]:
 
 def _forecast(capital: NDArray[np.float64], growth: NDArray[np.float64], target: float) -> int | None:
     """Return the units after which the mean of bets that grow at these rates reaches the target; None above the limit."""
+    from scipy.special import logsumexp
 
     def reached(units: int) -> bool:
         return float(logsumexp(capital + units * growth)) - float(np.log(_BETS)) >= target

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from valerie.rendering.base import GroundTruth, View, bounds
 from valerie.rendering.projection import clip_hull, project, view_from_world
@@ -139,6 +138,8 @@ def _box(scene: Scene, root: Node, items: Sequence[DrawItem], camera: Camera, vi
 @lru_cache(maxsize=1024)
 def _hull(mesh: Mesh) -> NDArray[np.float64]:
     """Return the (K, 3) vertices of a mesh's convex hull. They bound it in every direction and projection."""
+    from scipy.spatial import ConvexHull, QhullError
+
     positions = mesh.positions.astype(np.float64)
     try:
         return positions[ConvexHull(positions).vertices]
