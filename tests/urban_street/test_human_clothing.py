@@ -38,7 +38,11 @@ def body_rows() -> NDArray[np.int64]:
     return np.unique(data.base_mesh().groups["body"].quads)
 
 
-def first_hits(dressed: Dressed) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+Hits = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+@pytest.fixture(scope="module")
+def first_hits(dressed: Dressed) -> Hits:
     """Return kind and place of every visible point of the complete body and the clothes from 36 directions.
 
     Kinds: 0 bare skin, 1 skin that counts as covered, 2 trousers, 3 top.
@@ -76,15 +80,15 @@ def first_hits(dressed: Dressed) -> tuple[NDArray[np.int64], NDArray[np.float64]
     return kinds[triangles], mesh.triangles_center[triangles]
 
 
-def test_covered_skin_cannot_be_seen_from_outside(dressed: Dressed) -> None:
-    kinds, _ = first_hits(dressed)
+def test_covered_skin_cannot_be_seen_from_outside(first_hits: Hits) -> None:
+    kinds, _ = first_hits
     assert len(kinds) > 100_000
     assert (kinds == 0).mean() > 0.03  # head and hands are bare
     assert (kinds == 1).mean() < 1e-4  # what is left is a look down the collar
 
 
-def test_trousers_do_not_come_through_the_top(dressed: Dressed) -> None:
-    kinds, places = first_hits(dressed)
+def test_trousers_do_not_come_through_the_top(dressed: Dressed, first_hits: Hits) -> None:
+    kinds, places = first_hits
     upper = dressed.cloths[1]
     hem = upper.points[upper.regions == clothing.TRUNK, 2].min()
     above = places[:, 2] > hem + 0.06  # the hem itself swings by some centimetres

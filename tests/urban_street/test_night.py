@@ -8,7 +8,7 @@ import pytest
 from valerie.analysis.rows.picture_faults import BLACK, CONSTANT
 from valerie.rendering.base import View
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.assets.asset import load_asset
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.variation.variant import apply
 from valerie.sensing.picture_levels import picture_levels
 from valerie.sensing.sensor import develop
@@ -17,11 +17,10 @@ from valerie.sensing.settings import METERING, SensorSetting
 
 @pytest.mark.gl
 @pytest.mark.parametrize("elevation", [-4.0, -8.0, -20.0])
-def test_night_is_a_picture_for_the_default_camera_and_black_for_a_fixed_exposure(elevation: float) -> None:
-    scene = apply({"scene.sun-1.elevation": elevation}, load_asset("urban-street"))
-    engine = RasterRenderer()
-    night = engine.background(scene, View("camera-1", 240, 135)).pixels
-    engine.close()
+def test_night_is_a_picture_for_the_default_camera_and_black_for_a_fixed_exposure(
+    elevation: float, asset: SceneAsset, raster: RasterRenderer
+) -> None:
+    night = raster.background(apply({"scene.sun-1.elevation": elevation}, asset), View("camera-1", 240, 135)).pixels
     assert picture_levels(develop(night, SensorSetting()))["picture_mean"] < BLACK
     seen = picture_levels(develop(night, METERING))
     assert seen["picture_mean"] > 5 * BLACK

@@ -19,7 +19,7 @@ from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetLayout, StreetSettings
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.asset import load_asset
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
@@ -187,11 +187,10 @@ def test_no_ray_of_a_million_finds_an_underside_of_the_ground_or_a_gap(seed: int
 
 
 @pytest.mark.gl
-def test_no_pixel_of_the_truth_shows_the_ground_below_the_street() -> None:
+def test_no_pixel_of_the_truth_shows_the_ground_below_the_street(asset: SceneAsset, truth_pass: TruthPass) -> None:
     # An edge that meets the middle of another would leave pixels between them: a rasteriser rounds vertices, rays do not.
-    asset = load_asset("urban-street")
     scene, view, rng = apply({}, asset), View("camera-1", 480, 270), np.random.default_rng(0)
-    truth_pass, pixels = TruthPass(), 0
+    pixels = 0
     for _ in range(8):
         place = float(rng.uniform(-3.0, 8.0)), float(rng.uniform(-15.0, 60.0)), float(rng.uniform(1.2, 2.5))
         transform = camera_transform(place, float(rng.uniform(-40.0, 40.0)), float(rng.uniform(-10.0, 0.0)), 0.0)
@@ -201,5 +200,4 @@ def test_no_pixel_of_the_truth_shows_the_ground_below_the_street() -> None:
         points = camera.position + pixel_rays(camera, view)[seen] * truth.depth[seen][:, None]
         low, high = (-12.0, -33.0, -0.08), (17.0, 138.0, -0.0575)
         pixels += int(((points > low) & (points < high)).all(axis=1).sum())
-    truth_pass.close()
     assert pixels == 0
