@@ -95,6 +95,20 @@ def source(dropping_table):
 
 
 @pytest.fixture(scope="module")
+def brief(source):
+    """A report of a few rows: of a page's time, most goes into figures of many."""
+    table = EvaluationTable.from_rows(source.table.arrow.to_pylist()[:12], source.table.parameters)
+    return analyzed(source, table)
+
+
+def analyzed(source, table):
+    analysis = analyze(table)
+    return dataclasses.replace(
+        source, table=table, summary=analysis.summary, trends=analysis.trends, findings=analysis.findings
+    )
+
+
+@pytest.fixture(scope="module")
 def html(source):
     return build_report(source)
 
@@ -133,27 +147,18 @@ def test_only_the_pages_own_scripts_may_run(page):
     assert not [key for _, key, _ in page.attributes if key.startswith("on")]
 
 
-def test_names_from_outside_cannot_become_markup(source):
+def test_names_from_outside_cannot_become_markup(brief):
     evil = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
-    rows = source.table.arrow.to_pylist()
+    rows = brief.table.arrow.to_pylist()
     rows = [{**row, "function": evil if row["function"] == "a-net" else "b-net"} for row in rows]
     rows = [{**row, "character": f"{evil}%{{x}}", "frame_id": row["frame_id"] + evil} for row in rows]
-    table = EvaluationTable.from_rows(rows, source.table.parameters)
-    analysis = analyze(table)
-    page = Page(
-        build_report(
-            dataclasses.replace(
-                source,
-                table=table,
-                summary=analysis.summary,
-                trends=analysis.trends,
-                findings=analysis.findings,
-                document={"name": evil},
-                rejections={evil: 1},
-                failures=(Failure(evil, evil, 1),),
-            )
-        )
+    named = dataclasses.replace(
+        analyzed(brief, EvaluationTable.from_rows(rows, brief.table.parameters)),
+        document={"name": evil},
+        rejections={evil: 1},
+        failures=(Failure(evil, evil, 1),),
     )
+    page = Page(build_report(named))
 
     assert len(page.scripts) == 3
     assert not [key for _, key, _ in page.attributes if key == "onerror"]
@@ -235,9 +240,9 @@ def test_the_gallery_shows_picture_truth_and_each_prediction(page):
     assert base64.b64decode(shown[0].split(",")[1]) == PICTURE
 
 
-def test_a_picture_that_is_gone_is_marked(source):
-    source = dataclasses.replace(source, picture=lambda *_, **__: None)
-    assert "not stored any more" in Page(build_report(source)).words
+def test_a_picture_that_is_gone_is_marked(brief):
+    brief = dataclasses.replace(brief, picture=lambda *_, **__: None)
+    assert "not stored any more" in Page(build_report(brief)).words
 
 
 def test_without_pictures_there_is_no_gallery(source):
@@ -250,12 +255,7 @@ def test_equal_input_gives_equal_bytes(source, html):
 
 
 def test_a_run_without_any_evaluation_still_has_a_report(source):
-    table = EvaluationTable.from_rows([], source.table.parameters)
-    analysis = analyze(table)
-    empty = dataclasses.replace(
-        source, table=table, summary=analysis.summary, trends=analysis.trends, findings=analysis.findings
-    )
-    words = Page(build_report(empty)).words
+    words = Page(build_report(analyzed(source, EvaluationTable.from_rows([], source.table.parameters)))).words
 
     assert "No person was evaluated in this run." in words
     assert "without any evaluation 902" in words
@@ -274,24 +274,24 @@ def with_classes(source, *classes):
     return Page(build_report(dataclasses.replace(source, summary=dataclasses.replace(source.summary, classes=classes))))
 
 
-def test_the_table_of_classes_has_a_line_per_class_and_both_means(source):
-    words = with_classes(source, classes_of("net", 0.783)).words
+def test_the_table_of_classes_has_a_line_per_class_and_both_means(brief):
+    words = with_classes(brief, classes_of("net", 0.783)).words
 
     assert "road 71.43 78.3 person 28.57 40.0 mean of these 59.1 mean of the frames' means 60.0" in words
     assert "judged by" not in words
-    assert "All classes" not in with_classes(source).words
+    assert "All classes" not in with_classes(brief).words
 
 
-def test_a_class_that_a_function_is_not_judged_by_has_a_dash(source):
-    words = with_classes(source, classes_of("net", 0.783), classes_of("persons", None, ("person",))).words
+def test_a_class_that_a_function_is_not_judged_by_has_a_dash(brief):
+    words = with_classes(brief, classes_of("net", 0.783), classes_of("persons", None, ("person",))).words
 
     assert "road 71.43 78.3 – person 28.57 40.0 40.0" in words
     assert "persons is judged by person alone." in words
 
 
-def test_functions_that_were_not_compared_are_named_with_the_reason(source):
-    findings = dataclasses.replace(source.findings, notes=("a-net and b-net ran in different precisions.",))
-    page = Page(build_report(dataclasses.replace(source, findings=findings)))
+def test_functions_that_were_not_compared_are_named_with_the_reason(brief):
+    findings = dataclasses.replace(brief.findings, notes=("a-net and b-net ran in different precisions.",))
+    page = Page(build_report(dataclasses.replace(brief, findings=findings)))
 
     assert "a-net and b-net ran in different precisions." in page.words
 
@@ -314,10 +314,10 @@ def test_a_picture_states_its_type(start, kind):
     assert data_url(start).startswith(f"data:image/{kind};base64,")
 
 
-def test_warnings_stand_before_everything_else(source):
+def test_warnings_stand_before_everything_else(brief):
     warning = "12 of 24 pictures are black (frames a, b, c, …)."
-    summary = dataclasses.replace(source.summary, warnings=(warning,))
-    page = build_report(dataclasses.replace(source, summary=summary))
+    summary = dataclasses.replace(brief.summary, warnings=(warning,))
+    page = build_report(dataclasses.replace(brief, summary=summary))
     main = page[page.index("<main>") :]
     assert main.index(warning) < main.index("<section")
     assert Page(page).words.count(warning) == 1
