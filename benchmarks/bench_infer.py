@@ -38,6 +38,8 @@ MODES = (
     ("torch", "bf16"),
     ("openvino", "bf16"),
     ("openvino", "fp16"),
+    ("openvino", "int8"),
+    ("onnxruntime", "int8"),
 )
 WIDTH, HEIGHT = 1920, 1080
 
@@ -140,12 +142,17 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
     from valerie.errors import MissingDependency
     from valerie.perception.running.adaptation import plan
     from valerie.perception.running.opening import open_function
+    from valerie.perception.running.quantizing import quantize
     from valerie.perception.shipped import file_document, function_path
 
     pictures = np.load(folder / "pictures.npy")
     path = folder / f"{network}.safetensors" if network in LARGE else function_path(network)
     document = file_document(network, path)
     piece = plan(document.input, *pictures.shape[1:3]).piece
+    if precision == "int8":  # by the pictures that it is measured on, since only its cost matters here
+        document, data = quantize(document, path, pictures)
+        path = folder / f"{network} int8.onnx"
+        path.write_bytes(data)
     started = time.process_time()
     if engine == "eager":
         predict, numeric_class = eager(path, threads), "eager"

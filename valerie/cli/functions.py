@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registry import open_registry, register_file
-from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def import_(
         str | None, typer.Option("--engine", metavar="ENGINE", help="torch, openvino or onnxruntime.")
     ] = None,
     precision: Annotated[
-        str | None, typer.Option("--precision", metavar="PRECISION", help="fp32 (the reference), bf16 or fp16.")
+        str | None, typer.Option("--precision", metavar="PRECISION", help="fp32 (the reference), bf16, fp16, or int8.")
     ] = None,
     as_json: Json = False,
     url: Url = None,
@@ -72,6 +72,46 @@ def import_(
     say(("registered" if new else "registered already") + f" as {registered.reference}; in a spec:")
     typer.echo(f"functions: [{registered.name}]")
     say(f"runs that start from now on pin this version; try it with: {command_name()} run SPEC")
+
+
+@app.command()
+def quantize(
+    function: Annotated[str, typer.Argument(metavar="FUNCTION", help="One of the run's functions.")],
+    run: Annotated[str, typer.Option("--from", metavar="RUN", help="Run whose frames show the ranges of values.")],
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of FUNCTION-int8.")
+    ] = None,
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames that show the ranges.")] = 32,
+    threads: InferenceThreads = None,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Register an int8 version of a function, and compare both on the run's frames.
+
+    The card states the change of pACC. Nothing is rendered.
+    """
+    from valerie.analysis.comparison.drawing import comparison_renderable
+    from valerie.cli.datasets import Lines
+    from valerie.cli.deployment import context_of
+    from valerie.pipeline.retraining.quantization import quantize_function
+
+    lines = Lines("frames")
+    with context_of(data_dir) as deployment:
+        made = quantize_function(
+            deployment,
+            run,
+            function,
+            name or f"{function.partition('@')[0]}-int8",
+            frames=frames,
+            threads=threads,
+            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+        )
+    if as_json:
+        typer.echo(json.dumps(made.comparison.as_document(), ensure_ascii=False))
+    else:
+        console().print(comparison_renderable(made.comparison))
+    say(f"{'registered' if made.new else 'registered already'} as {made.registered.reference}; in a spec:")
+    say(f"functions: [{made.registered.document.name}]")
 
 
 @app.command("list")

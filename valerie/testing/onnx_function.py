@@ -18,7 +18,7 @@ def small_onnx(folder: Path, *, name: str = "small", **entries: Any) -> tuple[Fu
     Args:
         folder: folder of the file ``<name>.onnx``.
         name: name of the function.
-        entries: further entries of the document, e.g. ``engine``.
+        entries: further entries of the document, e.g. ``engine``; with ``precision="int8"`` the network is quantised.
 
     Raises:
         MissingDependency: the library onnx is not installed.
@@ -31,12 +31,25 @@ def small_onnx(folder: Path, *, name: str = "small", **entries: Any) -> tuple[Fu
     weights = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]], np.float32).reshape(2, 3, 1, 1)
     bias = np.array([0.0, 1.5], np.float32)
     sides: list[Any] = ["height", "width"]
+    constants = [numpy_helper.from_array(weights, "weights"), numpy_helper.from_array(bias, "bias")]
+    nodes, inputs = [], ["picture", "weights"]
+    if entries.get("precision") == "int8":
+        scales = [numpy_helper.from_array(np.array(1 / steps, np.float32), f"1/{steps}") for steps in (255, 127)]
+        zero = numpy_helper.from_array(np.array(0, np.uint8), "0")
+        eight_bits = numpy_helper.from_array((127 * weights).astype(np.int8), "weights")
+        constants = [eight_bits, constants[1], *scales, zero]
+        nodes = [
+            helper.make_node("QuantizeLinear", ["picture", "1/255", "0"], ["picture, 8 bits"]),
+            helper.make_node("DequantizeLinear", ["picture, 8 bits", "1/255", "0"], ["picture, rounded"]),
+            helper.make_node("DequantizeLinear", ["weights", "1/127"], ["weights, rounded"]),
+        ]
+        inputs = ["picture, rounded", "weights, rounded"]
     graph = helper.make_graph(
-        [helper.make_node("Conv", ["picture", "weights", "bias"], ["logits"], kernel_shape=[1, 1])],
+        [*nodes, helper.make_node("Conv", [*inputs, "bias"], ["logits"], kernel_shape=[1, 1])],
         "small",
         [helper.make_tensor_value_info("picture", TensorProto.FLOAT, [1, 3, *sides])],
         [helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, 2, *sides])],
-        [numpy_helper.from_array(weights, "weights"), numpy_helper.from_array(bias, "bias")],
+        constants,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     data = model.SerializeToString(deterministic=True)

@@ -16,8 +16,12 @@ def change_sentence(change: VersionChange) -> str:
         return f"person {measure_of(change.name).title}, pooled: {values}"
     own = change.difference
     assert own is not None
-    by_place = f"{100 * own.mean:+.1f} points by place{span_text(own)}, {own.places:,} places"
-    return f"{change.name}: mean pACC {values} ({by_place}; {own.lost:,} lost, {own.gained:,} gained)"
+    return f"{change.name}: mean pACC {values} ({difference_text(own)}; {own.lost:,} lost, {own.gained:,} gained)"
+
+
+def difference_text(difference: GroupDifference) -> str:
+    """Return a difference of mean pACC as text: ``-0.4 points by place, 95 % [-0.9, +0.1], 24 places``."""
+    return f"{100 * difference.mean:+.1f} points by place{span_text(difference)}, {difference.places:,} places"
 
 
 def span_text(difference: GroupDifference) -> str:

@@ -39,7 +39,7 @@ AFFORDABLE: Final = 10
 #: Image pairs of a finding.
 _PAIRS: Final = 3
 #: Precisions in which the labels of a function differ from those at full precision.
-_REDUCED: Final = frozenset({"bf16", "fp16"})
+_REDUCED: Final = frozenset({"bf16", "fp16", "int8"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,7 +40,7 @@ _SCHEME: Final = 1
 
 Kind = Literal["network", "onnx", "huggingface", "http", "predictions"]
 Engine = Literal["torch", "openvino", "onnxruntime", "none"]
-Precision = Literal["fp32", "bf16", "fp16"]
+Precision = Literal["fp32", "bf16", "fp16", "int8"]
 
 #: Kind to the engines that can run it, the default first.
 ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
@@ -56,12 +56,12 @@ ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
 PAYLOADS: Final[Mapping[str, str]] = MappingProxyType(
     {"network": "safetensors", "onnx": "onnx", "huggingface": "safetensors"}
 )
-#: Engine to the precisions that it offers.
+#: Engine to the precisions that it offers. Only ONNX files have int8 (`valerie.perception.running.quantizing`).
 PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
     {
         "torch": ("fp32", "bf16", "fp16"),
-        "openvino": ("fp32", "bf16", "fp16"),
-        "onnxruntime": ("fp32",),
+        "openvino": ("fp32", "bf16", "fp16", "int8"),
+        "onnxruntime": ("fp32", "int8"),
         "none": ("fp32",),
     }
 )
@@ -247,6 +247,8 @@ class FunctionDocument(_Part):
             raise ValueError(f"engine {self.engine} cannot run kind {self.kind}: {' | '.join(ENGINES[self.kind])}")
         if self.precision not in PRECISIONS[self.engine]:
             raise ValueError(f"engine {self.engine} has no {self.precision}: {' | '.join(PRECISIONS[self.engine])}")
+        if self.precision == "int8" and self.kind != "onnx":
+            raise ValueError(f"kind {self.kind} has no int8; `valerie function quantize` makes a function of kind onnx")
         expected = PAYLOADS.get(self.kind)
         actual = self.payload.format if self.payload else None
         if actual != expected:

@@ -28,6 +28,10 @@ _ENDLESS: Final = frozenset({"Loop", "Scan"})
 _RANDOM: Final = frozenset(
     {"RandomNormal", "RandomNormalLike", "RandomUniform", "RandomUniformLike", "Multinomial", "Bernoulli"}
 )
+#: Operators between float and 8-bit values, and those that compute with 8-bit values.
+_QUANTIZED: Final = frozenset(
+    {"QuantizeLinear", "DequantizeLinear", "QLinearConv", "QLinearMatMul", "ConvInteger", "MatMulInteger"}
+)
 #: The smallest elements have two bits: four of them share a byte.
 _ELEMENTS_PER_BYTE: Final = 4
 
@@ -79,6 +83,11 @@ def read_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> onnx.ModelProto:
 def operator_set(model: onnx.ModelProto) -> int:
     """Return the version of the standard operators; 0 if the model states none."""
     return max((entry.version for entry in model.opset_import if entry.domain in _STANDARD), default=0)
+
+
+def is_quantized(model: onnx.ModelProto) -> bool:
+    """Return True if the network computes with 8-bit integers: it holds operators that quantise."""
+    return any(node.op_type in _QUANTIZED for node in model.graph.node)
 
 
 def _messages(message: Message, field: str, depth: int = 1) -> Iterator[Message]:

@@ -22,6 +22,7 @@ REASON: Final = "engine chosen"
 TOLERANCE: Final = 1e-3
 #: The engines in fp32 on processors (docs/benchmarks.md).
 _FASTEST_FIRST: Final[tuple[Engine, ...]] = ("openvino", "onnxruntime", "torch")
+_ON_GPU: Final = "torch uses the graphics card"
 #: Height and width of the picture that engines are compared on.
 _SIZE: Final = (128, 256)
 
@@ -50,7 +51,7 @@ def local_choice(device: str, precision: str) -> EngineChoice:
     """
     in_torch: Precision = "bf16" if precision == "bf16" else "fp32"
     if uses_gpu(device):
-        return EngineChoice("torch", in_torch, "torch uses the graphics card")
+        return EngineChoice("torch", in_torch, _ON_GPU)
     if find_spec("openvino") is None:
         return EngineChoice("torch", in_torch, "torch, since openvino is not installed")
     if precision == "bf16" or (precision == AUTO and multiplies_bf16()):
@@ -68,19 +69,22 @@ def uses_gpu(device: str) -> bool:
     return device.startswith("cuda")
 
 
-def agreeing_choice(document: FunctionDocument, payload: Path) -> EngineChoice:
+def agreeing_choice(document: FunctionDocument, payload: Path, *, device: str = "cpu") -> EngineChoice:
     """Choose the fastest engine whose logits of a picture differ from the reference's by at most `TOLERANCE`, in fp32.
 
     The reference is torch, and onnxruntime for ONNX files, which torch does not read. An engine that is not installed or cannot
-    run the network is left out, with its reason.
+    run the network is left out, with its reason. What torch runs on a graphics card is not compared.
 
     Args:
         document: document of a kind with a payload.
         payload: its file.
+        device: see `valerie.perception.running.opening.open_function`.
 
     Raises:
         ValerieError: the reference cannot run it.
     """
+    if "torch" in ENGINES[document.kind] and uses_gpu(device):
+        return EngineChoice("torch", "fp32", _ON_GPU)
     reference: Engine = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
     expected = _answer(document, payload, reference)
     complaints = []

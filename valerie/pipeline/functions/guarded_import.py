@@ -19,7 +19,6 @@ from valerie.errors import InvalidInput, MissingDependency
 from valerie.loading import load_document
 from valerie.parent import module_command, module_environment
 from valerie.perception.documents.function import PAYLOADS, FunctionDocument, parse_function
-from valerie.perception.running.choice import uses_gpu
 from valerie.pipeline.functions.import_job import (
     Conversion,
     ImportAnswer,
@@ -106,8 +105,7 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
         return ImportedFunction(document, None, Trial(skipped=f"nothing to open: kind {document.kind}"))
     if "kind" in entries and entries["kind"] not in PAYLOADS:
         raise InvalidInput(f"kind {entries['kind']} takes no file", field="payload", value=request.filename)
-    # A requested precision or engine is kept, and a graphics card is faster than any processor.
-    choose = "engine" not in entries and "precision" not in entries and not uses_gpu(settings.infer_device)
+    choose = "engine" not in entries and "precision" not in entries  # a requested one is kept
     limit = settings.max_function_mb << 20
     size = request.path.stat().st_size
     if size > limit:

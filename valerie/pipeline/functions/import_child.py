@@ -57,7 +57,7 @@ def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     try:
         document, path = _function(job)
         if job.choose_engine:
-            document = _with_fastest_engine(document, path)
+            document = _with_fastest_engine(document, path, device=job.device)
         trial = _try_out(document, path, device=job.device)
     except ValerieError as error:
         return ImportFailure(message=str(error), missing_dependency=isinstance(error, MissingDependency))
@@ -69,9 +69,9 @@ def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     return ImportedFile(document=document.model_copy(update={"provenance": provenance}), payload=path.name, trial=trial)
 
 
-def _with_fastest_engine(document: FunctionDocument, path: Path) -> FunctionDocument:
+def _with_fastest_engine(document: FunctionDocument, path: Path, *, device: str) -> FunctionDocument:
     try:
-        return agreeing_choice(document, path).applied(document)
+        return agreeing_choice(document, path, device=device).applied(document)
     except ValerieError:
         return document  # the trial says why
 

@@ -30,7 +30,19 @@ def is_file(reference: str) -> bool:
 
 
 def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[FunctionDocument, Path]:
-    """Return document and weights of a network as a run pinned it.
+    """Return document and weights of a network of VALERIE's own architectures as a run pinned it.
+
+    Raises:
+        InvalidInput: training cannot start from it (see `require_trainable`).
+        NotFound, Conflict: see `pinned_payload`.
+    """
+    document, file = pinned_payload(name, pin, context=context)
+    require_trainable(document)
+    return document, file
+
+
+def pinned_payload(name: str, pin: FunctionPin, *, context: Context) -> tuple[FunctionDocument, Path]:
+    """Return document and file of a function as a run pinned it.
 
     Args:
         name: name in the run's spec.
@@ -38,17 +50,18 @@ def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[Fu
         context: context of the deployment in which functions are registered.
 
     Raises:
-        InvalidInput: it is not a network of VALERIE's own architectures (see `require_trainable`).
+        InvalidInput: it has no file: it is a program, a network elsewhere, or predictions made elsewhere.
         NotFound: this version was removed.
         Conflict: it ships with VALERIE, and the run used other weights than those installed now.
     """
     if pin.kind is not None:
         with reading(context.engine) as connection:
             document = registry.of_digest(connection, pin.digest, name).document
-        require_trainable(document)
+        if document.payload is None:
+            raise InvalidInput(f"functions of kind {document.kind} have no file", field="function", value=name)
         return document, FunctionLoader(context).file(document)
     if name not in FUNCTIONS:
-        raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
+        raise InvalidInput("a program of an installed package has no file", field="function", value=name)
     path = function_path(name)
     runs_as = {"engine": pin.card.engine, "precision": pin.card.precision}
     document = file_document(name, path).model_copy(update=runs_as)

@@ -48,3 +48,16 @@ def test_an_engine_that_is_missing_is_left_out_with_its_reason(write_onnx, monke
     chosen = choice.agreeing_choice(document, path)
     assert chosen.engine == "onnxruntime"
     assert "openvino does not run it here" in chosen.reason
+
+
+def test_a_graphics_card_runs_networks_in_torch_and_the_card_says_so(write_function, monkeypatch) -> None:
+    path = write_function("semantic-fpn-small")
+    monkeypatch.setattr(choice, "uses_gpu", lambda device: device == "cuda")
+    chosen = choice.agreeing_choice(file_document("f", path), path, device="cuda")
+    assert chosen == ("torch", "fp32", "torch uses the graphics card")
+
+
+def test_onnx_files_are_compared_beside_a_graphics_card_too(write_onnx, monkeypatch) -> None:
+    document, path = write_onnx({})
+    monkeypatch.setattr(choice, "uses_gpu", lambda _: True)
+    assert choice.agreeing_choice(document, path, device="cuda").engine == "openvino"

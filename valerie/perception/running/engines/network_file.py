@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from valerie.errors import InvalidInput
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import OnnxOptions
-from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.importing.onnx_files import is_quantized, read_onnx
 from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.graph import whole_graph
 from valerie.perception.running.engines.upsampling import upsampled_ids
@@ -26,19 +26,24 @@ class NetworkFile:
         document: document of kind ``onnx``, ``network`` or ``huggingface``.
         payload: its file.
 
+    Attributes:
+        output: output of the document, with the network's own ``align_corners``.
+        network: returns the network alone, as ONNX, for pieces of a size.
+
     Raises:
-        InvalidInput, UnknownName: document and payload do not fit each other.
+        InvalidInput, UnknownName: document and payload do not fit each other; also precision int8 of a network that is not
+            quantised, and any other precision of one that is.
         MissingDependency: torch or transformers is needed but not installed.
     """
 
     def __init__(self, document: FunctionDocument, payload: Path) -> None:
         self.document = document
-        self._output = document.output
+        self.output = document.output
         if document.kind == "onnx":
-            read_onnx(payload)
-            self._network: Callable[[Size], bytes] = lambda _: payload.read_bytes()
+            _require_stated(document.precision, quantized=is_quantized(read_onnx(payload)))
+            self.network: Callable[[Size], bytes] = lambda _: payload.read_bytes()
         else:
-            self._network = self._exported(payload)
+            self.network = self._exported(payload)
 
     def graph(self, piece: Size, labels: Size) -> bytes:
         """Return the whole graph (see `whole_graph`) for these sizes, serialised.
@@ -47,9 +52,9 @@ class NetworkFile:
             InvalidInput: the network does not fit the document or does not accept pieces of this size.
         """
         model = whole_graph(
-            onnx.load_from_string(self._network(piece)),
+            onnx.load_from_string(self.network(piece)),
             source=self.document.input,
-            answer=self._output,
+            answer=self.output,
             piece=piece,
             labels=labels,
             output=options.output if isinstance(options := self.document.options, OnnxOptions) else "",
@@ -65,14 +70,14 @@ class NetworkFile:
         """
         if answer.dtype == np.uint8:
             return answer
-        if len(answer) != len(self._output.classes):
+        if len(answer) != len(self.output.classes):
             raise InvalidInput(
                 "the network answers another number of classes than the document lists",
                 field="output.classes",
-                value=len(self._output.classes),
+                value=len(self.output.classes),
                 limit=len(answer),
             )
-        return upsampled_ids(answer, labels, align_corners=self._output.align_corners)
+        return upsampled_ids(answer, labels, align_corners=self.output.align_corners)
 
     def _exported(self, payload: Path) -> Callable[[Size], bytes]:
         from valerie.perception.running.engines.export import export_onnx, looks_at_size
@@ -80,9 +85,18 @@ class NetworkFile:
 
         module = open_module(self.document, payload)
         if getattr(module, "align_corners", False):
-            self._output = self._output.model_copy(update={"align_corners": True})
+            self.output = self.output.model_copy(update={"align_corners": True})
         # Networks from elsewhere may branch on sizes in ways that a trace does not show.
         if self.document.kind != "network" or looks_at_size(module):
             return lambda piece: export_onnx(module, piece)
         network = export_onnx(module, None)
         return lambda _: network
+
+
+def _require_stated(precision: str, *, quantized: bool) -> None:
+    """Refuse a document whose precision is not that of the file."""
+    if quantized and precision != "int8":
+        raise InvalidInput("the network is quantised", field="precision", value=precision, limit="int8")
+    if precision == "int8" and not quantized:
+        hint = "the network is not quantised; `valerie function quantize` makes one that is"
+        raise InvalidInput(hint, field="precision", value=precision, limit="fp32, bf16 or fp16")

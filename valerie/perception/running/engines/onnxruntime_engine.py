@@ -1,4 +1,4 @@
-"""Networks in onnxruntime: fp32 on the CPU, independent of torch and OpenVINO."""
+"""Networks in onnxruntime: fp32, or int8 of quantised files, on the CPU, independent of torch and OpenVINO."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class OnnxRuntimeEngine:
     """
 
     name: Final = "onnxruntime"
-    precision: Final = "fp32"
     batch_size: Final = 1
 
     def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
         # `silence_libraries` stops events from being sent; this also stops them from being collected.
         onnxruntime.disable_telemetry_events()
+        self.precision = document.precision
         self._threads = threads
         self._network = NetworkFile(document, payload)
         self._compiled = Recent(self._compile)
@@ -44,7 +44,8 @@ class OnnxRuntimeEngine:
     @property
     def numeric_class(self) -> str:
         """E.g. ``onnxruntime-1.31.1-cpu-fp32-avx512-vnni-t2``."""
-        return f"onnxruntime-{onnxruntime.__version__}-cpu-fp32-{instruction_set()}-t{self._threads}"
+        version = onnxruntime.__version__
+        return f"onnxruntime-{version}-cpu-{self.precision}-{instruction_set()}-t{self._threads}"
 
     def answer(self, piece: NDArray[np.uint8]) -> NDArray[Any]:
         """See `Engine`."""

@@ -23,7 +23,13 @@ from valerie.perception.running.engines.network_file import NetworkFile
 from valerie.perception.running.engines.processor import instruction_set
 from valerie.plain import Keywords
 
-_TYPES: Final = {"fp32": openvino.Type.f32, "bf16": openvino.Type.bf16, "fp16": openvino.Type.f16}
+#: What a quantised network does not compute in 8 bits is fp32.
+_TYPES: Final = {
+    "fp32": openvino.Type.f32,
+    "bf16": openvino.Type.bf16,
+    "fp16": openvino.Type.f16,
+    "int8": openvino.Type.f32,
+}
 _DEVICE: Final = "CPU"
 
 
@@ -87,7 +93,7 @@ class OpenVinoEngine:
 
 def _settings(precision: str, threads: int) -> Keywords:
     hint = properties.hint
-    mode = hint.ExecutionMode.ACCURACY if precision == "fp32" else hint.ExecutionMode.PERFORMANCE
+    mode = hint.ExecutionMode.ACCURACY if _TYPES[precision] == openvino.Type.f32 else hint.ExecutionMode.PERFORMANCE
     return {
         hint.inference_precision(): _TYPES[precision],
         # ACCURACY also keeps the engine from rounding weights or activations.
@@ -110,8 +116,13 @@ def _require_precision(precision: str) -> None:
     """Compile a tiny network and read its precision back, since the list of capabilities is not reliable."""
     ops = openvino.opset13
     value = ops.parameter([1, 8, 8, 8], openvino.Type.f32)
-    weights = ops.constant(np.zeros((8, 8, 3, 3), np.float32))
-    model = openvino.Model([ops.convolution(value, weights, [1, 1], [1, 1], [1, 1], [1, 1])], [value])
+    weights = ops.constant(np.ones((8, 8, 3, 3), np.float32))
+    inputs = value, weights
+    if precision == "int8":
+        inputs = tuple(
+            ops.fake_quantize(x, -1.0, 1.0, -1.0, 1.0, levels) for x, levels in ((value, 256), (weights, 255))
+        )
+    model = openvino.Model([ops.convolution(*inputs, [1, 1], [1, 1], [1, 1], [1, 1])], [value])
     _require_compiled(_core().compile_model(model, _DEVICE, _settings(precision, 1)), precision)
 
 
@@ -119,9 +130,17 @@ def _require_compiled(compiled: openvino.CompiledModel, precision: str) -> None:
     """Refuse a compiled model of another precision."""
     compiled_type = compiled.get_property(properties.hint.inference_precision())
     if compiled_type != _TYPES[precision]:
-        names = {kind.get_type_name(): name for name, kind in _TYPES.items()}
+        names = {kind.get_type_name(): name for name, kind in reversed(_TYPES.items())}
         name = names.get(compiled_type.get_type_name(), compiled_type.get_type_name())
         raise MissingDependency(f"OpenVINO computes in {name} on this processor, but {precision} is requested")
+    if precision == "int8" and not any(map(_in_8_bits, compiled.get_runtime_model().get_ops())):
+        raise MissingDependency("OpenVINO computes quantised networks in fp32 on this processor, but int8 is requested")
+
+
+def _in_8_bits(operation: openvino.Node) -> bool:
+    facts = operation.get_rt_info()
+    kind, precision = (facts[name].astype(str) for name in ("layerType", "runtimePrecision"))
+    return kind in ("Convolution", "FullyConnected", "MatMul") and precision in ("u8", "i8")
 
 
 def _reason(error: Exception) -> str:

@@ -13,6 +13,7 @@ _NEWEST_FIRST: Final = (
     ("avx512-bf16", "avx512_bf16"),
     ("avx512-vnni", "avx512_vnni"),
     ("avx512", "avx512f"),
+    ("avx-vnni", "avx_vnni"),
     ("avx2", "avx2"),
     ("sve", "sve"),
     ("neon", "asimd"),
