@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registry import open_registry, register_file
-from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
+from valerie.cli.shell import DataDir, Json, Url, say
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from valerie.client import Function, NoTrial, Trial

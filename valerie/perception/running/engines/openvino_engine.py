@@ -21,7 +21,6 @@ from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.base import Recent
 from valerie.perception.running.engines.network_file import NetworkFile
 from valerie.perception.running.engines.processor import instruction_set
-from valerie.plain import Keywords
 
 _TYPES: Final = {"fp32": openvino.Type.f32, "bf16": openvino.Type.bf16, "fp16": openvino.Type.f16}
 _DEVICE: Final = "CPU"
@@ -85,7 +84,7 @@ class OpenVinoEngine:
         return compiled.create_infer_request()
 
 
-def _settings(precision: str, threads: int) -> Keywords:
+def _settings(precision: str, threads: int) -> dict[str, openvino.OVAny]:
     hint = properties.hint
     mode = hint.ExecutionMode.ACCURACY if precision == "fp32" else hint.ExecutionMode.PERFORMANCE
     return {
