@@ -75,7 +75,7 @@ def newest_first(
 
 
 def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Mapping[str, object]]) -> int:
-    """Insert the rows whose primary keys do not exist yet; return their number."""
+    """Insert the rows of any table whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert

@@ -150,7 +150,7 @@ class Run:
         return self._source.rows(self.id, where)
 
     def frames(self, where: str = "") -> list[Frame]:
-        """Return the frames with a row for which an expression holds, each behind its sensor, in the order of the rows."""
+        """Return sensor and frame of every row that satisfies an expression, each once, in the order of the rows."""
         rows = self.rows(where)
         of_frames: dict[tuple[str, str], list[int]] = {}
         names = zip(rows["frame_id"].to_pylist(), rows["sensor"].to_pylist(), strict=True)

@@ -86,7 +86,7 @@ class CheckpointFile:
         return Position.model_validate_json(entries["position"])
 
     def _identity(self) -> str:
-        """Return a text that must be equal for resuming; device and number of threads may differ."""
+        """Return the text that has to match before training resumes; device and number of threads may differ."""
         return f"{self.settings.model_dump_json(exclude={'loader_threads', 'device'})} {self.mean} {self.std}"
 
 

@@ -115,7 +115,7 @@ class FrameList(Document):
 
 @dataclass(slots=True)
 class NamedFrame:
-    """A frame through one sensor setting that findings or verdicts name, with the named looked and the persons."""
+    """A frame through one sensor setting that findings or verdicts name, with the functions and persons that they name."""
 
     key: FrameKey
     sensor: str | None

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from valerie.color import LUMINANCE
 from valerie.parameters.definitions import Value
 from valerie.plain import JsonObject
 from valerie.rendering.base import Rectangle, View
@@ -28,7 +29,6 @@ from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Tex
 
 #: Share of the light that a thin sheet (`Material.double_sided`) transmits. With it, the lit side matches the raster engine's.
 _TRANSLUCENT_SHARE: Final = 0.175
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 #: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
 _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
@@ -283,7 +283,7 @@ def _light(scene: Scene, sky: Sky) -> JsonObject:
         "sun": sky.sun.tolist(),
         "toward_sun": sky.sun_direction.tolist(),
         "angular_diameter": scene.sun.angular_diameter,
-        "extinction": float(sky.extinction @ _LUMINANCE),
+        "extinction": float(sky.extinction @ LUMINANCE),
         "haze": sky.haze.tolist(),
         "wetness": sky.wetness,
     }
@@ -295,7 +295,7 @@ def _sky(scene: Scene, sky: Sky) -> JsonObject:
         "elevation": scene.sun.elevation,
         "rotation": scene.sun.azimuth - scene.environment.bearing,
         "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
-        "irradiance": float(sky.sky_irradiance @ _LUMINANCE),
+        "irradiance": float(sky.sky_irradiance @ LUMINANCE),
         "ground": sky.ground.tolist(),
     }
 

@@ -28,7 +28,7 @@ _FIELDS: Final = tuple(word for name in RunSpec.model_fields for word in (TOP_LE
 #: Places whose lines are listed; those of a document with thousands of points would cost more than they help.
 _MOST_LINES: Final = 2_000
 _INDENT: Final = "  "
-#: Text that needs no quotes, as far as it does not read back as another value.
+#: Text that needs no quotes unless it reads back as another value.
 _PLAIN: Final = re.compile(r"[\w.+-][\w.+/%°-]*(?: [\w.+/%°-]+)*")
 
 
