@@ -29,6 +29,7 @@ from tests.planted_tables import drawn_space, planted_table, requirement
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.design import Design
 from valerie.analysis.verdicts.verdicts import judge_requirements
+from valerie.plain import JsonObject
 from valerie.statistics.confirmation import find, holm
 from valerie.statistics.contrasts import contrasts
 from valerie.statistics.curves import Shape, contradicted_bins, fit_curve
@@ -39,7 +40,7 @@ from valerie.statistics.power import places_needed
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
 Floats = NDArray[np.float64]
-Row = dict[str, Any]
+Row = JsonObject
 Generator = np.random.Generator
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import linear_to_srgb
+
 
 def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Encode linear reflectance in [0, 1] as sRGB bytes (IEC 61966-2-1)."""
-    value = np.clip(linear, 0.0, 1.0)
-    encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.power(np.maximum(value, 1e-8), 1.0 / 2.4) - 0.055)
-    pixels: NDArray[np.uint8] = np.round(encoded * 255.0).astype(np.uint8)
+    pixels: NDArray[np.uint8] = np.round(linear_to_srgb(np.clip(linear, 0.0, 1.0)) * 255.0).astype(np.uint8)
     return pixels
 
 

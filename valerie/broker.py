@@ -15,8 +15,6 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NamedTuple
 
-from valerie.plain import Keywords
-
 # On a plain SIGTERM, Celery would wait for the running task without limit. Remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
 os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
@@ -29,6 +27,7 @@ from redis.exceptions import RedisError
 from redis.exceptions import TimeoutError as RedisTimeout
 
 from valerie.errors import TransientError
+from valerie.plain import JsonObject
 from valerie.runs.products.ready import Ready
 from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
 from valerie.runs.products.turns import packet_size
@@ -97,7 +96,7 @@ def _is_rabbitmq(settings: Settings) -> bool:
     return settings.broker_url.startswith(("amqp", "pyamqp"))
 
 
-def _redis(settings: Settings, answer_seconds: float) -> Keywords:
+def _redis(settings: Settings, answer_seconds: float) -> JsonObject:
     """Return the options of Redis and Valkey."""
     return {
         "broker_transport": "redis" if settings.broker_url.startswith("redis") else None,
@@ -116,7 +115,7 @@ def _redis(settings: Settings, answer_seconds: float) -> Keywords:
     }
 
 
-def _rabbitmq(answer_seconds: float) -> Keywords:
+def _rabbitmq(answer_seconds: float) -> JsonObject:
     """Return the options of RabbitMQ: queues are replicated (quorum queues), messages are confirmed."""
     return {
         "task_default_queue_type": "quorum",
@@ -132,7 +131,7 @@ def _rabbitmq(answer_seconds: float) -> Keywords:
 
 
 #: Options of every message. The readable texts in its header are constant, since building them would double the cost.
-_SENDING: Final[Keywords] = {
+_SENDING: Final = {
     "ignore_result": True,
     "kwargsrepr": "{}",
     "retry_policy": {"max_retries": 1, "interval_start": 0.1, "interval_max": 0.2},

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any, Final
 
 import yaml
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import MAX_MAGNITUDE
-from valerie.plain import Written
+from valerie.plain import Json, JsonObject
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 20
@@ -24,7 +24,7 @@ MAX_DEPTH: Final = 20
 class _Loader(yaml.CSafeLoader):
     """Safe YAML without aliases, tags and duplicate keys, with the scalars of YAML 1.2's core schema."""
 
-    yaml_implicit_resolvers: Written = {}  # noqa: RUF012  the base class's own, replaced and not extended
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  the base class's own, replaced and not extended
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         keys: set[Any] = set()
@@ -54,7 +54,7 @@ _Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(str(node.va
 _Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: _float(str(node.value)))
 
 
-def load_document(source: str | bytes | Written, *, max_bytes: int = MAX_BYTES) -> Written:
+def load_document(source: str | bytes | Mapping[str, Json], *, max_bytes: int = MAX_BYTES) -> JsonObject:
     """Load a YAML or JSON document, or check a loaded one.
 
     Args:
@@ -137,8 +137,8 @@ def _check_events(text: str) -> None:
             depth -= 1
 
 
-def _pairs(pairs: list[tuple[str, Any]]) -> Written:
-    mapping: Written = {}
+def _pairs(pairs: list[tuple[str, Any]]) -> JsonObject:
+    mapping: JsonObject = {}
     for key, value in pairs:
         if key in mapping:
             raise InvalidInput("the key appears twice", value=key)

@@ -20,6 +20,8 @@ Cell = str | int | float | None
 Measures = Mapping[str, Cell]
 #: A row of the long table: its measures, and a column for each parameter that its run varies.
 TableRow = dict[str, Cell]
+#: Values of any row by column.
+Row = Mapping[str, Cell]
 
 
 class ColumnType(StrEnum):

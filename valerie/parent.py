@@ -6,6 +6,7 @@ import ctypes
 import os
 import select
 import signal
+import struct
 import sys
 import time
 from collections.abc import Callable
@@ -17,6 +18,8 @@ _PR_SET_PDEATHSIG = 1
 _ENVIRONMENT: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "PYTHONPATH")
 #: Time between two looks at a child that does not answer, seconds.
 _LOOK_SECONDS: Final = 0.5
+#: Length in front of each message, bytes.
+_LENGTH: Final = struct.Struct("<I")
 
 
 def end_with_parent(signum: int = signal.SIGTERM) -> None:
@@ -41,6 +44,18 @@ def module_environment(*names: str) -> dict[str, str]:
         **environment,
         "PYTHONPATH": os.pathsep.join(filter(None, [source, environment.get("PYTHONPATH")])),
     }
+
+
+def read_message(stream: IO[bytes]) -> bytes | None:
+    """Return the next message that `Wire.send_message` sent; None at the end of the stream."""
+    length = stream.read(_LENGTH.size)
+    return stream.read(_LENGTH.unpack(length)[0]) if len(length) == _LENGTH.size else None
+
+
+def write_message(stream: IO[bytes], message: bytes) -> None:
+    """Write a message for `Wire.receive_message`."""
+    stream.write(_LENGTH.pack(len(message)) + message)
+    stream.flush()
 
 
 class Wire:
@@ -83,6 +98,14 @@ class Wire:
             parts.append(part)
             size -= len(part)
         return b"".join(parts)
+
+    def send_message(self, message: bytes) -> None:
+        """Send a message with its length in front. Raises EOFError if the pipe has no reader."""
+        self.send(_LENGTH.pack(len(message)) + message)
+
+    def receive_message(self) -> bytes:
+        """Return the next message of `write_message`. Raises EOFError when the pipe ends earlier."""
+        return self.receive(_LENGTH.unpack(self.receive(_LENGTH.size))[0])
 
     def _wait(self, pipe: int, *, writing: bool = False) -> None:
         until = time.monotonic() + self._silence

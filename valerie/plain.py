@@ -1,25 +1,50 @@
-"""Plain data: names for the few kinds whose keys VALERIE cannot know, and the conversion of plain data to a type."""
+"""Plain data: the types of JSON values and of JSON Schema, and the conversion of plain data to a type."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias, TypedDict, TypeVar
+
+from typing_extensions import TypeAliasType
 
 T = TypeVar("T")
 
-#: An object of a JSON document that another program or format defines, or that VALERIE writes but does not read: JSON Schema,
-#: OpenAPI, COCO, OpenLABEL, glTF, plotly, messages to Blender, the inputs of a digest, printed results.
-JsonObject = dict[str, Any]
-#: A document, or a part of one, as its author wrote it. No model has checked it yet.
-Written = dict[str, Any]
-#: Entries of another program's file, such as a checkpoint or its configuration.
-ForeignEntries = dict[str, object]
-#: Values of a shader's uniforms by their names in GLSL.
-Uniforms = dict[str, Any]
-#: Values of one row by column. The run's parameters determine further columns.
-Row = Mapping[str, Any]
-#: Keyword arguments for a library's function, or changes to a frozen object's fields.
-Keywords = dict[str, Any]
+#: A value of a JSON document. Sequences are lists once read, mappings dictionaries.
+Json = TypeAliasType("Json", "str | int | float | bool | Sequence[Json] | Mapping[str, Json] | None")
+#: An object of a JSON document: in a format that others define, or as its author wrote it, not yet checked by a model.
+JsonObject: TypeAlias = dict[str, Json]
+#: A JSON Schema, by the keywords that VALERIE reads or writes.
+JsonSchema = TypedDict(
+    "JsonSchema",
+    {
+        "$schema": str,
+        "$ref": str,
+        "$defs": "dict[str, JsonSchema]",
+        "title": str,
+        "description": str,
+        "type": str | list[str],
+        "enum": Sequence[Json],
+        "const": Json,
+        "default": Json,
+        "examples": Sequence[Json],
+        "anyOf": "list[JsonSchema]",
+        "oneOf": "list[JsonSchema]",
+        "allOf": "list[JsonSchema]",
+        "not": "JsonSchema",
+        "properties": "dict[str, JsonSchema]",
+        "propertyNames": "JsonSchema",
+        "additionalProperties": "bool | JsonSchema",
+        "required": list[str],
+        "items": "JsonSchema",
+        "prefixItems": "list[JsonSchema]",
+        "minItems": int,
+        "maxItems": int,
+        "minLength": int,
+        "maxLength": int,
+        "format": str,
+    },
+    total=False,
+)
 
 
 def typed(form: type[T], document: object) -> T:

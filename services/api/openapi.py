@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Any, Final, TypedDict, cast
 
 from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -12,7 +12,7 @@ from fastapi.routing import APIRoute
 from pydantic import TypeAdapter
 
 from services.api.problems import INVALID_INPUT, MEDIA_TYPE, Problem
-from valerie.plain import JsonObject
+from valerie.plain import Json, JsonObject, JsonSchema
 
 #: Status to description, title and example of a detail.
 _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
@@ -54,6 +54,22 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
 _ALWAYS: Final = (401, 403, 503)
 
 
+class _Content(TypedDict, total=False):
+    example: Json
+
+
+class _Response(TypedDict, total=False):
+    content: dict[str, _Content]
+
+
+class _Operation(TypedDict):
+    responses: dict[str, _Response]
+
+
+#: Path and method to operation; only the members that examples are added to.
+_Paths = Mapping[str, Mapping[str, _Operation]]
+
+
 def problems(*statuses: int) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with the problems of every endpoint and those of ``statuses``."""
     return {status: _response(status) for status in sorted({*_ALWAYS, *statuses})}
@@ -74,7 +90,7 @@ def request_body(description: str, content: Mapping[str, JsonObject]) -> JsonObj
     return {"requestBody": {"required": True, "description": description, "content": dict(content)}}
 
 
-def document_body(description: str, *, example: JsonObject, yaml: str) -> JsonObject:
+def document_body(description: str, *, example: Mapping[str, Json], yaml: str) -> JsonObject:
     """Return ``openapi_extra=`` of a document as JSON or YAML, with an example of each."""
     return request_body(
         description,
@@ -128,11 +144,11 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
     for path, item in document["paths"].items():
         for operation in item.values():
             operation["security"] = [] if path in open_paths else [{"token": []}, {}]
-    _add_examples(document, routers)
+    _add_examples(document["paths"], routers)
     return document
 
 
-def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
+def _add_examples(paths: _Paths, routers: Sequence[APIRouter]) -> None:
     """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
 
     Examples that the generator copied are replaced too: it drops every null, which the schemas require.
@@ -141,16 +157,20 @@ def _add_examples(document: JsonObject, routers: Sequence[APIRouter]) -> None:
         models = {str(route.status_code or 200): route.response_model}
         models |= {str(status): answer["model"] for status, answer in route.responses.items() if "model" in answer}
         for method in route.methods or ():
-            for status, response in document["paths"][route.path][method.lower()]["responses"].items():
+            for status, response in paths[route.path][method.lower()]["responses"].items():
                 own = route.responses.get(int(status), {}).get("content", {})
                 for media_type, content in response.get("content", {}).items():
                     if "example" in own.get(media_type, {}):
                         content["example"] = own[media_type]["example"]
                     elif media_type == "application/json":
-                        content["example"] = example_of(TypeAdapter(models[status]).json_schema(mode="serialization"))
+                        content["example"] = _example_of_type(models[status])
 
 
-def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
+def _example_of_type(form: Any) -> Json:
+    return example_of(cast("JsonSchema", TypeAdapter(form).json_schema(mode="serialization")))
+
+
+def example_of(schema: JsonSchema, models: Mapping[str, JsonSchema] | None = None) -> Json:
     """Build an example of a JSON schema from the examples of its fields; an optional field without one is null.
 
     Args:
@@ -171,15 +191,16 @@ def example_of(schema: JsonObject, models: JsonObject | None = None) -> Any:
     if "properties" in schema:
         return {name: example_of(member, models) for name, member in schema["properties"].items()}
     if "propertyNames" in schema:
-        names = _referred(schema["propertyNames"], models)["enum"]
-        return dict.fromkeys(names, example_of(schema["additionalProperties"], models))
+        values = schema["additionalProperties"]
+        assert not isinstance(values, bool), "a mapping says what its values are"
+        shown = example_of(values, models)
+        return {str(name): shown for name in _referred(schema["propertyNames"], models)["enum"]}
     return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
 
 
-def _referred(schema: JsonObject, models: JsonObject) -> JsonObject:
+def _referred(schema: JsonSchema, models: Mapping[str, JsonSchema]) -> JsonSchema:
     """Return the definition that a schema refers to, or the schema itself."""
-    definition: JsonObject = models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
-    return definition
+    return models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
 
 
 def _response(status: int) -> JsonObject:

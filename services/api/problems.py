@@ -31,7 +31,7 @@ from valerie.errors import (
     UnknownName,
     ValerieError,
 )
-from valerie.plain import ForeignEntries
+from valerie.plain import JsonObject
 
 log = structlog.get_logger()
 
@@ -153,7 +153,7 @@ _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 
 
-def _limit(context: ForeignEntries) -> str | None:
+def _limit(context: JsonObject) -> str | None:
     return ", ".join(text.format(context[name]) for name, text in _BOUNDS.items() if name in context) or None
 
 

@@ -132,6 +132,11 @@ def test_stances_that_look_alike_share_their_meshes_and_others_do_not() -> None:
     assert person.taking(replace(DEFAULT, gait_phase=1.0)).meshes is person.meshes  # a cycle later
 
 
+def test_figures_that_share_their_meshes_keep_their_own_stances() -> None:
+    stances = [replace(DEFAULT, gait_phase=phase) for phase in (0.5, 0.51)]
+    assert [figure("yellow-shirt").taking(stance).stance for stance in stances] == stances
+
+
 def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
     with pytest.raises(UnknownName, match="standing"):
         figure("yellow-shirt").taking(replace(DEFAULT, pose="standig"))

@@ -97,7 +97,8 @@ class Figure:
 
     def __init__(self, model: Model, stance: Stance, rename: Callable[[str], str] | None) -> None:
         self._model, self._stance, self._rename = model, stance, rename
-        self._siblings: dict[StanceKey, Figure] = {self._key: self}
+        #: The meshes of all figures that differ only in their stance.
+        self._meshes: dict[StanceKey, tuple[Mesh, ...]] = {}
 
     @property
     def stance(self) -> Stance:
@@ -117,13 +118,17 @@ class Figure:
         """Return the textures of these materials."""
         return self._model.textures
 
-    @cached_property
+    @property
     def meshes(self) -> tuple[Mesh, ...]:
         """Return one mesh per material of this stance."""
         model, key = self._model, self._key
-        full = {part: f"{model.name}/{part}" for part in model.parts(key)}
-        rename = self._rename or (lambda name: name)
-        return tuple(DeferredMesh(partial(model.mesh, key, part), rename(name)) for part, name in full.items())
+        if key not in self._meshes:
+            full = {part: f"{model.name}/{part}" for part in model.parts(key)}
+            rename = self._rename or (lambda name: name)
+            meshes = (DeferredMesh(partial(model.mesh, key, part), rename(name)) for part, name in full.items())
+            # Another thread may have been faster; its meshes count.
+            self._meshes.setdefault(key, tuple(meshes))
+        return self._meshes[key]
 
     @cached_property
     def joints(self) -> NDArray[np.float64]:
@@ -131,14 +136,14 @@ class Figure:
         return self._model.joints(self._key)
 
     def taking(self, stance: Stance) -> Figure:
-        """Return the figure in another stance. Stances with equal shapes give the same object."""
+        """Return the figure in another stance. Stances with equal shapes have the same meshes."""
         if stance.pose not in POSES:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
             raise UnknownName("thing to carry", stance.carries, CARRIED)
         figure = Figure(self._model, stance, self._rename)
-        figure._siblings = self._siblings
-        return self._siblings.setdefault(figure._key, figure)
+        figure._meshes = self._meshes
+        return figure
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
         """Return the meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""

@@ -39,7 +39,7 @@ def triangles(quads: Indices) -> Indices:
 
 
 def compact(faces: Indices, count: int) -> Mapped:
-    """Drop those of ``count`` vertices that no face uses."""
+    """Drop the vertices, ``count`` in all, that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)
     rows = np.arange(len(used))
     matrix = sparse.csr_matrix((np.ones(len(used)), (rows, used)), shape=(len(used), count))

@@ -6,12 +6,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
 import typer
 
-from valerie.cli.shell import Exit, Json, command_name, console, say, settings_of
+from valerie.cli.shell import Exit, Json, say
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -213,7 +215,7 @@ def _reference(asset: str, arguments: list[str] | None) -> tuple[AssetReference,
         name, equals, value = argument.partition("=")
         if not equals or name == "name":
             raise InvalidInput("not an argument", field="--with", value=argument, limit="NAME=VALUE, e.g. seed=7")
-        reference.update(load_document(f"{name}: {value}"))
+        reference.update(cast("AssetArguments", load_document(f"{name}: {value}")))  # `load_asset` checks the values
     return reference, folder
 
 

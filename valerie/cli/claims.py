@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, write_output
+from valerie.cli.shell import DataDir, Json, RunId, write_output
 from valerie.errors import InvalidInput
+from valerie.local.spec_files import read_spec
+from valerie.local.terminal import console
 
 if TYPE_CHECKING:
     from valerie.analysis.claims.claims import Claims, LedgerEntry

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valerie.cli.deployment import context_of, has_database
-from valerie.cli.folder import Folder
-from valerie.cli.shell import command_name, say, settings_of
+from valerie.cli.shell import say
 from valerie.client import Client, ServerProblemError, ServerUnavailableError
 from valerie.embedded import running
 from valerie.errors import InvalidInput
+from valerie.local.deployment import context_of, has_database, settings_of
+from valerie.local.folder import Folder
+from valerie.local.terminal import command_name
 from valerie.settings import Settings
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.deployment import context_of
 from valerie.cli.frames import Annotations, annotation_names
 from valerie.cli.shell import DataDir, Json, say
 from valerie.errors import InvalidInput, UnknownName
+from valerie.local.deployment import context_of
 
 if TYPE_CHECKING:
     from valerie.pipeline.export.datasets import ExportProgress
@@ -129,7 +129,7 @@ class Lines:
         if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()
-        from valerie.cli.display import duration
+        from valerie.local.display import duration
 
         text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
         if per_s:

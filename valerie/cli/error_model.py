@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.deployment import context_of
-from valerie.cli.shell import DataDir, Exit, Json, RunId, say, settings_of, write_output
+from valerie.cli.shell import DataDir, Exit, Json, RunId, say, write_output
+from valerie.local.deployment import context_of, settings_of
 
 if TYPE_CHECKING:
     from valerie.analysis.error_model.files import ErrorModelCard

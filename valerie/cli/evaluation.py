@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, InferenceThreads, Json, console, say, settings_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput, NotFound
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import console
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -47,8 +49,8 @@ def evaluate(
     function is the version that the run evaluated, with the same numeric class.
     """
     from valerie.cli.datasets import Lines
-    from valerie.cli.deployment import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
+    from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.functions.references import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.deployment import context_of
-from valerie.cli.shell import DataDir, Exit, Json, RunId, settings_of
+from valerie.cli.shell import DataDir, Exit, Json, RunId
+from valerie.local.deployment import context_of, settings_of
 
 if TYPE_CHECKING:
     from valerie.pipeline.evidence.replaying import ReplayedPicture

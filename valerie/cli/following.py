@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from valerie.cli.connecting import System
-from valerie.cli.display import Display, print_event
-from valerie.cli.folder import Folder
-from valerie.cli.shell import Exit, console, save
+from valerie.cli.shell import Exit, save
 from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
+from valerie.local.display import Display, print_event
+from valerie.local.folder import Folder
+from valerie.local.terminal import console
 from valerie.plain import typed
 from valerie.runs.products.states import RunState
 from valerie.settings import Settings

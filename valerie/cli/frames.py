@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, RunId, Url, command_name, say, settings_of
+from valerie.cli.shell import DataDir, RunId, Url, say
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import command_name
 
 if TYPE_CHECKING:
     from valerie.client import Client

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registry import open_registry, register_file
-from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, command_name, console, say, settings_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from valerie.client import Function, NoTrial, Trial
@@ -92,7 +94,7 @@ def quantize(
     """
     from valerie.analysis.comparison.drawing import comparison_renderable
     from valerie.cli.datasets import Lines
-    from valerie.cli.deployment import context_of
+    from valerie.local.deployment import context_of
     from valerie.pipeline.retraining.quantization import quantize_function
 
     lines = Lines("frames")

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, RunId, console, settings_of, write_output
+from valerie.cli.shell import DataDir, Exit, Json, RunId, write_output
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import console
 from valerie.plain import typed
 
 if TYPE_CHECKING:
@@ -157,7 +159,7 @@ def _verdicts(result: GateResult, suffix: str) -> bytes:
 def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRun]:
     """Return a function that reads a run from a server, or from the data folder."""
     if url is None:
-        from valerie.cli.deployment import context_of
+        from valerie.local.deployment import context_of
         from valerie.pipeline.reading.gate import read_gate_run
 
         def from_folder(run_id: str) -> GateRun:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.deployment import context_of
-from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
+from valerie.cli.shell import DataDir, Exit, Json
 from valerie.errors import InvalidInput, UnknownName
+from valerie.local.deployment import context_of, settings_of
+from valerie.local.terminal import console
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
 

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from valerie.cli.frames import Sensor
-from valerie.cli.shell import DataDir, Exit, RunId, Url, settings_of, show_error
+from valerie.cli.shell import DataDir, Exit, RunId, Url, show_error
 from valerie.errors import InvalidInput, NotFound
+from valerie.local.deployment import settings_of
 
 predictions_app = typer.Typer(no_args_is_help=True, help="Upload label maps that were predicted elsewhere.")
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final, Protocol
 
-from valerie.cli.shell import command_name, say
+from valerie.cli.shell import say
 from valerie.errors import InvalidInput, NotFound
+from valerie.local.terminal import command_name
 
 if TYPE_CHECKING:
     from valerie.client import Client, Function, RegisteredFunction
@@ -125,8 +126,8 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
         with client_of(settings, url) as client:
             yield Remote(client)
         return
-    from valerie.cli.deployment import deployment_or_empty
     from valerie.db.migrate import migrate
+    from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.base.context import open_context
 
     if not create:

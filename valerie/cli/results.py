@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.datasets import Where
-from valerie.cli.deployment import context_of
-from valerie.cli.shell import DataDir, Json, RunId, console, say
+from valerie.cli.shell import DataDir, Json, RunId, say
 from valerie.errors import InvalidInput
+from valerie.local.deployment import context_of
+from valerie.local.terminal import console
 from valerie.plain import typed
 
 if TYPE_CHECKING:

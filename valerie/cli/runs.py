@@ -12,21 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registry import Remote, open_registry
-from valerie.cli.shell import (
-    DataDir,
-    EndWithParent,
-    Exit,
-    Json,
-    RunId,
-    Stopped,
-    Url,
-    command_name,
-    console,
-    say,
-    settings_of,
-)
+from valerie.cli.shell import DataDir, EndWithParent, Exit, Json, RunId, Stopped, Url, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.terminal import command_name, console
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
@@ -61,9 +51,9 @@ def run(
     """
     from valerie.cli.claims import read_claims, show_ledger
     from valerie.cli.connecting import own_assets, system_of
-    from valerie.cli.display import print_event
     from valerie.cli.following import report_path
     from valerie.cli.shell import save
+    from valerie.local.display import print_event
 
     _bind_to_parent(end_with_parent)
     statements = None if claims is None else read_claims(claims)
@@ -157,8 +147,8 @@ def status(
     the run, as with `valerie run`.
     """
     from valerie.cli.connecting import System, client_of, source_of
-    from valerie.cli.display import display_of, progress_table
     from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
+    from valerie.local.display import display_of, progress_table
 
     if watch and run_id is not None:
         with client_of(settings_of(data_dir), url) as client:
@@ -232,7 +222,7 @@ def report(
 
 
 def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:
-    from valerie.cli.deployment import context_of
+    from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
@@ -260,8 +250,8 @@ def compare(
     from valerie.analysis.rows.table import encoded
     from valerie.cli.claims import read_claims
     from valerie.cli.comparing import renderables
-    from valerie.cli.deployment import context_of
     from valerie.cli.shell import write_output
+    from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import compare_runs
 
     if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
@@ -295,9 +285,9 @@ def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     run off and shows its result. That also continues a run whose server ended.
     """
     from valerie.cli.connecting import source_of, system_of
-    from valerie.cli.folder import Folder
     from valerie.cli.following import report_path
     from valerie.errors import Conflict
+    from valerie.local.folder import Folder
     from valerie.runs.products.states import RunState
 
     with source_of(data_dir, url) as source:
@@ -410,8 +400,8 @@ def _see_to_its_end(
         data_dir: option of the command.
         json_lines: True prints JSON lines instead.
     """
-    from valerie.cli.display import display_of
     from valerie.cli.following import exit_code, follow, show_result
+    from valerie.local.display import display_of
 
     try:
         progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 import signal
 import sys
 from collections.abc import Callable
@@ -12,16 +11,12 @@ from contextlib import suppress
 from enum import IntEnum
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
+from typing import Annotated, NoReturn, TextIO
 
 import typer
 
 from valerie.errors import InvalidInput, NotFound, StorageUnavailable, ValerieError
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from valerie.settings import Settings
+from valerie.local.terminal import command_name, console
 
 
 class Exit(IntEnum):
@@ -60,27 +55,6 @@ InferenceThreads = Annotated[
 RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 EndWithParent = Annotated[bool, typer.Option("--end-with-parent", hidden=True)]
-
-
-def settings_of(data_dir: Path | None = None) -> Settings:
-    """Return the settings of this process; options override the environment.
-
-    Raises:
-        InvalidInput: an environment variable is invalid.
-    """
-    from valerie.settings import load_settings
-
-    return load_settings(data_dir=data_dir)
-
-
-def console(*, stderr: bool = False) -> Console:
-    """Return a console for people; it prints plain text if it is not a terminal or NO_COLOR is set."""
-    from rich.console import Console
-
-    from valerie.cli.piped import PipedConsole
-
-    stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, highlight=False, markup=False) if stream.isatty() else PipedConsole(stderr=stderr)
 
 
 def say(text: str = "") -> None:
@@ -186,17 +160,6 @@ def stop_on_signals() -> None:
             signal.signal(number, stop)
 
 
-def command_name() -> str:
-    """Return the command with which the user can start this program: ``valerie`` if it is on the PATH, else a path."""
-    program = Path(sys.argv[0]).absolute()
-    if program.name != "valerie":
-        return "python -m valerie"
-    on_path = shutil.which("valerie")
-    if on_path is not None and Path(on_path).resolve() == program.resolve():
-        return "valerie"
-    return os.path.relpath(program) if program.is_relative_to(Path.cwd()) else str(program)
-
-
 def save(content: bytes, path: Path) -> Path:
     """Write a file that the user requested, and return its path as people would type it.
 
@@ -244,24 +207,3 @@ def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
     except OSError as error:
         raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
     say(f"wrote {path}; see what it costs with: {command_name()} {then} {path}")
-
-
-def read_spec(path: Path) -> bytes:
-    """Return the text of a spec file, or of standard input for ``-``.
-
-    Raises:
-        InvalidInput: the file cannot be read or is too large.
-    """
-    from valerie.loading import MAX_BYTES
-
-    try:
-        if str(path) == "-":
-            text = sys.stdin.buffer.read(MAX_BYTES + 1)
-        else:
-            with path.open("rb") as stream:
-                text = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InvalidInput(f"the spec cannot be read ({error.strerror})", value=str(path)) from error
-    if len(text) > MAX_BYTES:
-        raise InvalidInput("the spec is too large", value=str(path), limit=f"{MAX_BYTES} bytes")
-    return text

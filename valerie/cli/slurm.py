@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.shell import DataDir, settings_of
+from valerie.cli.shell import DataDir
 from valerie.errors import InvalidInput, MissingDependency
+from valerie.local.deployment import settings_of
 
 if TYPE_CHECKING:
     from valerie.settings import Settings

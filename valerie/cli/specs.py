@@ -9,20 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.deployment import deployment_or_empty, has_database, migrate_database
 from valerie.cli.registry import Opening, functions_named, open_registry
-from valerie.cli.shell import (
-    DataDir,
-    Json,
-    Url,
-    console,
-    read_spec,
-    say,
-    settings_of,
-    write_output,
-    write_template,
-)
+from valerie.cli.shell import DataDir, Json, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
+from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
+from valerie.local.spec_files import read_spec
+from valerie.local.terminal import console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -233,7 +225,7 @@ def _variants(plan: Plan) -> Table:
 def _show_products(plan: Plan) -> None:
     from rich.table import Table
 
-    from valerie.cli.display import duration
+    from valerie.local.display import duration
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")

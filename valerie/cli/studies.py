@@ -9,22 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import (
-    DataDir,
-    Exit,
-    Json,
-    RunId,
-    Stopped,
-    Url,
-    command_name,
-    console,
-    read_spec,
-    say,
-    settings_of,
-    write_output,
-    write_template,
-)
+from valerie.cli.shell import DataDir, Exit, Json, RunId, Stopped, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
+from valerie.local.deployment import settings_of
+from valerie.local.spec_files import read_spec
+from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from valerie.cli.connecting import System
@@ -65,7 +54,7 @@ def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: Data
         with client_of(settings, url) as client:
             batch = client.plan_study(text)
     else:
-        from valerie.cli.deployment import deployment_or_empty
+        from valerie.local.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
         from valerie.runs.study.document import parse_study
 
@@ -151,8 +140,8 @@ def run(
 def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, data_dir: Path | None) -> None:
     """Verify, find, train and verify again; rewrite the report after every stage."""
     from valerie.cli.connecting import own_assets, system_of
-    from valerie.cli.deployment import context_of
     from valerie.cli.training import Steps, say_site
+    from valerie.local.deployment import context_of
     from valerie.pipeline.retraining.loop import Watcher
     from valerie.pipeline.rounds.flow import Ending, Surroundings, check_flow, until_met
     from valerie.pipeline.rounds.reporting import flow_report
@@ -339,7 +328,7 @@ def _show(study: Study, *, as_json: bool) -> None:
         return
     from rich.table import Table
 
-    from valerie.cli.display import duration
+    from valerie.local.display import duration
 
     out = console()
     out.print(f"{study.name} ({study.id}), {study.goal}: {study.state}" + (f", {study.reason}" if study.reason else ""))
@@ -398,7 +387,7 @@ def refine(
 
     Without a selection, the whole run is refined. Needs no server.
     """
-    from valerie.cli.deployment import context_of
+    from valerie.local.deployment import context_of
     from valerie.pipeline.control.refine import RefinedPart, refine_run
 
     with context_of(data_dir) as context:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli import training_sets
-from valerie.cli.deployment import context_of
-from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, console, say, settings_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput
+from valerie.local.deployment import context_of, settings_of
+from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from valerie.analysis.comparison.before_after import VersionComparison

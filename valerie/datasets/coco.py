@@ -13,17 +13,20 @@ annotation; the Parquet index lists it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, TypedDict
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
-from valerie.datasets.frame import LabelledFrame
+from valerie.datasets.frame import KeyPoints, LabelledFrame
+from valerie.document import Document
 from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
+from valerie.measures import Cell
 from valerie.plain import JsonObject
 
 #: The 19 evaluated classes; ``isthing`` is 1 for classes with instances.
-CATEGORIES: Final = tuple(
+CATEGORIES: Final[tuple[JsonObject, ...]] = tuple(
     {
         "id": label.id,
         "name": label.name,
@@ -45,6 +48,24 @@ class Segment(TypedDict):
     iscrowd: int
 
 
+class PanopticAnnotation(TypedDict):
+    """The segments of one picture."""
+
+    image_id: int
+    file_name: str
+    segments_info: Sequence[Segment]
+
+
+class CocoDocument(TypedDict):
+    """A whole document, of instances or of panoptic segments."""
+
+    info: dict[str, str]
+    licenses: list[str]
+    images: list[JsonObject]
+    annotations: Sequence[JsonObject] | Sequence[PanopticAnnotation]
+    categories: list[JsonObject]
+
+
 class RunLengths(TypedDict):
     """A mask in COCO's compressed run-length code; ``size`` is height and width."""
 
@@ -58,6 +79,37 @@ class Shape(TypedDict):
     segm: RunLengths
     bbox: list[int]
     area: int
+
+
+class Instance(Document):
+    """A visible instance of an evaluated class.
+
+    Attributes:
+        category_id: label id of its class.
+        instance_id: label id × 1000 + n.
+        visible: its visible pixels.
+        amodal: all its pixels within the image; None where they are unknown.
+        measures: measures of a person by column.
+        key_points: joints of a person; None where they are unknown.
+    """
+
+    category_id: int
+    instance_id: int
+    visible: Shape
+    amodal: Shape | None
+    measures: dict[str, Cell]
+    key_points: KeyPoints | None
+
+    def annotation(self) -> JsonObject:
+        """Return COCO's annotation without ``id`` and ``image_id``."""
+        entry: JsonObject = {"category_id": self.category_id, "iscrowd": 0, "instance_id": self.instance_id}
+        entry |= _shape_entries(self.visible, "segmentation", "")
+        if self.amodal is not None:
+            entry |= _shape_entries(self.amodal, "a_segm", "a_") | _shape_entries(self.visible, "i_segm", "i_")
+        entry |= self.measures
+        if self.key_points is not None:
+            entry |= {name: self.key_points[name] for name in ("keypoints", "num_keypoints")}
+        return entry
 
 
 def panoptic_ids(frame: LabelledFrame) -> NDArray[np.uint32]:
@@ -90,44 +142,47 @@ def panoptic_segments(ids: NDArray[np.uint32]) -> list[Segment]:
     return segments
 
 
-def instance_annotations(frame: LabelledFrame) -> list[JsonObject]:
-    """Return one entry per visible instance of an evaluated class, without ``id`` and ``image_id``."""
-    annotations: list[JsonObject] = []
+def instance_annotations(frame: LabelledFrame) -> list[Instance]:
+    """Return the visible instances of evaluated classes."""
+    annotations: list[Instance] = []
     for number in np.unique(frame.instance_map[frame.instance_map > 0]).tolist():
         label = BY_ID[number // 1000]
         if label.train_id == VOID:
             continue
-        visible = _shape(frame.instance_map == number)
-        entry: JsonObject = {"category_id": label.id, "iscrowd": 0, "instance_id": number}
-        entry |= {"segmentation": visible["segm"], "bbox": visible["bbox"], "area": visible["area"]}
         amodal = frame.amodal.get(number)
-        if amodal is not None:
-            entry |= {f"a_{key}": value for key, value in _shape(amodal).items()}
-            entry |= {f"i_{key}": value for key, value in visible.items()}
-        annotations.append({**entry, **frame.persons.get(number, {}), **frame.key_points.get(number, {})})
+        annotations.append(
+            Instance(
+                category_id=label.id,
+                instance_id=number,
+                visible=_shape(frame.instance_map == number),
+                amodal=None if amodal is None else _shape(amodal),
+                measures=dict(frame.persons.get(number, {})),
+                key_points=frame.key_points.get(number),
+            )
+        )
     return annotations
 
 
 def assemble(
     images: Sequence[JsonObject],
-    annotations: Sequence[JsonObject],
+    annotations: Sequence[JsonObject] | Sequence[PanopticAnnotation],
     description: str,
     *,
     key_points: Sequence[str] = (),
     limbs: Sequence[tuple[int, int]] = (),
-) -> JsonObject:
+) -> CocoDocument:
     """Return a whole COCO document of images and annotations that have their ids.
 
     If an annotation has key points, ``key_points`` (their names) and ``limbs`` (pairs of indices, from 0) describe those of
     persons and riders.
     """
     pointed = any("keypoints" in annotation for annotation in annotations)
-    named = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
+    named: JsonObject = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
     return {
         "info": {"description": description},
         "licenses": [],
         "images": list(images),
-        "annotations": list(annotations),
+        "annotations": annotations,
         "categories": [
             {**category, **named} if pointed and category["name"] in (PERSON.name, RIDER.name) else category
             for category in CATEGORIES
@@ -158,6 +213,14 @@ def run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
             if not more:
                 break
     return {"size": [int(mask.shape[0]), int(mask.shape[1])], "counts": "".join(code)}
+
+
+def _shape_entries(shape: Shape, mask: str, prefix: str) -> JsonObject:
+    return {
+        mask: {"size": shape["segm"]["size"], "counts": shape["segm"]["counts"]},
+        f"{prefix}bbox": shape["bbox"],
+        f"{prefix}area": shape["area"],
+    }
 
 
 def _shape(mask: NDArray[np.bool_]) -> Shape:

@@ -121,7 +121,7 @@ def _file_sets(folder: Path) -> Iterator[JsonObject]:
 def _records(path: Path) -> JsonObject:
     name, text = _TABLES[path.name]
     schema: Mapping[str, pa.DataType] = {field.name: field.type for field in pq.read_schema(path)}
-    fields = [
+    fields: list[JsonObject] = [
         {
             "@type": "cr:Field",
             "@id": f"{name}/{column}",

@@ -6,10 +6,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Self, TypedDict
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
 from valerie.datasets.camera import CameraDocument
 from valerie.errors import InvalidInput

@@ -13,8 +13,10 @@ from math import cos, sin
 from typing import Final
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from valerie.datasets.camera import CameraDocument
+from valerie.datasets.coco import Instance
 from valerie.labels import BY_ID
 from valerie.plain import JsonObject
 
@@ -22,11 +24,14 @@ CAMERA: Final = "camera"
 VEHICLE: Final = "vehicle-iso8855"
 _CLASSES: Final = "https://www.cityscapes-dataset.com/dataset-overview/#class-definitions"
 _IN_PICTURE: Final = {"coordinate_system": CAMERA}
-#: Entries of an annotation that become masks and boxes, or are left out.
-_SHAPES: Final = frozenset(
-    {"category_id", "iscrowd", "instance_id", "segmentation", "bbox", "area", "keypoints", "num_keypoints"}
-    | {f"{side}_{key}" for side in "ai" for key in ("segm", "bbox", "area")}
-)
+
+
+class LabelledObject(TypedDict):
+    """An object in one frame; ``object_data`` has its boxes, masks and measures by their type."""
+
+    name: str
+    type: str
+    object_data: dict[str, list[JsonObject]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,43 +40,39 @@ class SequenceFrame:
 
     Attributes:
         picture: path below the data set.
-        objects: instance id to ``name``, ``type`` and ``object_data``.
+        objects: instance id to object.
     """
 
     picture: str
-    objects: dict[str, JsonObject]
+    objects: dict[str, LabelledObject]
 
 
-def labelled_objects(annotations: Sequence[JsonObject]) -> dict[str, JsonObject]:
-    """Return the objects of a frame.
-
-    Args:
-        annotations: the result of `valerie.datasets.coco.instance_annotations`.
-    """
-    objects: dict[str, JsonObject] = {}
-    for annotation in annotations:
-        kind = BY_ID[annotation["category_id"]].name
-        shapes = {"visible": (annotation["bbox"], annotation["segmentation"])}
-        if annotation.get("a_area"):
-            shapes["amodal"] = (annotation["a_bbox"], annotation["a_segm"])
+def labelled_objects(instances: Sequence[Instance]) -> dict[str, LabelledObject]:
+    """Return the objects of a frame by instance id."""
+    objects: dict[str, LabelledObject] = {}
+    for instance in instances:
+        kind = BY_ID[instance.category_id].name
+        shapes = {"visible": instance.visible}
+        if instance.amodal is not None and instance.amodal["area"]:
+            shapes["amodal"] = instance.amodal
         data: dict[str, list[JsonObject]] = {
-            "bbox": [{"name": name, "val": _centred(box), **_IN_PICTURE} for name, (box, _) in shapes.items()],
+            "bbox": [{"name": name, "val": _centred(shape["bbox"]), **_IN_PICTURE} for name, shape in shapes.items()],
             "binary": [
                 {
                     "name": name,
-                    "val": mask["counts"],
+                    "val": shape["segm"]["counts"],
                     "encoding": "COCO run lengths",
                     "data_type": "mask",
-                    "attributes": {"vec": [{"name": "height, width", "val": mask["size"]}]},
+                    "attributes": {"vec": [{"name": "height, width", "val": shape["segm"]["size"]}]},
                     **_IN_PICTURE,
                 }
-                for name, (_, mask) in shapes.items()
+                for name, shape in shapes.items()
             ],
         }
-        for name, value in annotation.items():
-            if name not in _SHAPES and value is not None:
+        for name, value in instance.measures.items():
+            if value is not None:
                 data.setdefault(_type_of(value), []).append({"name": name, "val": value})
-        number = str(annotation["instance_id"])
+        number = str(instance.instance_id)
         objects[number] = {"name": f"{kind} {number}", "type": kind, "object_data": data}
     return objects
 
@@ -85,7 +86,12 @@ def camera_entries(camera: CameraDocument, width: int, height: int) -> JsonObjec
     """
     inner = camera["intrinsic"]
     matrix = [inner["fx"], 0, inner["u0"], 0, 0, inner["fy"], inner["v0"], 0, 0, 0, 1, 0]
-    pinhole = {"camera_matrix": matrix, "distortion_coeffs": [0.0] * 5, "width_px": width, "height_px": height}
+    pinhole: JsonObject = {
+        "camera_matrix": matrix,
+        "distortion_coeffs": [0.0] * 5,
+        "width_px": width,
+        "height_px": height,
+    }
     return {
         "coordinate_systems": {
             VEHICLE: {"type": "local_cs", "parent": "", "children": [CAMERA]},
@@ -103,12 +109,17 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, descriptio
         camera: `camera_entries` of the camera that took all frames.
     """
     objects: dict[str, JsonObject] = {}
+    seen: dict[str, list[dict[str, int]]] = {}
     intervals: list[dict[str, int]] = []
     for number, frame in frames.items():
         _extend(intervals, number)
         for uid, entry in frame.objects.items():
-            fixed = {"name": entry["name"], "type": entry["type"], "ontology_uid": "0", "frame_intervals": []}
-            _extend(objects.setdefault(uid, fixed)["frame_intervals"], number)
+            spans = seen.setdefault(uid, [])
+            objects.setdefault(
+                uid,
+                {"name": entry["name"], "type": entry["type"], "ontology_uid": "0", "frame_intervals": spans},
+            )
+            _extend(spans, number)
     return {
         "openlabel": {
             "metadata": {"schema_version": "1.0.0", "name": description},

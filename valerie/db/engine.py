@@ -7,14 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
-from valerie.plain import Keywords
 
 #: Longest wait of a writer: with eight writing processes, SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
@@ -22,7 +21,7 @@ _BUSY_TIMEOUT_MS = 30_000
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
-_OPTIONS: Keywords = {
+_OPTIONS: Final = {
     "hide_parameters": True,  # keep thousands of rows out of the log
     # `valerie.db.documents` reads and writes JSON text itself.
     "json_serializer": lambda text: text,

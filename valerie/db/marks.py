@@ -58,7 +58,7 @@ def listed(connection: Connection, run_id: str) -> list[MarkRow]:
 
 
 def tags_of_runs(connection: Connection, run_ids: Collection[str]) -> dict[str, list[str]]:
-    """Return the tags of each of some runs that has any."""
+    """Return the tags of those runs that have any, by run id."""
     tags: defaultdict[str, list[str]] = defaultdict(list)
     query = select(MarkTag.run_id, MarkTag.tag).where(MarkTag.kind == MarkKind.RUN, MarkTag.run_id.in_(run_ids))
     for run_id, tag in connection.execute(query.order_by(MarkTag.tag)):

@@ -431,7 +431,7 @@ class SavedSelection(Base):
 
 
 class Note(Base):
-    """A mark: what people wrote about a run or a part of it, empty where there are only tags. It goes with the run."""
+    """A note about a run or a part of it, empty if there are only tags. It is deleted with the run."""
 
     __tablename__ = "notes"
 

@@ -59,7 +59,7 @@ class Wanted(NamedTuple):
 
 
 def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: Turns) -> list[Ready]:
-    """Insert products that a run links to; return those that became ready.
+    """Insert products that a run links to; return those to announce: they became ready, or are ready and have an earlier turn.
 
     A product is ready once all its inputs are done. Existing products stay as they are, except that failed and parked ones
     are tried again, and an unfinished one gets the earlier turn of the runs that want it.
@@ -85,10 +85,13 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
         state, present_turn = states.get(digest, (None, 0.0))
         if state is ProductState.DONE:
             continue
-        turn = turns.take(route, kind, group)
+        # No worker takes a prediction that is to be uploaded.
+        turn = 0.0 if route == UPLOADED_ROUTE else turns.take(route, kind, group)
         if state is not None and state not in _TRIED_AGAIN:
             if turn < present_turn:
                 earlier.append({"product": digest, "earlier": turn})
+                if state is ProductState.READY:
+                    ready.append(Ready(digest, kind, route, group, turn))
         elif a in done and b in done and c in done:
             rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), turn, 0, now))
             if route != UPLOADED_ROUTE:
@@ -119,7 +122,8 @@ def present_turn(connection: Connection) -> float | None:
 
     A run that begins or continues starts at this turn.
     """
-    earliest = select(func.min(Product.turn))
+    # Predictions to be uploaded have no turn.
+    earliest = select(func.min(Product.turn)).where(Product.route != UPLOADED_ROUTE)
     served = connection.scalar(earliest.where(UNFINISHED, Product.state == ProductState.RUNNING))
     return served if served is not None else connection.scalar(earliest.where(UNFINISHED))
 

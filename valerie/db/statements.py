@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 
@@ -24,7 +24,6 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import Base, Product, Run, Study
-from valerie.plain import Row
 from valerie.runs.products.states import ProductState
 
 
@@ -75,8 +74,8 @@ def newest_first(
     return page if before is None else page.where(tuple_(table.created_at, table.id) < before)
 
 
-def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Row]) -> int:
-    """Insert the rows whose primary keys do not exist yet; return their number."""
+def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Mapping[str, object]]) -> int:
+    """Insert the rows of any table whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
     insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert

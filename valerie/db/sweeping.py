@@ -57,7 +57,7 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
 
 
 def stale_ready(connection: Connection, *, now: float, resend_seconds: float, limit: int) -> list[Ready]:
-    """Return ready products last sent that long ago (lost messages), or whose pause after a fault is over."""
+    """Return ready products whose last message is older than that (it was lost), or whose pause after a fault is over."""
     rows = connection.execute(
         select(*READY_COLUMNS)
         .where(

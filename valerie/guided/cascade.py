@@ -24,7 +24,7 @@ from scipy.special import betaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Result
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
@@ -102,12 +102,16 @@ class Cascade:
         if len(rows):
             self._paired[rows] = True
             self._levels.append(rows)
-            return self._open.add(self._points[rows], f"{len(rows)} points for the costly engine: {self._why()}", 1)
+            return self._open.add(
+                self._points[rows], Reason(Why.COSTLY, {"points": len(rows), "ratio": self._ratio()}), 1
+            )
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
         self._levels.append(None)
         self._drawn += count
-        return self._open.add(self.domain.draw(rng, count), f"{count} points for the cheap engine: {self._why()}")
+        return self._open.add(
+            self.domain.draw(rng, count), Reason(Why.CHEAP, {"points": count, "ratio": self._ratio()})
+        )
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.
@@ -141,10 +145,6 @@ class Cascade:
         """Mean cost of a point by the cheap and the costly engine; NaN before any."""
         cheap, costly = np.where(self._evaluated > 0, self._spent / np.maximum(self._evaluated, 1), np.nan).tolist()
         return cheap, costly
-
-    def _why(self) -> str:
-        ratio = self._ratio()
-        return f"about {ratio:.1f} cheap points for each costly one." if math.isfinite(ratio) else "the first pairs."
 
     def _ratio(self) -> float:
         """Return the optimal number of cheap points for each pair; NaN before `FEWEST` pairs."""

@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Result
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.units import sampling_units
@@ -100,11 +100,11 @@ class Compare:
         """Return the next operational points; none once the interval is narrow enough."""
         known = self.result
         if known is not None and known.half_width <= self.within:
-            return self._open.add(self._points[:0], "The interval is narrow enough.")
+            return self._open.add(self._points[:0], Reason(Why.NARROW))
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
-        left = "" if known is None else f"; about {known.further:,} more are needed"
-        return self._open.add(self.domain.draw(rng, count), f"Operational points for both functions{left}.")
+        numbers = {"points": count} if known is None else {"points": count, "further": known.further}
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.OPERATIONAL, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores, (n, 2), of the oldest batch that has none.

@@ -32,7 +32,7 @@ from scipy.special import gammaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
 from valerie.guided.surrogate import (
     LEAST_POINTS,
     Surrogate,
@@ -155,9 +155,7 @@ class Estimate:
         if missing:
             draws = self._operational(rng, 0, min(count, missing))
         elif sum(map(len, self.scores)) < self.first:
-            return Proposal(
-                np.empty((0, self.domain.dimensions)), "The first points have to be scored before guided ones."
-            )
+            return Proposal(np.empty((0, self.domain.dimensions)), Reason(Why.FIRST_SCORES))
         else:
             draws = self._guided(rng, self.draws[-1].number + 1, count)
         self.draws.append(draws)
@@ -313,14 +311,12 @@ class Estimate:
         return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
 
 
-def _reason(draws: Draws) -> str:
+def _reason(draws: Draws) -> Reason:
     if draws.predicted is None:
-        return f"{len(draws.points)} points as they occur in operation: nothing is assumed about the scores."
+        return Reason(Why.OPERATIONAL, {"points": len(draws.points)})
     operational = round(draws.share * len(draws.points))
-    return (
-        f"{operational} points as they occur in operation, and {len(draws.points) - operational} where the model of the "
-        f"earlier scores is unsure whether they fail; it expects {draws.pool_mean:.1%} failures."
-    )
+    doubtful = len(draws.points) - operational
+    return Reason(Why.DOUBTFUL, {"operational": operational, "doubtful": doubtful, "expected": draws.pool_mean})
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Domain
-from valerie.guided.strategy import OpenBatches, Proposal, Result
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.parameters.samplers import UnitPoints
 
 #: Largest distance of the failing variant from the boundary in any number, as a share of the domain.
@@ -95,16 +95,16 @@ class Explain:
         self._verdicts = {self._failing.tobytes(): Verdict.FAIL, self._passing.tobytes(): Verdict.PASS}
         self._open = OpenBatches(bounded=False)
         self._evaluations = 0
-        self._step = ""
+        self._step = Reason(Why.NEEDED)
         self._search = self._minimize()
         self._wanted = next(self._search, [])
 
     def ask(self, count: int) -> Proposal:
         """Return the next variants to evaluate."""
         points, self._wanted = self._wanted[:count], self._wanted[count:]
-        reason = self._step if points else "The next variants follow from verdicts that are missing."
+        reason = self._step if points else Reason(Why.VERDICTS)
         if self.result is not None:
-            reason = "The pair is minimal."
+            reason = Reason(Why.MINIMAL)
         return self._open.add(np.array(points).reshape(-1, self.domain.dimensions), reason)
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -117,13 +117,12 @@ class Explain:
             self._wanted = next(self._search, [])
 
     def _minimize(self) -> _Evaluating:
-        self._step = "Which of the changed parameters are needed for the failure?"
         needed = yield from self._needed([], self._changed(self._failing))
         failing = self._with(needed)
         while True:
-            self._step = f"How far must {self._named(failing)} change before the verdict flips?"
+            self._step = Reason(Why.BOUNDARY, parameters=tuple(self._changed(failing)))
             failing, inner = yield from self._to_boundary(failing)
-            self._step = f"Does the variant still fail without one of the changes of {self._named(failing)}?"
+            self._step = Reason(Why.REMOVAL, parameters=tuple(self._changed(failing)))
             removals = []
             for dimension in self._changed(failing):
                 removals.append(failing.copy())
@@ -141,9 +140,6 @@ class Explain:
             self._verdicts[inner.tobytes()],
             self._evaluations,
         )
-
-    def _named(self, failing: UnitPoints) -> str:
-        return ", ".join(self.domain.names[dimension] for dimension in self._changed(failing))
 
     def _needed(self, kept: list[int], changes: list[int]) -> Generator[list[UnitPoints], None, list[int]]:
         """Return a minimal part of ``changes`` that fails together with ``kept``, as all of ``changes`` do."""

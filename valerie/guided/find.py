@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain
 from valerie.guided.exploration import SpaceFilling
-from valerie.guided.strategy import OpenBatches, Proposal, Result
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 
@@ -208,12 +208,8 @@ class Find:
             [np.array([point for point, _ in wanted]).reshape(-1, self.domain.dimensions), explores]
         )
         self._tags.append([tag for _, tag in wanted] + [_EXPLORES] * len(explores))
-        reason = f"{len(explores)} points explore the operational domain"
-        if descending:
-            reason += f", {descending} descend from {len(self._descents)} low scores"
-        if checks:
-            reason += f", {checks} check whether failures repeat and are connected"
-        return self._open.add(points, reason + ".")
+        numbers = {"exploring": len(explores), "descending": descending, "low": len(self._descents), "checking": checks}
+        return self._open.add(points, Reason(Why.SEARCH, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

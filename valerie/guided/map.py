@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.exploration import SpaceFilling
-from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
 
@@ -110,13 +110,12 @@ class Map:
         model = self._model
         exploring = count if model is None else max(int(EXPLORING * count), 1)
         points = self._exploration.take(exploring)
-        reason = f"{exploring} points explore"
+        doubtful = np.empty((0, self.domain.dimensions))
         if model is not None and exploring < count:
             doubtful = self._doubtful(model, rng, count - exploring)
             points = np.concatenate([points, doubtful])
-            reason += f", {len(doubtful)} lie where pass and fail are least sure"
         self._predicted.append(np.full(len(points), np.nan) if model is None else model.confidence(points))
-        return self._open.add(points, reason + ".")
+        return self._open.add(points, Reason(Why.BORDER, {"exploring": exploring, "doubtful": len(doubtful)}))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Result
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
@@ -135,15 +135,15 @@ class Rank:
         """Return the next batch; an empty one while scores of the screening are missing."""
         no_points = np.empty((0, self.domain.dimensions))
         if self._groups is None and not self._left:
-            return self._open.add(no_points, "The blocks follow from screening scores that are missing.")
+            return self._open.add(no_points, Reason(Why.SCREENING_SCORES))
         while self._groups is not None and len(self._left) < count:
             self._add_block(self._groups)
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
         self._rows.append([(block, place) for block, place, _ in chosen])
         reason = (
-            f"{TRAJECTORIES} walks screen {self.domain.dimensions} parameters."
+            Reason(Why.SCREENING, {"walks": TRAJECTORIES, "parameters": self.domain.dimensions})
             if self._groups is None
-            else f"Blocks for the indices of {len(self._groups)} parameters or groups of them."
+            else Reason(Why.BLOCKS, {"groups": len(self._groups)})
         )
         return self._open.add(np.array([point for _, _, point in chosen]).reshape(-1, self.domain.dimensions), reason)
 

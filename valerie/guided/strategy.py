@@ -8,8 +8,9 @@ variant has no score either; the operational domain contains only legal variants
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +23,46 @@ from valerie.parameters.samplers import UnitPoints
 Scores = NDArray[np.float64]
 
 
+class Why(StrEnum):
+    """Names of the reasons of the built-in strategies."""
+
+    OPERATIONAL = "points as they occur in operation"
+    DOUBTFUL = "points where the model is unsure"
+    FIRST_SCORES = "first scores are missing"
+    SEARCH = "search for failures"
+    BORDER = "search for the border"
+    SCREENING = "screening of parameters"
+    SCREENING_SCORES = "screening scores are missing"
+    BLOCKS = "blocks for the indices"
+    DECIDED = "decided"
+    NARROW = "narrow enough"
+    CHEAP = "points for the cheap engine"
+    COSTLY = "points for the costly engine"
+    DRAWN = "search for a failure and a pass"
+    GIVEN = "the given variants"
+    VERDICTS = "verdicts are missing"
+    NO_PAIR = "the given variants do not fail and pass"
+    NEEDED = "changes that the failure needs"
+    BOUNDARY = "changes until the verdict flips"
+    REMOVAL = "failure without one of the changes"
+    MINIMAL = "the pair is minimal"
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """The reason for a batch, or for no more points. `valerie.studies.wording` puts it into words.
+
+    Attributes:
+        name: one of `Why`, or a name of another strategy's own.
+        numbers: numbers that belong to it, by name; NaN where one is unknown.
+        parameters: dimensions that it is about.
+    """
+
+    name: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    parameters: tuple[int, ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """A batch that a strategy asks for.
@@ -29,12 +70,12 @@ class Proposal:
     Attributes:
         points: (n, dimensions). No points mean that the strategy waits for the next `tell`, or has ended if no batch is
             open. A repeated point is evaluated under another random seed, unless its ``level`` differs.
-        reason: reason for these points, or for none, in one or two sentences.
+        reason: reason for these points, or for none.
         level: 0 for the usual render engine, 1 for the costly one.
     """
 
     points: UnitPoints
-    reason: str
+    reason: Reason
     level: int = 0
 
     def __len__(self) -> int:
@@ -83,7 +124,7 @@ class OpenBatches:
     def __len__(self) -> int:
         return len(self._batches)
 
-    def add(self, points: UnitPoints, reason: str, level: int = 0) -> Proposal:
+    def add(self, points: UnitPoints, reason: Reason, level: int = 0) -> Proposal:
         """Return a proposal of the points, and open a batch of them unless it is empty."""
         if len(points):
             self._batches.append(points.copy())

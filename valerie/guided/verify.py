@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import OpenBatches, Proposal, Result, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
 from valerie.parameters.samplers import UnitPoints
 from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
@@ -80,16 +80,16 @@ class Verify:
         """Return the next operational points; none once the requirement is decided."""
         no_points = np.empty((0, self.domain.dimensions))
         if self._known is not None and self._known.outcome is not Outcome.UNDECIDED:
-            return self._open.add(no_points, "The requirement is decided.")
+            return self._open.add(no_points, Reason(Why.DECIDED))
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
         further = None if self._known is None else self._known.further
-        if further is None:
-            cheapest = units_to_decide(1.0, at_least=self.bound, confidence=self.confidence)
-            reason = f"Operational points; without any failure, {cheapest} would decide."
-        else:
-            reason = f"Operational points; about {further:,} more decide if the estimate is right."
-        return self._open.add(self.domain.draw(rng, count), reason)
+        numbers: dict[str, float] = {"points": count}
+        if further is not None:
+            numbers["further"] = further
+        elif cheapest := units_to_decide(1.0, at_least=self.bound, confidence=self.confidence):
+            numbers["cheapest"] = cheapest
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.OPERATIONAL, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

@@ -31,12 +31,12 @@ from lark.visitors import Transformer_NonRecursive
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterType, Value
-from valerie.plain import Row
 
 MAX_LENGTH: Final = 2000
 MAX_DEPTH: Final = 32
 
-_Evaluate = Callable[[Row], Any]
+_Values = Mapping[str, Value | None]
+_Evaluate = Callable[[_Values], Any]
 
 _GRAMMAR: Final = r"""
 start: disjunction
@@ -167,7 +167,7 @@ class Constraint:
     sql: Sql
     _evaluate: _Evaluate
 
-    def holds(self, values: Row) -> bool:
+    def holds(self, values: Mapping[str, Value | None]) -> bool:
         """Return True if a variant satisfies the constraint.
 
         A comparison that depends on a missing value, or on a quotient by zero, does not satisfy it.
@@ -271,7 +271,7 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
             steps.append((_ARITHMETIC[str(sign)], self._number(meta, term).evaluate))
             sql = _spliced("(", sql, f" {_SQL.get(str(sign), sign)} ", term, ")")
 
-        def evaluate(values: Mapping[str, Value]) -> Any:
+        def evaluate(values: _Values) -> Any:
             result = start(values)
             for apply, operand in steps:
                 result = _unless_missing(apply, result, operand(values))

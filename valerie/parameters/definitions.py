@@ -10,8 +10,9 @@ from enum import StrEnum
 from typing import Any, Final, Self
 
 import numpy as np
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, ConfigDict, Field, model_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.odd import OddAttribute
 from valerie.parameters.paths import parse_path, short_name
@@ -46,7 +47,7 @@ class Affects(StrEnum):
     SENSOR_RADIOMETRY = "sensor-radiometry"
 
 
-class ParameterDefinition(BaseModel):
+class ParameterDefinition(Document):
     """One variable parameter of an asset.
 
     Attributes:
@@ -66,7 +67,7 @@ class ParameterDefinition(BaseModel):
         InvalidInput: the declaration contradicts itself.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
     name: str = ""
     path: str = Field(validation_alias=AliasChoices("path", "scene_graph_ref"))

@@ -14,8 +14,9 @@ from decimal import ROUND_FLOOR, Decimal
 from functools import lru_cache
 from typing import Annotated, ClassVar, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import MAX_MAGNITUDE, TURN, ParameterDefinition, ParameterType, Value, wrap
 
@@ -26,9 +27,7 @@ Number = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_MAGNITUDE, le=MAX_M
 Count = Annotated[int, Field(ge=1, strict=True)]
 
 
-class _Distribution(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+class _Distribution(Document):
     #: True if a grid needs ``count``.
     continuous: ClassVar[bool] = False
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
 
+from valerie.document import Document
 from valerie.parameters.definitions import Value
 
 
@@ -28,10 +29,10 @@ class Ability(StrEnum):
 EVERYTHING: Final = frozenset(Ability)
 
 
-class EngineSettings(BaseModel):
+class EngineSettings(Document):
     """Base class of an engine's settings. A spec sets them as ``renderer: {name: …, samples: 64}``."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(strict=True)
 
     def inputs(self) -> dict[str, Value]:
         """Return every setting that the pixels depend on, defaults included; part of the digest of the engine's products."""

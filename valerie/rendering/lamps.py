@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import LUMINANCE
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.scene_reading import lights
 from valerie.rendering.sky import LUX, Sky
@@ -22,7 +23,6 @@ Vector = tuple[float, float, float]
 _DARK_LUX: Final = 0.02
 #: Largest reach of a lamp, metres.
 _FARTHEST: Final = 150.0
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
         if light is None or light.intensity <= 0 or not is_on(light, scene, sky):
             continue
         color = np.array(light.color)
-        luminance = float(color @ _LUMINANCE)
+        luminance = float(color @ LUMINANCE)
         if luminance <= 0:
             continue
         strength = color / luminance * (light.intensity * LUX)
@@ -122,7 +122,7 @@ def glowing(scene: Scene, sky: Sky) -> Scene:
 
 @lru_cache(maxsize=256)
 def _lit(material: Material, color: Vector, luminance: float) -> Material:
-    tint = np.array(color) / max(float(np.array(color) @ _LUMINANCE), 1e-9)
+    tint = np.array(color) / max(float(np.array(color) @ LUMINANCE), 1e-9)
     # A white Lambertian surface has the luminance L under an illuminance of π L lux.
     return replace(material, emissive=_vector(np.array(material.emissive) + tint * (math.pi * luminance * LUX)))
 

@@ -13,11 +13,11 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import luminance_of
 from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, View, bounds
 from valerie.scene.graph.model import Scene
 
 #: Luminance weights of linear Rec. 709 (ITU-R BT.709-6).
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)
 #: Width of the ring as a share of the square root of the visible area, and its smallest width in pixels.
 _RING_SHARE, _RING_LEAST = 0.2, 2
 #: Width of the gap between person and ring, pixels. Antialiasing mixes both there.
@@ -86,7 +86,7 @@ def measure_light(
         scene, view: the scene and the view to measure.
         light: the engine that measures the light.
     """
-    luminance = image.pixels.astype(np.float32) @ _LUMINANCE
+    luminance = luminance_of(image.pixels.astype(np.float32))
     boxes = {person.instance_id: bounds(truth.instance_map == person.instance_id) for person in truth.persons}
     visible = {number: box for number, box in boxes.items() if not box.empty}
     received = dict(zip(visible, light.received(scene, view, list(visible.values())), strict=True)) if visible else {}

@@ -21,6 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import LUMINANCE
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, Environment, Scene
 from valerie.scene.light.weather import wetness
 
@@ -56,7 +57,6 @@ _MIE_HEIGHT: Final = 1_200.0
 _MIE_SPECTRUM: Final = np.array([0.76, 1.0, 1.34])
 _MIE_ALBEDO: Final = 0.9
 _MIE_G: Final = 0.76
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 #: Colour of the sun above the atmosphere; slightly blue, so that noon light (sun and sky together) is white.
 _SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
 _GROUND_ALBEDO: Final = 0.2
@@ -153,7 +153,7 @@ def sky_of(scene: Scene) -> Sky:
         haze=haze,
         ground=ground,
         sky_irradiance=sky_irradiance,
-        lux=float((direct * height + sky_irradiance) @ _LUMINANCE) / LUX,
+        lux=float((direct * height + sky_irradiance) @ LUMINANCE) / LUX,
         fog=fog,
         wetness=wetness(environment.rain),
         drops=0.0 if environment.rain <= 0 else float(np.clip(0.08 * environment.rain**0.5, 0.0, 0.5)),
@@ -179,16 +179,16 @@ def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Arra
     the sun lights no visible air, the last light comes evenly from the whole sky.
     """
     degrees = float(np.rad2deg(elevation))
-    model = float((sun_color * max(np.sin(elevation), 0.0) + _horizontal(table)) @ _LUMINANCE) * NOON_LUX
+    model = float((sun_color * max(np.sin(elevation), 0.0) + _horizontal(table)) @ LUMINANCE) * NOON_LUX
     day = _smooth((degrees - _SUNSET) / (DUSK - _SUNSET))
     lux = model**day * twilight_lux(degrees) ** (1 - day)
     share = lux / model
     # The single scattering model has no ozone, which absorbs the yellow on long paths through the air.
-    blue = _TWILIGHT / float(_TWILIGHT @ _LUMINANCE)
+    blue = _TWILIGHT / float(_TWILIGHT @ LUMINANCE)
     tinted = table * blue ** _smooth((DUSK - degrees) / 9.0)
-    tinted *= float(_horizontal(table) @ _LUMINANCE) / float(_horizontal(tinted) @ _LUMINANCE) * share
+    tinted *= float(_horizontal(table) @ LUMINANCE) / float(_horizontal(tinted) @ LUMINANCE) * share
     even = _smooth((-4.0 - degrees) / 8.0)
-    table = (1 - even) * tinted + even * blue * float(_horizontal(tinted) @ _LUMINANCE)
+    table = (1 - even) * tinted + even * blue * float(_horizontal(tinted) @ LUMINANCE)
     return sun_color * share, table
 
 
@@ -219,7 +219,7 @@ def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: 
     total = (1 - 0.75 * cover**3.4) * clear_total
     beam, between = direct * (1 - cover), table * (1 - cover)
     cloud_light = np.maximum(total - beam * height - diffuse * (1 - cover), 0.0)
-    grey = np.full(3, float(cloud_light @ _LUMINANCE))
+    grey = np.full(3, float(cloud_light @ LUMINANCE))
     overcast = ((1 + 2 * np.sin(_elevations())) / 3)[:, None, None] * np.ones((ELEVATIONS, AZIMUTHS, 3))
     return beam, between + overcast * (grey / _horizontal(overcast))
 
@@ -235,7 +235,7 @@ def _fogged(direct: Array, table: Array, diffuse: Array, height: float, fog: flo
     transmittance = np.exp(-thickness / np.maximum(np.sin(_elevations()), 0.02))[:, None, None]
     transmitted = table * transmittance
     lost = direct * height * (1 - beam) + np.maximum(diffuse - _horizontal(transmitted), 0.0)
-    grey = np.full(3, float(lost @ _LUMINANCE)) / (1 + 0.15 * thickness)
+    grey = np.full(3, float(lost @ LUMINANCE)) / (1 + 0.15 * thickness)
     veil = (1 - transmittance) * np.ones((ELEVATIONS, AZIMUTHS, 3))
     return direct * beam, transmitted + veil * (grey / np.maximum(_horizontal(veil), 1e-9))
 
@@ -286,7 +286,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     toward_sun = np.array([np.cos(above), 0.0, np.sin(above)])
     observer = np.array([[0.0, 0.0, _GROUND + 2.0]])
     transmitted = (_SUN_ABOVE_AIR * np.exp(-_thickness(observer, toward_sun[None], mie)))[0]
-    strength = 1.0 / float(transmitted @ _LUMINANCE)
+    strength = 1.0 / float(transmitted @ LUMINANCE)
     directions = sky_directions().reshape(-1, 3)
     first, scattering = _scattered(directions, toward_sun, mie)
     weight = (np.cos(_elevations()) * np.gradient(_elevations()))[:, None, None]
@@ -296,7 +296,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     returned = 0.5 * (scattering.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
     higher = scattering * mean / (1 - np.minimum(returned, 0.9))
     table = ((first + higher) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
-    table = table * _bounded(float(_horizontal(table) @ _LUMINANCE))
+    table = table * _bounded(float(_horizontal(table) @ LUMINANCE))
     risen = float(np.clip(np.rad2deg(elevation) / 0.5 + 0.5, 0, 1))
     return transmitted * strength * risen, table, _RAYLEIGH + mie * _MIE_SPECTRUM
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator
+from pydantic import Field, StringConstraints, field_validator
+
+from valerie.document import Document
 
 #: Most tags of one subject.
 MAX_TAGS: Final = 20
@@ -22,7 +24,7 @@ class MarkKind(StrEnum):
     FINDING = "finding"
 
 
-class Subject(BaseModel):
+class Subject(Document):
     """A run, or a part of it.
 
     Attributes:
@@ -30,21 +32,17 @@ class Subject(BaseModel):
         name: of a frame ``variant.camera.time``, of a finding its sentence; empty for the run.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     kind: MarkKind = MarkKind.RUN
     name: Annotated[str, Field(max_length=1000)] = ""
 
 
-class Mark(BaseModel):
+class Mark(Document):
     """Tags and a note; one without either is no mark.
 
     Attributes:
         tags: each once, sorted.
         note: text for people.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     tags: Annotated[tuple[Tag, ...], Field(max_length=MAX_TAGS)] = ()
     note: Annotated[str, StringConstraints(max_length=10_000, pattern=r"^[^\x00]*$")] = ""

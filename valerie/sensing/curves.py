@@ -16,11 +16,6 @@ from numpy.typing import NDArray
 Values = NDArray[np.float64]
 
 
-def linear_to_srgb(linear: Values) -> Values:
-    """Apply the sRGB opto-electronic transfer function (IEC 61966-2-1:1999, 5.3) to values in [0, 1]."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
-
-
 def filmic(linear: Values) -> Values:
     """Apply Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
 

@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import luminance_of
+
 #: The metering target: log-average luminance of the built-in asset on a clear day at 0 EV.
 DAYLIGHT: Final = 0.1
 #: Range of the automatic exposure, stops. It is enough to darken sunlit snow, and too little to turn night into day.
@@ -17,7 +19,6 @@ DARKEST_EV: Final = -6.0
 BRIGHTEST_EV: Final = 11.0
 #: Largest part of it that the exposure time provides; the rest is gain, which amplifies noise.
 LONGEST_EV: Final = 5.0
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)
 #: Keeps the logarithm finite; below the smallest positive value of a linear image.
 _LEAST: Final = 1e-8
 
@@ -32,6 +33,6 @@ def metered_ev(linear: NDArray[np.float16]) -> float:
         linear: (H, W, 3) float16, scene-referred; NaN and −inf count as black, inf as white.
     """
     light = np.nan_to_num(linear.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
-    luminance = np.maximum(light, 0.0) @ _LUMINANCE
+    luminance = luminance_of(np.maximum(light, 0.0))
     mean = float(np.exp(np.mean(np.log(luminance + np.float32(_LEAST)), dtype=np.float64)))
     return round(float(np.clip(np.log2(DAYLIGHT / mean), DARKEST_EV, BRIGHTEST_EV)), 2)

@@ -24,11 +24,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import linear_to_srgb
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.sensing.blender_filmic import blender_filmic
 from valerie.sensing.colour import white_balance_gains
-from valerie.sensing.curves import CURVES, linear_to_srgb
+from valerie.sensing.curves import CURVES
 from valerie.sensing.defocus import circle_of_confusion, defocus
 from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose

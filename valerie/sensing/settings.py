@@ -6,13 +6,14 @@ the effects and in ``docs/sensor.md``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, UnknownName
-from valerie.plain import JsonObject
+from valerie.parameters.definitions import Value
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 
 ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
@@ -34,18 +35,14 @@ def _field(name: str) -> Any:
     return Field(row.neutral, ge=row.minimum, le=row.maximum, description=row.description + unit)
 
 
-class _Group(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class WhiteBalance(_Group):
+class WhiteBalance(Document):
     """The light that the camera takes for white; see `valerie.sensing.colour`."""
 
     temperature_k: float = _field("white_balance.temperature_k")
     tint: float = _field("white_balance.tint")
 
 
-class Lens(_Group):
+class Lens(Document):
     """Focus, vignetting and chromatic aberration; see `valerie.sensing.defocus` and `valerie.sensing.optics`."""
 
     f_number: float = _field("lens.f_number")
@@ -54,7 +51,7 @@ class Lens(_Group):
     chromatic_aberration: float = _field("lens.chromatic_aberration")
 
 
-class Distortion(_Group):
+class Distortion(Document):
     """Coefficients of the Brown–Conrady model, named and scaled as OpenCV's; see `valerie.sensing.distortion`."""
 
     k1: float = _field("distortion.k1")
@@ -69,21 +66,21 @@ class Distortion(_Group):
         return self == _NO_DISTORTION
 
 
-class Shutter(_Group):
+class Shutter(Document):
     """Exposure time and rolling shutter; see `valerie.sensing.motion`."""
 
     exposure_ms: float = _field("shutter.exposure_ms")
     line_time_us: float = _field("shutter.line_time_us")
 
 
-class Soiling(_Group):
+class Soiling(Document):
     """Dirt and drops on the front glass; see `valerie.sensing.soiling`."""
 
     dirt: float = _field("soiling.dirt")
     drops: float = _field("soiling.drops")
 
 
-class Noise(_Group):
+class Noise(Document):
     """Shot noise, read noise, full well and converter; see `valerie.sensing.electronics`."""
 
     shot: bool = _field("noise.shot")
@@ -93,14 +90,14 @@ class Noise(_Group):
     adc_bits: int = _field("noise.adc_bits")
 
 
-class FaultyPixels(_Group):
+class FaultyPixels(Document):
     """Rates of dead (black) and hot (saturated) pixels; see `valerie.sensing.electronics`."""
 
     dead_rate: float = _field("pixels.dead_rate")
     hot_rate: float = _field("pixels.hot_rate")
 
 
-class SensorSetting(BaseModel):
+class SensorSetting(Document):
     """The response of a camera.
 
     The effects apply in this order: lens (defocus, shutter, soiling, distortion, chromatic aberration, vignetting), exposure,
@@ -118,8 +115,6 @@ class SensorSetting(BaseModel):
         noise: shot noise, read noise and converter.
         pixels: dead and hot pixels.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str = Field("default", min_length=1, max_length=64)
     exposure_ev: float = _field("exposure_ev")
@@ -143,7 +138,7 @@ class SensorSetting(BaseModel):
             group, _, field = name.rpartition(".")
             yield name, getattr(getattr(self, group) if group else self, field)
 
-    def document(self) -> JsonObject:
+    def document(self) -> dict[str, Value]:
         """Return exposure, curve, gamma and every value that is not neutral, by name below ``sensor``.
 
         Digests of specs and images include it. Since neutral values are absent, a new effect leaves old digests unchanged.
@@ -152,7 +147,7 @@ class SensorSetting(BaseModel):
             name: value for name, value in self.values() if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
         }
 
-    def response(self) -> JsonObject:
+    def response(self) -> dict[str, Value]:
         """Return the part of `document` that affects the image."""
         document = self.document()
         idle: list[str] = []
@@ -163,7 +158,7 @@ class SensorSetting(BaseModel):
         if not self.needs_seed:
             idle += ["specimen"]
         # The exposure follows from the background; other digests stay as they are.
-        metered = {"auto_exposure": "background"} if self.auto_exposure else {}
+        metered: dict[str, Value] = {"auto_exposure": "background"} if self.auto_exposure else {}
         return {name: value for name, value in document.items() if name not in idle} | metered
 
     @property
@@ -213,7 +208,7 @@ class SensorSetting(BaseModel):
         """True if the image depends on the camera's focal length."""
         return self.defocuses or self.lens.vignetting > 0.0 or not self.distortion.identity
 
-    def with_assignment(self, sensor: JsonObject) -> SensorSetting:
+    def with_assignment(self, sensor: Mapping[str, Value]) -> SensorSetting:
         """Return this setting with the ``sensor.…`` values of a variant, e.g. ``{"sensor.exposure_ev": 0.5}``.
 
         Raises:

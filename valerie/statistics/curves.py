@@ -393,7 +393,7 @@ class _Band:
 
 
 def _joint_tail(residual: NDArray[np.float64], confidence: float, seed: int) -> float:
-    """Return the tail probability of each side of M intervals at which all hold together.
+    """Return the tail probability per side at which M intervals hold simultaneously.
 
     The largest of the M standardised means is simulated with random normal weights of the groups (multiplier bootstrap:
     Chernozhukov, Chetverikov & Kato 2013, doi:10.1214/13-AOS1161).

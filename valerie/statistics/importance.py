@@ -222,7 +222,7 @@ def _checked(
 
 
 def _some_places(place: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
-    """Return the rows of places drawn at random, about `MAX_ROWS` at most; all where there are no more."""
+    """Return the rows of randomly drawn places, at most about `MAX_ROWS`; all rows if there are fewer."""
     number, occupied = dense(place)
     order = generator.permutation(len(occupied))
     reached = np.cumsum(np.bincount(number, minlength=len(occupied))[order])

@@ -85,7 +85,11 @@ def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
         "instances": layer.instances,
         "depths": layer.depths,
     }
-    meta = {"statics": statics, "rectangle": [box.x, box.y, box.width, box.height], "size": list(layer.size)}
+    meta: JsonObject = {
+        "statics": statics,
+        "rectangle": [box.x, box.y, box.width, box.height],
+        "size": list(layer.size),
+    }
     return envelope.pack("truth-layer", arrays, meta | {"persons": _pack_persons(layer.persons, arrays)})
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from valerie.guided.domain import Domain
 from valerie.guided.explain import Explain, MinimalPair
-from valerie.guided.strategy import OpenBatches, Proposal, Scores
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Scores, Why
 from valerie.parameters.samplers import UnitPoints
-
-_DRAWN: Final = "Variants as they occur in operation, until one fails and one passes."
-_GIVEN: Final = "The two given variants: does one fail, and does the other pass?"
 
 
 class ExplainFromScratch:
@@ -53,15 +48,13 @@ class ExplainFromScratch:
         if not self._given:
             rng = np.random.default_rng([self.seed, len(self._points)])
             self._points.append(self.domain.snapped(self.domain.draw(rng, count)))
-            return self._open.add(self._points[-1], _DRAWN)
+            return self._open.add(self._points[-1], Reason(Why.DRAWN))
         if self._wanted is None:
-            waits = "The search begins when the verdicts of the given variants are known."
-            refused = f"The given variants do not fail and pass: their scores are {self._told()}, and {self.at_least:g} passes."
-            return Proposal(no_points, waits if len(self._open) else refused)
+            return Proposal(no_points, Reason(Why.VERDICTS) if len(self._open) else self._refusal())
         now, left = self._wanted[:count], self._wanted[count:]
         self._wanted = left if len(left) else None
         self._points.append(now)
-        return self._open.add(now, _GIVEN)
+        return self._open.add(now, Reason(Why.GIVEN))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Add the scores of the oldest open batch."""
@@ -85,5 +78,6 @@ class ExplainFromScratch:
         passing = points[passes][np.argmin(ways)]
         self._explain = Explain(self.domain, failing, passing, at_least=self.at_least, batch=self.batch)
 
-    def _told(self) -> str:
-        return " and ".join(f"{score:.3g}" for scores in self._scores for score in scores.tolist())
+    def _refusal(self) -> Reason:
+        failing, passing = np.concatenate(self._scores).tolist()
+        return Reason(Why.NO_PAIR, {"failing": failing, "passing": passing, "at_least": self.at_least})

@@ -1,6 +1,10 @@
-"""Sentences about the results of strategies."""
+"""Sentences about the reasons and results of strategies."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +16,7 @@ from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
 from valerie.guided.map import Boundary, Call
 from valerie.guided.rank import Effect, Ranking
-from valerie.guided.strategy import Result
+from valerie.guided.strategy import Reason, Result, Why
 from valerie.guided.verify import Verification
 from valerie.parameters.samplers import UnitPoints
 from valerie.runs.study.document import CascadeGoal, CompareGoal, VerifyGoal
@@ -40,6 +44,71 @@ def result_sentences(known: Result, study: ResolvedStudy) -> tuple[str, ...]:
         case TwoEngines():
             return _two_engines(known, study)
     raise TypeError(f"no words for {type(known).__name__}")
+
+
+def reason_text(reason: Reason, names: Sequence[str]) -> str:
+    """Return the reason for a batch, or for no more points, in one sentence.
+
+    Args:
+        reason: as a strategy states it; one that is none of `Why` is shown by its name and numbers.
+        names: names of the parameters, by dimension.
+    """
+    numbers, about = reason.numbers, ", ".join(names[dimension] for dimension in reason.parameters)
+    match reason.name:
+        case Why.OPERATIONAL:
+            return f"{numbers['points']} points as they occur in operation{_decide(numbers)}."
+        case Why.DOUBTFUL:
+            return (
+                f"{numbers['operational']} points as they occur in operation, and {numbers['doubtful']} where the model of "
+                f"the earlier scores is unsure whether they fail; it expects {numbers['expected']:.1%} failures."
+            )
+        case Why.SEARCH:
+            descents = f", {numbers['descending']} descend from {numbers['low']} low scores"
+            checks = f", {numbers['checking']} check whether failures repeat and are connected"
+            more = (descents if numbers["descending"] else "") + (checks if numbers["checking"] else "")
+            return f"{numbers['exploring']} points explore the operational domain{more}."
+        case Why.BORDER:
+            doubtful = f", {numbers['doubtful']} lie where pass and fail are least sure" if numbers["doubtful"] else ""
+            return f"{numbers['exploring']} points explore{doubtful}."
+        case Why.SCREENING:
+            return f"{numbers['walks']} walks screen {numbers['parameters']} parameters."
+        case Why.BLOCKS:
+            return f"Blocks for the indices of {numbers['groups']} parameters or groups of them."
+        case Why.CHEAP | Why.COSTLY:
+            ratio = numbers["ratio"]
+            pairs = f"about {ratio:.1f} cheap points for each costly one" if isfinite(ratio) else "the first pairs"
+            return f"{numbers['points']} {reason.name}: {pairs}."
+        case Why.NO_PAIR:
+            scores = f"{numbers['failing']:.3g} and {numbers['passing']:.3g}"
+            return f"The given variants do not fail and pass: their scores are {scores}, and {numbers['at_least']:g} passes."
+        case Why.BOUNDARY:
+            return f"How far must {about} change before the verdict flips?"
+        case Why.REMOVAL:
+            return f"Does the variant still fail without one of the changes of {about}?"
+    if reason.name in _REASONS:
+        return _REASONS[Why(reason.name)]
+    listed = ", ".join(f"{name} {value:g}" for name, value in numbers.items())
+    return f"{reason.name}: {listed}." if listed else f"{reason.name}."
+
+
+def _decide(numbers: Mapping[str, float]) -> str:
+    if "cheapest" in numbers:
+        return f"; without any failure, {numbers['cheapest']:,} would decide"
+    return f"; about {numbers['further']:,} more decide if the estimate is right" if "further" in numbers else ""
+
+
+#: Sentences without numbers.
+_REASONS: Final = {
+    Why.FIRST_SCORES: "The first points have to be scored before guided ones.",
+    Why.SCREENING_SCORES: "The blocks follow from screening scores that are missing.",
+    Why.DECIDED: "The requirement is decided.",
+    Why.NARROW: "The interval is narrow enough.",
+    Why.DRAWN: "Variants as they occur in operation, until one fails and one passes.",
+    Why.GIVEN: "The two given variants: does one fail, and does the other pass?",
+    Why.VERDICTS: "The next variants follow from verdicts that are missing.",
+    Why.NEEDED: "Which of the changed parameters are needed for the failure?",
+    Why.MINIMAL: "The pair is minimal.",
+}
 
 
 def _failure_rate(known: FailureRate) -> tuple[str, ...]:

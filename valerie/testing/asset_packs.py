@@ -11,8 +11,15 @@ import numpy as np
 import pytest
 
 from valerie.errors import UnknownName
-from valerie.plain import Written
-from valerie.scene.assets.asset import AssetPack, SceneAsset, asset_manifest, asset_names, load_asset, load_pack
+from valerie.scene.assets.asset import (
+    AssetArguments,
+    AssetPack,
+    SceneAsset,
+    asset_manifest,
+    asset_names,
+    load_asset,
+    load_pack,
+)
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Mesh, Scene
@@ -35,8 +42,8 @@ class AssetContract:
     """
 
     name: str
-    arguments: ClassVar[Written] = {}
-    other: ClassVar[Written]
+    arguments: ClassVar[AssetArguments] = {}
+    other: ClassVar[AssetArguments]
 
     @pytest.fixture
     def pack(self) -> AssetPack:
@@ -99,7 +106,8 @@ class AssetContract:
 
 @lru_cache(maxsize=2)
 def _loaded(reference: str) -> SceneAsset:
-    return load_asset(json.loads(reference))
+    arguments: AssetArguments = json.loads(reference)
+    return load_asset(arguments)
 
 
 def _visible_part(scene: Scene) -> Scene:

@@ -14,8 +14,8 @@ from valerie.analysis.report.report import data_url
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.summary.text import summary_text
 from valerie.client import Progress
+from valerie.measures import Cell, Row
 from valerie.pipeline.reading.painting import jpeg
-from valerie.plain import Row
 
 #: Width of a picture, pixels of the page.
 _WIDTH: Final = 480
@@ -47,5 +47,5 @@ def frame_html(frame_id: str, sensor: str, picture: NDArray[np.uint8], rows: Seq
     )
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
+def _number(value: Cell, digits: int) -> str:
+    return "" if value is None else f"{float(value):.{digits}f}"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from valerie.cli.deployment import has_database
 from valerie.client import Client
 from valerie.embedded import running
 from valerie.errors import NotFound
+from valerie.local.deployment import has_database
 from valerie.settings import load_settings
 from valerie.workbench.sources import Served, Source, Stored
 

@@ -11,8 +11,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from PIL import Image
 
-from valerie.cli.folder import Folder
 from valerie.client import Client, Progress, Run, RunSummary, ServerUnavailableError
+from valerie.local.folder import Folder
 from valerie.runs.forecasting.forecast import Plan
 
 if TYPE_CHECKING:

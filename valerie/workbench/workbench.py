@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.cli.display import Display, display_of
-from valerie.cli.shell import read_spec
 from valerie.client import Progress, ServerUnavailableError
 from valerie.client import Run as RunRecord
 from valerie.errors import UnknownName
 from valerie.labels import VOID, to_train_ids
-from valerie.plain import Row, typed
+from valerie.local.display import Display, display_of
+from valerie.local.spec_files import read_spec
+from valerie.measures import Row
+from valerie.plain import Json, typed
 from valerie.runs.forecasting.forecast import Plan
 from valerie.runs.products.states import RunState
 from valerie.workbench.display import frame_html, run_html
@@ -34,7 +35,7 @@ from valerie.workbench.sources import Source
 POLL: Final = 0.5
 
 #: A spec: the path of its file, or its document.
-Spec = str | Path | Mapping[str, object]
+Spec = str | Path | Mapping[str, Json]
 
 
 class Workbench:
@@ -149,7 +150,7 @@ class Run:
         return self._source.rows(self.id, where)
 
     def frames(self, where: str = "") -> list[Frame]:
-        """Return the frames with a row for which an expression holds, each behind its sensor, in the order of the rows."""
+        """Return sensor and frame of every row that satisfies an expression, each once, in the order of the rows."""
         rows = self.rows(where)
         of_frames: dict[tuple[str, str], list[int]] = {}
         names = zip(rows["frame_id"].to_pylist(), rows["sensor"].to_pylist(), strict=True)

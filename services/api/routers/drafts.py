@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 from functools import cache
-from typing import Annotated
+from typing import Annotated, cast
 
 from fastapi import APIRouter, Query, Request
+from pydantic import JsonValue
 
 from services.api.dependencies import ContextDependency, RunId
 from services.api.openapi import example, problems
@@ -15,7 +16,6 @@ from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewRead
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.control.preview import Previews
-from valerie.plain import JsonObject
 from valerie.runs.document.draft import changed_draft, draft_of, read_draft
 from valerie.runs.document.schema import run_spec_schema
 
@@ -30,13 +30,13 @@ _MOST = 4
     responses={**problems(422), **example({"title": "VALERIE run spec", "type": "object"})},
     summary="The JSON Schema of specs in either notation",
 )
-def schema() -> JsonObject:
+def schema() -> dict[str, JsonValue]:
     return _schema()
 
 
 @cache
-def _schema() -> JsonObject:
-    return run_spec_schema()
+def _schema() -> dict[str, JsonValue]:
+    return cast("dict[str, JsonValue]", run_spec_schema())
 
 
 @router.post(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import orjson
 from fastapi import APIRouter, Query, Response
@@ -24,7 +24,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
-from valerie.plain import JsonObject, typed
+from valerie.plain import JsonObject, JsonSchema, typed
 from valerie.runs.resolving.spec import ResolvedRun
 
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
 #: Column of names to the database column with the name's position in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
-_ROW: JsonObject = example_of(EvaluationRow.model_json_schema())
+_ROW = cast("JsonObject", example_of(cast("JsonSchema", EvaluationRow.model_json_schema())))
 _CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
 _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 

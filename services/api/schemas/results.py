@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from pydantic import ConfigDict, Field, computed_field
+from pydantic import ConfigDict, Field, JsonValue, computed_field
 
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
 from valerie.analysis.findings.findings import Findings
@@ -64,7 +64,7 @@ class PointColumns(Read):
     axes: list[PlotAxis] = Field(description="columns that this run's pACC can be plotted over")
 
 
-INTERVAL: Final = {
+INTERVAL: Final[dict[str, JsonValue]] = {
     "low": 0.83,
     "high": 0.905,
     "estimate": 0.871,

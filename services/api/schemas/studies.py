@@ -22,7 +22,7 @@ STUDY: Final[dict[str, JsonValue]] = {
     "goal": "estimate",
     "budget": {"variants": 256},
 }
-REASON: Final = "32 points as they occur in operation: nothing is assumed about the scores."
+REASON: Final = "32 points as they occur in operation."
 
 
 class BatchCounts(Read):

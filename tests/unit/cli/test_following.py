@@ -9,10 +9,10 @@ import httpx
 import pytest
 
 from valerie.cli.connecting import System
-from valerie.cli.display import JsonDisplay
 from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, show_result
 from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
 from valerie.errors import ValerieError
+from valerie.local.display import JsonDisplay
 from valerie.runs.products.states import RunState
 from valerie.settings import load_settings
 

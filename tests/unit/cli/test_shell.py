@@ -276,7 +276,8 @@ def test_a_reader_that_leaves_ends_the_command_quietly(lines: int) -> None:
     # As `valerie plan … | head -0`: few lines break the pipe at the end, many on the way.
     program = f"""
 import typer
-from valerie.cli.shell import console, guarded
+from valerie.cli.shell import guarded
+from valerie.local.terminal import console
 
 def command():
     for number in range({lines}):

@@ -32,7 +32,9 @@ def test_long_runs_need_several_groups() -> None:
 
 def test_pycocotools_reads_instances_visible_and_amodal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frame = labelled()
-    annotations = [{"id": n + 1, "image_id": 1, **a} for n, a in enumerate(coco.instance_annotations(frame))]
+    annotations = [
+        {"id": n + 1, "image_id": 1, **a.annotation()} for n, a in enumerate(coco.instance_annotations(frame))
+    ]
     height, width = frame.class_map.shape
     document = coco.assemble([{"id": 1, "width": width, "height": height, "file_name": "x.png"}], annotations, "test")
     path = tmp_path / "instances.json"

@@ -154,6 +154,25 @@ class TestWant:
         assert want(engine, [uploaded]) == []
         assert state_of(engine, "p") == "ready"
 
+    def test_a_ready_product_with_an_earlier_turn_is_announced_again(self, engine: Engine) -> None:
+        assert turns_announced(engine, start=5.0) == [5.0]
+        assert turns_announced(engine, start=2.0) == [2.0]
+        assert turns_announced(engine, start=3.0) == []
+
+    def test_a_run_begins_at_the_turn_of_work_and_not_of_uploads(self, engine: Engine) -> None:
+        uploaded = Wanted(digest("p"), ProductKind.PREDICTION, UPLOADED_ROUTE, "g")
+        with writing(engine) as connection:
+            products.want(connection, [uploaded], 100.0, Turns(3.0))
+            assert products.present_turn(connection) is None
+            products.want(connection, WANTED[:1], 100.0, Turns(7.0))
+            assert products.present_turn(connection) == 7.0
+
+
+def turns_announced(engine: Engine, start: float) -> list[float]:
+    """Turns in the messages about the background, for a run that begins at a turn."""
+    with writing(engine) as connection:
+        return [item.turn for item in products.want(connection, WANTED[:1], 100.0, Turns(start))]
+
 
 class TestClaim:
     def test_of_two_workers_one_gets_a_product(self, engine: Engine) -> None:

@@ -10,7 +10,7 @@ import pytest
 from valerie.errors import InvalidInput
 from valerie.guided.compare import Compare, Difference
 from valerie.guided.domain import Cube
-from valerie.guided.strategy import Strategy, pursue
+from valerie.guided.strategy import Reason, Strategy, Why, pursue
 from valerie.guided.verify import Verify
 from valerie.statistics.verdicts import Outcome
 from valerie.testing.strategies import StrategyContract
@@ -30,7 +30,7 @@ def test_a_requirement_ends_the_sampling_once_it_is_decided(share: float, outcom
     assert strategy.result is not None
     assert strategy.result.outcome is outcome
     assert strategy.result.decided_after is not None
-    assert strategy.ask(50).reason == "The requirement is decided."
+    assert strategy.ask(50).reason == Reason(Why.DECIDED)
 
 
 def test_an_undecided_requirement_says_what_it_still_costs_and_leaves_undefined_scores_out() -> None:
@@ -42,7 +42,7 @@ def test_an_undecided_requirement_says_what_it_still_costs_and_leaves_undefined_
     assert result.outcome is Outcome.UNDECIDED
     assert result.further is not None
     assert result.undefined == np.count_nonzero(points[:, 1] < 0.5)
-    assert f"{result.further:,} more" in strategy.ask(10).reason
+    assert strategy.ask(10).reason.numbers["further"] == result.further
 
 
 def test_a_mean_score_is_a_requirement_too() -> None:

@@ -16,10 +16,11 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from valerie.analysis.rows.levels import Factor, factors_of
 from valerie.analysis.rows.table import EvaluationTable
+from valerie.document import Document
 from valerie.errors import UnknownName
 from valerie.runs.resolving.where import compile_where
 from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
@@ -36,14 +37,10 @@ Name = Annotated[str, Field(min_length=1, max_length=128)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 Statistic = Literal["mean", "minimum", "maximum", "share"]
 
 
-class QuantityTest(_Document):
+class QuantityTest(Document):
     """A statistic of the rows is in a range: their mean, smallest or largest value, or the share above a value."""
 
     of: Name
@@ -61,7 +58,7 @@ class QuantityTest(_Document):
         return self
 
 
-class DifferenceTest(_Document):
+class DifferenceTest(Document):
     """The score at one level of a factor minus that at another, everything else equal.
 
     ``sign`` is ``>``, ``<`` or ``=``; for ``=`` the interval must be within ± ``within``.
@@ -74,7 +71,7 @@ class DifferenceTest(_Document):
     within: Annotated[float, Field(gt=0, lt=1)] = 0.05
 
 
-class DepartureTest(_Document):
+class DepartureTest(Document):
     """The score stays level up to ``at`` on an axis and then changes by more than ``by``."""
 
     over: Name
@@ -83,14 +80,14 @@ class DepartureTest(_Document):
     by: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
-class TrendTest(_Document):
+class TrendTest(Document):
     """The score rises, falls or stays level over an axis."""
 
     over: Name
     shape: Literal["rising", "falling", "level"]
 
 
-class FlipTest(_Document):
+class FlipTest(Document):
     """Some pair of rows that differs only in one factor differs in its score by at least ``at_least``."""
 
     factor: Name
@@ -99,7 +96,7 @@ class FlipTest(_Document):
     at_least: Annotated[float, Field(gt=0, le=1)]
 
 
-class Claim(_Document):
+class Claim(Document):
     """One statement and its test.
 
     Attributes:
@@ -134,7 +131,7 @@ class Claim(_Document):
         return self
 
 
-class Printed(_Document):
+class Printed(Document):
     """A number that the source prints, which the report compares with the run's.
 
     Attributes:
@@ -155,7 +152,7 @@ class Printed(_Document):
     functions: tuple[Name, ...] = ()
 
 
-class Cross(_Document):
+class Cross(Document):
     """Pictures of one view under the levels of two factors, everything else equal.
 
     Attributes:
@@ -174,7 +171,7 @@ class Cross(_Document):
     published: tuple[tuple[str | Number, ...], ...] = ()
 
 
-class Claims(_Document):
+class Claims(Document):
     """A document of claims.
 
     Attributes:

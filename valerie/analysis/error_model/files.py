@@ -7,12 +7,13 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from valerie.analysis.error_model.model import LEVELS, LIMIT, ErrorModel, ErrorModels
 from valerie.analysis.error_model.onnx_export import check_onnx, to_onnx
 from valerie.analysis.report.plots import INK, RULE
 from valerie.analysis.rows.table import encoded
+from valerie.document import Document
 from valerie.errors import MissingDependency
 from valerie.measures import measure_of
 from valerie.statistics.calibration import ReliabilityBin
@@ -22,11 +23,7 @@ _TABLE: Final = "error-model"
 _DIAGRAM: Final = "error-model.png"
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ColumnCard(_Document):
+class ColumnCard(Document):
     """A column of the queries.
 
     Attributes:
@@ -44,7 +41,7 @@ class ColumnCard(_Document):
     cell: float
 
 
-class ModelCard(_Document):
+class ModelCard(Document):
     """The error model of one function.
 
     Attributes:
@@ -82,7 +79,7 @@ class ModelCard(_Document):
     reliability: tuple[ReliabilityBin, ...]
 
 
-class ErrorModelCard(_Document):
+class ErrorModelCard(Document):
     """Card of a run's error models: their files, calibration and limits.
 
     Attributes:

@@ -13,11 +13,12 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from valerie.document import Document
 from valerie.errors import InvalidInput
+from valerie.measures import Row
 from valerie.parameters.definitions import TURN, ParameterType
-from valerie.plain import Row
 
 #: Share of the selected rows within the bounds of one quantity.
 _COVERED: Final = 0.9
@@ -25,10 +26,9 @@ _COVERED: Final = 0.9
 _NARROWER: Final = 0.8
 
 
-class Range(BaseModel):
+class Range(Document):
     """Numbers from ``low`` to ``high``, both included."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     kind: Literal["range"] = "range"
     low: float
     high: float
@@ -40,10 +40,9 @@ class Range(BaseModel):
         return f"{self.low:g} … {self.high:g}"
 
 
-class Arc(BaseModel):
+class Arc(Document):
     """Angles from ``start`` counter-clockwise over ``width``, in degrees."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     kind: Literal["arc"] = "arc"
     start: Annotated[float, Field(ge=0, lt=TURN)]
     width: Annotated[float, Field(ge=0, le=TURN)]
@@ -55,10 +54,9 @@ class Arc(BaseModel):
         return f"{self.start:g}° … {(self.start + self.width) % TURN:g}°"
 
 
-class Choices(BaseModel):
+class Choices(Document):
     """Names of a CATEGORICAL or BOOL quantity."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["choices"] = "choices"
     names: tuple[str, ...]
 
@@ -72,7 +70,7 @@ class Choices(BaseModel):
 Bound = Annotated[Range | Arc | Choices, Field(discriminator="kind")]
 
 
-class Region(BaseModel):
+class Region(Document):
     """A region; without bounds, everything is inside.
 
     Attributes:
@@ -80,8 +78,7 @@ class Region(BaseModel):
         rows: number of rows that the bounds were taken from.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    bounds: dict[str, Bound] = {}
+    bounds: dict[str, Bound] = Field(default={})
     rows: int = 0
 
     def holds(self, values: Row) -> bool:
@@ -114,7 +111,7 @@ def region_of(
     inside, rows = list(selected), list(everything)
     if not inside:
         raise InvalidInput("selects no row of the run", field="where")
-    bounds: dict[str, Bound] = {}
+    bounds: dict[str, Bound] = Field(default={})
     for name, kind in quantities.items():
         some = [row[name] for row in inside if row.get(name) is not None]
         every = [row[name] for row in rows if row.get(name) is not None]

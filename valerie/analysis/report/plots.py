@@ -28,7 +28,7 @@ def plotly_figure(panel: Panel) -> JsonObject:
         data.extend(_plotly_line(line))
     if panel.marks:
         data.append(_plotly_marks(panel.marks))
-    axis = {
+    axis: JsonObject = {
         "showline": True,
         "linecolor": "#9aa3ad",
         "gridcolor": RULE,
@@ -36,7 +36,7 @@ def plotly_figure(panel: Panel) -> JsonObject:
         "ticks": "outside",
         "ticklen": 4,
     }
-    layout = {
+    layout: JsonObject = {
         "height": 380,
         "margin": {"l": 52, "r": 12, "t": 8, "b": 46},
         "paper_bgcolor": "rgba(0,0,0,0)",
@@ -122,7 +122,7 @@ def _plotly_points(points: Points) -> JsonObject:
 
 
 def _plotly_line(line: Line) -> list[JsonObject]:
-    curve = {
+    curve: JsonObject = {
         "type": "scatter",
         "mode": "lines",
         "name": line.character,
@@ -137,7 +137,7 @@ def _plotly_line(line: Line) -> list[JsonObject]:
     }
     if not line.low:
         return [curve]
-    band = {
+    band: JsonObject = {
         "type": "scatter",
         "mode": "lines",
         "x": [*line.x, *reversed(line.x)],

@@ -12,6 +12,7 @@ from typing import Final
 import pyarrow as pa
 
 from valerie.analysis.findings.findings import Finding, Findings
+from valerie.plain import JsonObject
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ def register(findings: Findings) -> tuple[TriggeringCondition, ...]:
     return tuple(_entry(f"T{number}", finding) for number, finding in enumerate(about, 1))
 
 
-def register_json(entries: tuple[TriggeringCondition, ...]) -> list[dict[str, object]]:
+def register_json(entries: tuple[TriggeringCondition, ...]) -> list[JsonObject]:
     """Return the entries as JSON values."""
     return [asdict(entry) for entry in entries]
 

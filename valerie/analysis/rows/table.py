@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.analysis.rows.design import UNKNOWN, Design, position_paths
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
-from valerie.measures import MEASURES, ColumnType, Measure
-from valerie.plain import Row, typed
+from valerie.measures import MEASURES, ColumnType, Measure, Row
+from valerie.plain import typed
 from valerie.statistics.units import EVEN, Estimand, Units, sampling_units
 
 _NAME: Final = pa.dictionary(pa.int32(), pa.string())

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.frame_counts import frame_counts, present
 from valerie.analysis.rows.table import EvaluationTable
-from valerie.measures import measure_of
-from valerie.plain import Row
+from valerie.measures import Row, measure_of
 from valerie.runs.resolving.requirements import Requirement
 from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT, LISTED
@@ -213,7 +212,7 @@ def _lost_variants(requirement: Requirement, function: str, lost: Sequence[Row])
         [
             row["variant_index"]
             for row in rows
-            if row["undefined_reason"] is None and (row["pixel_area"] is None or row["pixel_area"] >= pixels)
+            if row["undefined_reason"] is None and (row["pixel_area"] is None or int(row["pixel_area"]) >= pixels)
         ],
         np.int64,
     )

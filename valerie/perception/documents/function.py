@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializeAsAny,
     StringConstraints,
@@ -25,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import TRAIN_LABELS, VOID
 from valerie.loading import load_document
@@ -32,7 +32,7 @@ from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.class_maps import CLASS_LISTS, MAX_CLASSES, class_lookup
 from valerie.perception.documents.options import OPTIONS, Options
-from valerie.plain import Written
+from valerie.plain import Json
 from valerie.validation import problem_of
 
 #: Raised when the meaning of the document changes; the first part of every digest.
@@ -83,11 +83,7 @@ def _listed(value: object) -> object:
     return CLASS_LISTS.get(value, value) if isinstance(value, str) else value
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Payload(_Part):
+class Payload(Document):
     """The one file of a function.
 
     Attributes:
@@ -101,7 +97,7 @@ class Payload(_Part):
     format: Literal["safetensors", "onnx"]
 
 
-class InputDocument(_Part):
+class InputDocument(Document):
     """The conversion of a frame to the network's input; see `valerie.perception.running.adaptation`.
 
     Attributes:
@@ -153,7 +149,7 @@ class InputDocument(_Part):
         return 255.0 if self.scale == "1/255" else 1.0
 
 
-class OutputDocument(_Part):
+class OutputDocument(Document):
     """The network's output and the meaning of its classes.
 
     Attributes:
@@ -208,7 +204,7 @@ class OutputDocument(_Part):
         return tuple(name for name, to in zip(self.classes, self.lookup.tolist(), strict=False) if to == VOID)
 
 
-class FunctionDocument(_Part):
+class FunctionDocument(Document):
     """A function under test.
 
     Attributes:
@@ -296,7 +292,7 @@ class FunctionDocument(_Part):
         )
 
 
-def parse_function(source: str | bytes | Written, **known: object) -> FunctionDocument:
+def parse_function(source: str | bytes | Mapping[str, Json], **known: object) -> FunctionDocument:
     """Read a document that a user wrote.
 
     Args:

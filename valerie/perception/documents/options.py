@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_validator
+from pydantic import Field, JsonValue, field_validator
 
+from valerie.document import Document
 from valerie.perception.documents.addresses import parse_url
 
 
-class Options(BaseModel):
+class Options(Document):
     """Options of a kind without options."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class OnnxOptions(Options):

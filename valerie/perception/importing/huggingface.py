@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NotRequired, TypedDict
 
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.documents.options import HuggingFaceOptions
-from valerie.plain import JsonObject
+from valerie.plain import Json, JsonObject
 
 if TYPE_CHECKING:
     from torch import nn
@@ -26,7 +26,7 @@ _MAX_JSON_BYTES: Final = 1 << 20
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
-def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[FunctionDocument, Path]:
+def read_huggingface(folder: Path, name: str, **changes: Json) -> tuple[FunctionDocument, Path]:
     """Return document and payload of a folder that `save_pretrained` wrote, without loading torch or transformers.
 
     The classes come from the configuration, size and normalisation from the image processor's file.
@@ -65,8 +65,9 @@ def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[Functi
         "provenance": {"source": f"transformers folder {folder.name}"},
     }
     for entry, change in changes.items():
-        if isinstance(change, Mapping) and isinstance(values.get(entry), dict):
-            values[entry] = {**values[entry], **change}
+        own = values.get(entry)
+        if isinstance(change, Mapping) and isinstance(own, dict):
+            values[entry] = {**own, **change}
         else:
             values[entry] = change
     payload = {"sha256": digest, "bytes": weights.stat().st_size, "format": "safetensors"}
@@ -129,11 +130,20 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
     return Logits(model).eval()
 
 
-def _require_complete(report: JsonObject, field: str) -> None:
+class _LoadingReport(TypedDict):
+    """The report of transformers on a loaded model."""
+
+    missing_keys: Collection[str]
+    unexpected_keys: Collection[str]
+    mismatched_keys: Collection[tuple[str, object, object]]
+    error_msgs: NotRequired[Collection[str]]
+
+
+def _require_complete(report: _LoadingReport, field: str) -> None:
     """Refuse incomplete weights: transformers draws missing ones at random, with only a warning."""
     problems = [f"{name} is missing" for name in sorted(report["missing_keys"])]
     problems += [f"{name} is unknown" for name in sorted(report["unexpected_keys"])]
-    problems += [f"{entry[0]} has another shape" for entry in sorted(report["mismatched_keys"])]
+    problems += [f"{name} has another shape" for name in sorted(name for name, *_ in report["mismatched_keys"])]
     problems += [str(message) for message in report.get("error_msgs", [])]
     if problems:
         more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
@@ -160,8 +170,8 @@ def _input(processor: JsonObject) -> JsonObject:
     if processor.get("do_resize", True) and isinstance(size, dict) and {"height", "width"} <= set(size):
         entries = {"mode": "resize", "size": [size["width"], size["height"]]}
     if processor.get("do_normalize", True):
-        entries["mean"] = list(processor.get("image_mean", _MEAN))
-        entries["std"] = list(processor.get("image_std", _STD))
+        entries["mean"] = processor.get("image_mean", _MEAN)
+        entries["std"] = processor.get("image_std", _STD)
     entries["scale"] = processor.get("rescale_factor", 1 / 255) if processor.get("do_rescale", True) else 1
     return entries
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Final
 
 import torch
-from pydantic import BaseModel, ConfigDict
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from valerie.document import Document
 from valerie.errors import InvalidInput
 from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import Triple
@@ -20,7 +20,7 @@ _NETWORK: Final = "network."
 _OPTIMISER: Final = "optimiser."
 
 
-class Position(BaseModel):
+class Position(Document):
     """The position of a run in its schedule.
 
     Attributes:
@@ -28,8 +28,6 @@ class Position(BaseModel):
         elapsed_s: seconds of training, over all resumptions.
         recent: losses of the last steps.
     """
-
-    model_config = ConfigDict(frozen=True)
 
     step: int = 0
     elapsed_s: float = 0.0
@@ -88,7 +86,7 @@ class CheckpointFile:
         return Position.model_validate_json(entries["position"])
 
     def _identity(self) -> str:
-        """Return a text that must be equal for resuming; device and number of threads may differ."""
+        """Return the text that has to match before training resumes; device and number of threads may differ."""
         return f"{self.settings.model_dump_json(exclude={'loader_threads', 'device'})} {self.mean} {self.std}"
 
 

@@ -18,10 +18,11 @@ from typing import Any, Final, Literal, overload
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from valerie.document import Document
 from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 
 Split = Literal["train", "held-out"]
@@ -57,7 +58,7 @@ class TrainingFrame:
             raise InvalidInput("not a training frame", value=layout, limit="uint8 (H, W, 3) and uint8 (H, W)")
 
 
-class Shard(BaseModel):
+class Shard(Document):
     """One file of the folder.
 
     Attributes:
@@ -68,8 +69,6 @@ class Shard(BaseModel):
         drawn: number of scenes that were drawn to get these frames; None if every draw was used.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     file: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\.safetensors$")
     site_seed: int
     sizes: tuple[tuple[int, int], ...]
@@ -77,7 +76,7 @@ class Shard(BaseModel):
     drawn: int | None = None
 
 
-class FrameIndex(BaseModel):
+class FrameIndex(Document):
     """The contents of ``frames.json``.
 
     Attributes:
@@ -85,11 +84,9 @@ class FrameIndex(BaseModel):
         provenance: origin of the frames: asset, seeds, revisions.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     format: str = Field(FORMAT, pattern=f"^{FORMAT}$")
     shards: tuple[Shard, ...]
-    provenance: dict[str, str] = {}
+    provenance: dict[str, str] = Field(default={})
 
 
 def write_shard(folder: Path, site_seed: int, frames: Iterable[TrainingFrame]) -> Shard:

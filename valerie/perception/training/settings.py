@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from valerie.document import Document
 from valerie.perception.running.engines.labelling import ALIGNMENT
 
 _Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -13,7 +14,7 @@ _Positive = Annotated[float, Field(gt=0.0)]
 _Side = Annotated[int, Field(ge=ALIGNMENT, multiple_of=ALIGNMENT)]
 
 
-class CropSettings(BaseModel):
+class CropSettings(Document):
     """Crops and augmentations that turn frames into samples.
 
     Attributes:
@@ -29,8 +30,6 @@ class CropSettings(BaseModel):
         blur_share: share of samples that are slightly blurred.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     height: _Side = 256
     width: _Side = 512
     scales: Annotated[tuple[_Positive, ...], Field(min_length=1)] = (1.0, 0.5)
@@ -45,7 +44,7 @@ class CropSettings(BaseModel):
     blur_share: _Fraction = 0.2
 
 
-class TrainingSettings(BaseModel):
+class TrainingSettings(Document):
     """Settings of one training run; on the CPU, equal settings, frames and threads give equal weights, bit for bit.
 
     Attributes:
@@ -73,8 +72,6 @@ class TrainingSettings(BaseModel):
         validate_every: steps between validations on (at most 64) held-out frames.
         crops: crops of the samples.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     architecture: str
     seed: Annotated[int, Field(ge=0)] = 0

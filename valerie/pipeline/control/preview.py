@@ -17,7 +17,7 @@ from valerie.parent import Wire, module_command, module_environment
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.pipeline.work.preview import HEADER, PreviewAnswer, PreviewFrame, PreviewJob
+from valerie.pipeline.work.preview import PreviewAnswer, PreviewFrame, PreviewJob
 from valerie.runs.forecasting.forecast import PlannedVariant, planned_variants
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
@@ -132,8 +132,8 @@ class Previews:
         assert self._child.stdin is not None
         wire = Wire(self._child.stdin, self._child.stdout, lambda: None, self._seconds)
         try:
-            wire.send(HEADER.pack(len(message)) + message)
-            return PreviewAnswer.model_validate_json(wire.receive(HEADER.unpack(wire.receive(HEADER.size))[0]))
+            wire.send_message(message)
+            return PreviewAnswer.model_validate_json(wire.receive_message())
         except TimeoutError:
             self._end()
             raise TransientError(f"the preview took longer than {self._seconds:g} s") from None

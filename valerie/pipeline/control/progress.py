@@ -71,7 +71,7 @@ class ProgressBook:
         self._unfinished[run_id] = self.unfinished(run_id) + products
 
     def forget(self) -> None:
-        """Clear the cache, because another process counted meanwhile."""
+        """Clear the cache, because another process has counted in the meantime."""
         self._closed.clear()
         self._history.clear()
         self._unfinished.clear()

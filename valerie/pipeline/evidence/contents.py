@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, NotRequired, TypedDict, cast
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from valerie.document import Document
 from valerie.parameters.definitions import Value
-from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
 
 SPEC: Final = "spec.json"
@@ -21,11 +21,7 @@ FRAMES: Final = "frames.json"
 PICTURES: Final = "frames"
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ResultDigests(_Document):
+class ResultDigests(Document):
     """SHA-256, hex, of the results that every execution of a spec in equal numeric classes reproduces, without run ids.
 
     Attributes:
@@ -39,7 +35,7 @@ class ResultDigests(_Document):
     verdicts: str
 
 
-class RunFacts(_Document):
+class RunFacts(Document):
     """The run that the evidence is about.
 
     Attributes:
@@ -80,7 +76,7 @@ class FramePicture(NamedTuple):
     file: str
 
 
-class FrameEntry(_Document):
+class FrameEntry(Document):
     """A frame through one sensor setting, with its pictures.
 
     Attributes:
@@ -111,7 +107,7 @@ class FrameEntry(_Document):
         )
 
 
-class FrameList(_Document):
+class FrameList(Document):
     """The frames of the folder, in order."""
 
     frames: tuple[FrameEntry, ...]
@@ -119,12 +115,19 @@ class FrameList(_Document):
 
 @dataclass(slots=True)
 class NamedFrame:
-    """A frame through one sensor setting that findings or verdicts name, with the named looked and the persons."""
+    """A frame through one sensor setting that findings or verdicts name, with the functions and persons that they name."""
 
     key: FrameKey
     sensor: str | None
     functions: set[str] = field(default_factory=set)
     persons: set[int] = field(default_factory=set)
+
+
+class _View(TypedDict):
+    frame_id: str
+    sensor: NotRequired[str | None]
+    function: NotRequired[str | None]
+    instance_id: NotRequired[int | None]
 
 
 def named_frames(document: object) -> list[NamedFrame]:
@@ -134,19 +137,19 @@ def named_frames(document: object) -> list[NamedFrame]:
     """
     named: dict[tuple[FrameKey, str], NamedFrame] = {}
     for view in _views(document):
-        key, sensor, function = FrameKey.parse(view["frame_id"]), view.get("sensor"), view.get("function")
+        key, sensor = FrameKey.parse(view["frame_id"]), view.get("sensor")
         frame = named.setdefault((key, sensor or ""), NamedFrame(key, sensor))
-        if function:
+        if function := view.get("function"):
             frame.functions.add(function)
         if isinstance(person := view.get("instance_id"), int):
             frame.persons.add(person)
     return [frame for _, frame in sorted(named.items(), key=lambda item: item[0])]
 
 
-def _views(document: object) -> Iterator[JsonObject]:
+def _views(document: object) -> Iterator[_View]:
     if isinstance(document, dict):
         if isinstance(document.get("frame_id"), str):
-            yield document
+            yield cast("_View", document)
         for value in document.values():
             yield from _views(value)
     elif isinstance(document, list):

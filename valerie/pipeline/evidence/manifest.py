@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import orjson
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from valerie.document import Document
 from valerie.errors import ValerieError
 
 #: The manifest, and its signed copy; the manifest covers every other file.
@@ -48,8 +49,8 @@ class Refused(ValerieError):
         super().__init__("\n".join(self.problems))
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+class _Document(Document):
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class _Digest(_Document):

@@ -42,7 +42,7 @@ from valerie.settings import Settings
 
 EQUAL: Final = "equal"
 DIFFERS: Final = "differs"
-Document = TypeVar("Document", bound=BaseModel)
+Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ def _shows(folder: Path, file: str, pixels: NDArray[np.uint8]) -> bool:
         raise Refused([f"{file}: not a PNG picture ({error})"]) from None
 
 
-def _document(folder: Path, name: str, model: type[Document]) -> Document:
+def _document(folder: Path, name: str, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(read_document(folder, name))
     except ValidationError as error:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from threading import Lock, RLock, Timer
-from typing import Any, Final
+from typing import Final
 
 import duckdb
 import numpy as np
@@ -251,7 +251,7 @@ class Exploration:
     ) -> ExploredColumn:
         column = self.table.arrow[name]
         numeric = self.table.is_number(name)
-        ends: dict[str, Any] = pc.min_max(column).as_py() if numeric else {"min": None, "max": None}
+        ends: dict[str, float | None] = pc.min_max(column).as_py() if numeric else {"min": None, "max": None}
         names = () if numeric else self.table.codes(name).names
         return ExploredColumn(
             name, title, description, unit, scale, digits, group, numeric, ends["min"], ends["max"], names,

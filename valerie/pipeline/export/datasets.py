@@ -88,7 +88,7 @@ def export_run(
     try:
         open_partial(partial, plan.request())
         _write_frames(FrameWriter(context, runs, plan), plan, partial, progress)
-        document = write_documents(context.engine, plan, partial)
+        described = write_documents(context.engine, plan, partial)
         close_partial(partial)
         if out.exists():
             out.rmdir()
@@ -99,7 +99,7 @@ def export_run(
                 f"no space left for {out}; free some and run the same export again to continue"
             ) from error
         raise StorageUnavailable(f"{out} cannot be written: {error.strerror or error}") from error
-    return Exported(out, document["splits"], plan.left_out, document["polygons_lose_percent"])
+    return Exported(out, described.splits, plan.left_out, described.polygons_lose_percent)
 
 
 def _write_frames(

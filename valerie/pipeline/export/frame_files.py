@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel
+from pydantic import Field
 
 from valerie.datasets import cityscapes, coco, openlabel
 from valerie.datasets.camera import CameraDocument, camera_document
@@ -15,6 +16,7 @@ from valerie.datasets.frame import LabelledFrame
 from valerie.datasets.index import IndexRow
 from valerie.datasets.openlabel import SequenceFrame
 from valerie.datasets.polygons import lost_pixels, polygons_document
+from valerie.document import Document
 from valerie.errors import Conflict
 from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.base.context import Context
@@ -35,13 +37,13 @@ from valerie.scene.variation.variant import apply
 _OF_PERSON: Final = ("character", *names_from(*OF_PERSON))
 
 
-class CocoFragment(BaseModel):
+class CocoFragment(Document):
     """A frame's entries in the COCO documents, without their numbers.
 
     Attributes:
         width, height: of the image.
         file_name: of the picture.
-        annotations: one per visible instance.
+        instances: the visible instances.
         panoptic_name: file name of the panoptic picture.
         segments: segments of the panoptic picture (`valerie.datasets.coco.Segment`).
     """
@@ -49,12 +51,12 @@ class CocoFragment(BaseModel):
     width: int
     height: int
     file_name: str
-    annotations: list[JsonObject]
+    instances: tuple[coco.Instance, ...]
     panoptic_name: str
-    segments: list[JsonObject]
+    segments: tuple[coco.Segment, ...]
 
 
-class OpenLabelFragment(BaseModel):
+class OpenLabelFragment(Document):
     """A frame's part of the OpenLABEL document of its sequence.
 
     Attributes:
@@ -70,7 +72,7 @@ class OpenLabelFragment(BaseModel):
     frame: SequenceFrame
 
 
-class Fragment(BaseModel):
+class Fragment(Document):
     """The entries of one frame in the documents that list all frames.
 
     Attributes:
@@ -85,8 +87,8 @@ class Fragment(BaseModel):
     split: str
     coco: CocoFragment | None = None
     openlabel: OpenLabelFragment | None = None
-    rows: list[IndexRow] = []
-    lost: dict[str, tuple[int, int]] = {}
+    rows: list[IndexRow] = Field(default=[])
+    lost: dict[str, tuple[int, int]] = Field(default={})
 
 
 class FrameWriter:
@@ -122,26 +124,27 @@ class FrameWriter:
             path.write_bytes(npz(arrays))
         labelled = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
         picture = cityscapes.write_picture(root, split, labelled)
-        fragment = Fragment(name=str(name), split=split)
+        lost: dict[str, tuple[int, int]] = {}
         if "cityscapes" in formats:
             polygons = polygons_document(labelled.segment_ids) if plan.settings.polygons else None
             cityscapes.write_labels(root, split, labelled, polygons)
             if polygons is not None:
-                fragment.lost = lost_pixels(polygons, labelled.class_map)
+                lost = lost_pixels(polygons, labelled.class_map)
         for function, predictions in plan.predictions.items():
             prediction = self._reader.prediction(predictions[frame.key].digest)
             cityscapes.write_prediction(root, split, name, function, prediction)
         instances = coco.instance_annotations(labelled) if {"coco", "openlabel"} & set(formats) else []
-        if "coco" in formats:
-            fragment.coco = self._coco(root, labelled, split, picture, instances)
-        if "openlabel" in formats:
-            fragment.openlabel = _openlabel(labelled, picture, instances)
-        if "parquet" in formats:
-            fragment.rows = self._rows(frame, labelled, split, picture)
-        return fragment
+        return Fragment(
+            name=str(name),
+            split=split,
+            coco=self._coco(root, labelled, split, picture, instances) if "coco" in formats else None,
+            openlabel=_openlabel(labelled, picture, instances) if "openlabel" in formats else None,
+            rows=self._rows(frame, labelled, split, picture) if "parquet" in formats else [],
+            lost=lost,
+        )
 
     def _coco(
-        self, root: Path, labelled: LabelledFrame, split: str, picture: Path, instances: list[JsonObject]
+        self, root: Path, labelled: LabelledFrame, split: str, picture: Path, instances: Sequence[coco.Instance]
     ) -> CocoFragment:
         """Write the panoptic picture; return the frame's entries."""
         height, width = labelled.class_map.shape
@@ -152,9 +155,9 @@ class FrameWriter:
             width=width,
             height=height,
             file_name=picture.relative_to(Path("leftImg8bit", split)).as_posix(),
-            annotations=instances,
+            instances=tuple(instances),
             panoptic_name=panoptic,
-            segments=[dict(segment) for segment in coco.panoptic_segments(ids)],
+            segments=tuple(coco.panoptic_segments(ids)),
         )
 
     def _rows(self, frame: ChosenFrame, labelled: LabelledFrame, split: str, picture: Path) -> list[IndexRow]:
@@ -220,7 +223,7 @@ class FrameWriter:
         return camera_document(zoomed, size.width, size.height)
 
 
-def _openlabel(labelled: LabelledFrame, picture: Path, instances: list[JsonObject]) -> OpenLabelFragment:
+def _openlabel(labelled: LabelledFrame, picture: Path, instances: Sequence[coco.Instance]) -> OpenLabelFragment:
     name = labelled.name
     assert labelled.camera is not None, "this format needs the camera"
     height, width = labelled.class_map.shape

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute
@@ -31,7 +31,19 @@ from valerie.scene.graph.model import JOINTS
 DOCUMENT: Final = "dataset.json"
 
 
-def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObject:
+class Described(NamedTuple):
+    """A finished data set.
+
+    Attributes:
+        splits: split to number of frames.
+        polygons_lose_percent: class to percentage of its pixels that polygons paint as another class, without zeros.
+    """
+
+    splits: Mapping[str, int]
+    polygons_lose_percent: Mapping[str, float]
+
+
+def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Described:
     """Write the documents that list all frames.
 
     Args:
@@ -40,7 +52,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         folder: folder with the fragments of all frames.
 
     Returns:
-        The description of the data set, as written.
+        What the written description says of splits and polygons.
     """
     settings, resolved = plan.settings, plan.run.resolved
     counts = Counter(fragment.split for fragment in _fragments(plan, folder))
@@ -62,6 +74,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         write_index(folder / "index.parquet", rows, types)
     if settings.predictions:
         _write_evaluations(engine, plan, folder / "evaluations.parquet")
+    lost = _lost_percent(_fragments(plan, folder))
     document = {
         **plan.request(),
         "description": description,
@@ -72,7 +85,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         "sensor": resolved.spec.sensors[plan.sensor].model_dump(mode="json"),
         "labels": resolved.spec.labels.value,
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
-        "polygons_lose_percent": _lost_percent(_fragments(plan, folder)),
+        "polygons_lose_percent": lost,
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
     (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
@@ -86,7 +99,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> JsonObjec
         version=f"{FORMAT_NAME.partition('/')[2]}.0.0",
     )
     (folder / croissant.FILE).write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n")
-    return document
+    return Described(counts, lost)
 
 
 def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:
@@ -107,13 +120,19 @@ def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
 def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], description: str) -> None:
     images: list[JsonObject] = []
     instances: list[JsonObject] = []
-    panoptic: list[JsonObject] = []
+    panoptic: list[coco.PanopticAnnotation] = []
     for number, fragment in enumerate(fragments, start=1):
         size = {"width": fragment.width, "height": fragment.height}
         images.append({"id": number, **size, "file_name": fragment.file_name})
-        panoptic.append({"image_id": number, "file_name": fragment.panoptic_name, "segments_info": fragment.segments})
-        for annotation in fragment.annotations:
-            instances.append({"id": len(instances) + 1, "image_id": number, **annotation})
+        panoptic.append(
+            {
+                "image_id": number,
+                "file_name": fragment.panoptic_name,
+                "segments_info": fragment.segments,
+            }
+        )
+        for instance in fragment.instances:
+            instances.append({"id": len(instances) + 1, "image_id": number, **instance.annotation()})
     for name, entries in (("instances", instances), ("panoptic", panoptic)):
         document = coco.assemble(images, entries, description, key_points=JOINTS, limbs=LIMBS)
         (folder / f"{name}_{split}.json").write_text(json.dumps(document))

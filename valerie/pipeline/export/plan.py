@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypedDict
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_validator
+from pydantic import Field, JsonValue, field_validator
 
 from valerie.datasets.frame import FrameName
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.results import StoredPrediction
+from valerie.document import Document
 from valerie.errors import Conflict, InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
@@ -37,7 +38,7 @@ _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
 _ANNOTATION_BYTES: Final = {AnnotationKind.NORMALS: 3.0, AnnotationKind.FLOW: 7.0, AnnotationKind.VELOCITY: 7.0}
 
 
-class ExportSettings(BaseModel):
+class ExportSettings(Document):
     """The request of a user.
 
     Attributes:
@@ -49,8 +50,6 @@ class ExportSettings(BaseModel):
         annotations: kinds to export; None: all that the run requested.
         polygons: also write Cityscapes' polygons.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     formats: tuple[Format, ...] = FORMATS
     where: str = ""

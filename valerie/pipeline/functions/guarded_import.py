@@ -28,7 +28,7 @@ from valerie.pipeline.functions.import_job import (
     Trial,
     payload_of,
 )
-from valerie.plain import Written
+from valerie.plain import JsonObject
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 
@@ -112,7 +112,9 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
         raise InvalidInput("the file is too large", field="payload", value=f"{size} bytes", limit=f"{limit} bytes")
     conversion = _conversion(request.filename, str(entries.get("kind", "")), programs=settings.import_programs)
     key = {"onnx": "source", "program": "program"}.get(conversion, "file")
-    entries["provenance"] = {key: request.filename, **entries.get("provenance", {})}
+    provenance = entries.get("provenance", {})
+    assert isinstance(provenance, dict), "checked with the other entries"
+    entries["provenance"] = {key: request.filename, **provenance}
     if conversion in ("onnx", "program"):
         entries = {"kind": "onnx", **entries}
     if conversion in ("onnx", "none"):
@@ -160,9 +162,9 @@ def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
     )
 
 
-def _entries(request: ImportRequest) -> Written:
+def _entries(request: ImportRequest) -> JsonObject:
     """Return the entries of the document that the owner states."""
-    entries: Written = load_document(request.document) if request.document else {}
+    entries: JsonObject = load_document(request.document) if request.document else {}
     if "payload" in entries and request.path is not None:
         del entries["payload"]  # from an exported document; the file itself counts
     for field in ("name", "engine", "precision"):

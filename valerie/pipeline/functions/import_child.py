@@ -9,7 +9,7 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -29,7 +29,7 @@ from valerie.pipeline.functions.import_job import (
     Trial,
     payload_of,
 )
-from valerie.plain import Written
+from valerie.plain import Json, JsonObject
 
 #: Height and width of the picture of a trial.
 _SIZE: Final = (128, 256)
@@ -142,12 +142,13 @@ def _required() -> Iterator[None]:
         ) from error
 
 
-def _merged(stated: Written, entries: Written) -> Written:
+def _merged(stated: Mapping[str, Json], entries: Mapping[str, Json]) -> JsonObject:
     """Return the entries that a file states, overridden by its owner's; parts are merged entry by entry."""
     merged = {**stated, **entries}
     for part in ("input", "output", "provenance"):
-        if isinstance(entries.get(part), dict) and isinstance(stated.get(part), dict):
-            merged[part] = {**stated[part], **entries[part]}
+        own, of_file = entries.get(part), stated.get(part)
+        if isinstance(own, dict) and isinstance(of_file, dict):
+            merged[part] = {**of_file, **own}
     return merged
 
 

@@ -6,19 +6,16 @@ import hashlib
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, JsonValue
+from pydantic import JsonValue
 
+from valerie.document import Document
 from valerie.perception.documents.function import FunctionDocument, Payload
 
 #: The child's action before it opens the function: none, check ONNX, or convert the file.
 Conversion = Literal["none", "onnx", "checkpoint", "program"]
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ImportJob(_Document):
+class ImportJob(Document):
     """One file to open.
 
     Attributes:
@@ -44,7 +41,7 @@ class ImportJob(_Document):
     choose_engine: bool
 
 
-class Trial(_Document):
+class Trial(Document):
     """The outcome of running a function twice on one small picture.
 
     Attributes:
@@ -62,7 +59,7 @@ class Trial(_Document):
     skipped: str | None = None
 
 
-class ImportedFile(_Document):
+class ImportedFile(Document):
     """The child's answer on success.
 
     Attributes:
@@ -76,7 +73,7 @@ class ImportedFile(_Document):
     trial: Trial
 
 
-class ImportFailure(_Document):
+class ImportFailure(Document):
     """The child's answer if the file or its document is refused.
 
     Attributes:
@@ -88,7 +85,7 @@ class ImportFailure(_Document):
     missing_dependency: bool = False
 
 
-class ImportAnswer(_Document):
+class ImportAnswer(Document):
     """Answer of the child."""
 
     outcome: ImportedFile | ImportFailure

@@ -17,7 +17,6 @@ from valerie.errors import Conflict, UnknownName
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
-from valerie.plain import Keywords
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frames import FrameKey
@@ -87,8 +86,8 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
 
 def npz(arrays: Arrays) -> bytes:
     """Return an archive that `numpy.load` reads; equal arrays give equal bytes."""
-    buffer, members = io.BytesIO(), Keywords(arrays)
-    np.savez_compressed(buffer, **members)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 

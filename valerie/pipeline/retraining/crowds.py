@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import luminance_of
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON, instance_id
 from valerie.parameters.assignment import digest
@@ -144,7 +145,7 @@ def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
 def _grey(texture: Texture) -> NDArray[np.uint8]:
     """Return a texture's weave without its colour, scaled to a mean of 190 so that a tint keeps its brightness."""
     image = texture.image
-    luminance = image[..., :3].astype(np.float64) @ np.array([0.2126, 0.7152, 0.0722])
+    luminance = luminance_of(image[..., :3].astype(np.float64))
     level = (luminance * (190.0 / max(luminance.mean(), 1.0))).clip(0, 255).astype(np.uint8)
     grey = np.repeat(level[..., None], 3, axis=2)
     return np.concatenate([grey, image[..., 3:]], axis=2)

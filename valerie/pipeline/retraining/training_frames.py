@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from valerie.analysis.findings.region import Region
+from valerie.document import Document
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.parent import end_with_parent
@@ -50,7 +51,7 @@ _TAKES: Final = 2
 _TRIES: Final = 10
 
 
-class FrameSettings(BaseModel):
+class FrameSettings(Document):
     """Number, size and content of frames to render.
 
     Attributes:
@@ -66,15 +67,13 @@ class FrameSettings(BaseModel):
         broad_share: share of the frames that need not be in the region.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     split: Split = "train"
     sites: Annotated[int, Field(ge=1)] = 100
     per_site: Annotated[int, Field(ge=1, le=10_000)] = 30
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
     asset: str = Field(default_factory=default_pack)
-    arguments: AssetArguments = {}
+    arguments: AssetArguments = Field(default={})
     first_seed: Annotated[int, Field(ge=0)] | None = None
     region: Region | None = None
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0

@@ -11,26 +11,24 @@ import base64
 import io
 import os
 import select
-import struct
 import sys
 from pathlib import Path
 from typing import Final
 
 from valerie import plugins
+from valerie.document import Document
 from valerie.errors import ValerieError
 from valerie.parameters.definitions import Value
-from valerie.parent import end_with_parent
+from valerie.parent import end_with_parent, read_message, write_message
 from valerie.perception.running.limits import limit_memory
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.truth import TruthMaker
-from valerie.runs.values import Document
 from valerie.scene.assets.asset import SceneAsset, load_asset
 from valerie.scene.variation.variant import apply
 from valerie.sensing.metering import metered_ev
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 
-HEADER: Final = struct.Struct("<I")
 #: The engine of previews: it needs less than a second for a frame.
 ENGINE: Final = "raster"
 _IDLE_SECONDS: Final = 180.0
@@ -94,13 +92,11 @@ def main() -> None:
     os.dup2(2, 1)  # what a driver prints is no answer
     studio = _Studio()
     while select.select([requests], [], [], _IDLE_SECONDS)[0]:
-        header = requests.read(HEADER.size)
-        if len(header) < HEADER.size:
+        request = read_message(requests)
+        if request is None:
             return
-        job = PreviewJob.model_validate_json(requests.read(HEADER.unpack(header)[0]))
-        answer = studio.answer(job).model_dump_json().encode()
-        answers.write(HEADER.pack(len(answer)) + answer)
-        answers.flush()
+        answer = studio.answer(PreviewJob.model_validate_json(request))
+        write_message(answers, answer.model_dump_json().encode())
 
 
 class _Studio:

@@ -9,22 +9,23 @@ from __future__ import annotations
 import json
 import os
 import re
-import struct
 import subprocess
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
 
 from valerie.errors import MissingDependency, RenderingError, TransientError
+from valerie.parameters.definitions import Value
 from valerie.parent import Wire
 from valerie.plain import JsonObject
+from valerie.scene.graph.model import Material, Mesh, Texture
 from valerie.settings import Settings, load_settings
 
 #: Folder of the package `inside`, which is not installed in Blender's Python. At the end of the path, it hides no other module.
@@ -33,7 +34,6 @@ _START: Final = (
     "import runpy, sys; sys.path.append(sys.argv.pop(1)); "
     "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
 )
-_HEADER: Final = struct.Struct("<I")
 #: Longest time for importing Blender and listing its devices, seconds.
 _START_SECONDS: Final = 120.0
 #: Blender's messages when it runs out of memory.
@@ -42,6 +42,16 @@ _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to 
 _LONGEST_LOG: Final = 2_000
 
 Arrays = Mapping[str, NDArray[Any]]
+
+
+class Answer(TypedDict, total=False):
+    """Header of an answer of Blender. ``hello`` has the version and the device."""
+
+    cpu_seconds: float
+    error: str
+    version: str
+    device: str
+    device_name: str
 
 
 class BlenderProcess:
@@ -67,8 +77,8 @@ class BlenderProcess:
         self._memory = settings.cycles_max_memory_mb * 1_000_000
         self._folder = tempfile.TemporaryDirectory(prefix="valerie-cycles-")
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
-        self.known: JsonObject = {}
-        self.settings: JsonObject | None = None
+        self.known: dict[str, Mesh | Material | Texture] = {}
+        self.settings: Mapping[str, Value] | None = None
         self.cpu_seconds = 0.0
         self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
             blender_program(python, "inside", self._folder.name),
@@ -80,8 +90,8 @@ class BlenderProcess:
         self.pid = self._process.pid
         device = settings.cycles_device
         answer, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
-        self.version, self.device = str(answer["version"]), str(answer["device"])
-        self.device_name = str(answer["device_name"])
+        self.version, self.device = answer["version"], answer["device"]
+        self.device_name = answer["device_name"]
         if device not in ("auto", self.device.lower()):
             self.close()
             raise MissingDependency(f"VALERIE_CYCLES_DEVICE is {device}, but Blender finds no such device here")
@@ -92,7 +102,7 @@ class BlenderProcess:
 
     def ask(
         self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
-    ) -> tuple[JsonObject, dict[str, NDArray[Any]]]:
+    ) -> tuple[Answer, dict[str, NDArray[Any]]]:
         """Send a request and return its answer: header and arrays.
 
         Args:
@@ -107,7 +117,7 @@ class BlenderProcess:
         """
         limit = self._silence if silence is None else silence
         answer, results = self._exchange({"kind": kind, **header}, arrays or {}, limit)
-        self.cpu_seconds += float(answer.get("cpu_seconds", 0.0))
+        self.cpu_seconds += answer.get("cpu_seconds", 0.0)
         if "error" in answer:
             if _OUT_OF_MEMORY.search(answer["error"]):
                 raise self._ended(f"Blender says {answer['error']!r}")
@@ -134,9 +144,7 @@ class BlenderProcess:
         self._log.close()
         self._folder.cleanup()
 
-    def _exchange(
-        self, header: JsonObject, arrays: Arrays, silence: float
-    ) -> tuple[JsonObject, dict[str, NDArray[Any]]]:
+    def _exchange(self, header: JsonObject, arrays: Arrays, silence: float) -> tuple[Answer, dict[str, NDArray[Any]]]:
         if not self.alive:
             raise self._ended("Blender is not running")
         outgoing = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
@@ -146,11 +154,11 @@ class BlenderProcess:
         assert self._process.stdin is not None
         wire = Wire(self._process.stdin, self._process.stdout, self._watch, silence)
         try:
-            wire.send(_HEADER.pack(len(text)) + text)
+            wire.send_message(text)
             for array in outgoing.values():
                 wire.send(array.reshape(-1).view(np.uint8).data)
             while True:
-                answer = json.loads(wire.receive(_HEADER.unpack(wire.receive(_HEADER.size))[0]))
+                answer = json.loads(wire.receive_message())
                 if "alive" not in answer:
                     break
             incoming = {}

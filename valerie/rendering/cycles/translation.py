@@ -7,7 +7,7 @@ Meshes and textures are recognised by identity, materials by value. Everything i
 from __future__ import annotations
 
 import math
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from dataclasses import asdict
 from typing import Any, Final, Literal, NamedTuple
 
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from valerie.color import LUMINANCE
+from valerie.parameters.definitions import Value
 from valerie.plain import JsonObject
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
@@ -27,7 +29,6 @@ from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Tex
 
 #: Share of the light that a thin sheet (`Material.double_sided`) transmits. With it, the lit side matches the raster engine's.
 _TRANSLUCENT_SHARE: Final = 0.175
-_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 #: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
 _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
@@ -64,7 +65,7 @@ def render(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    settings: JsonObject,
+    settings: Mapping[str, Value],
     *,
     border: Rectangle | None = None,
     movables: bool = True,
@@ -85,7 +86,7 @@ def guided(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    settings: JsonObject,
+    settings: Mapping[str, Value],
     *,
     border: Rectangle | None = None,
     movables: bool = True,
@@ -104,7 +105,7 @@ def denoised(blender: BlenderProcess, guided_image: Guided) -> NDArray[np.float3
 
 
 def object_index(
-    blender: BlenderProcess, scene: Scene, view: View, settings: JsonObject
+    blender: BlenderProcess, scene: Scene, view: View, settings: Mapping[str, Value]
 ) -> tuple[NDArray[np.int32], tuple[DrawItem, ...]]:
     """Return Cycles' object index at pixel centres, (H, W), and the items: 0 for the sky, else the item's position plus one.
 
@@ -122,7 +123,7 @@ def _ask(
     blender: BlenderProcess,
     scene: Scene,
     view: View,
-    settings: JsonObject,
+    settings: Mapping[str, Value],
     *,
     border: Rectangle | None = None,
     movables: bool = True,
@@ -153,12 +154,13 @@ def _ask(
         index=shows == "index",
         guides=shows == "guides",
         lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
-        **_light(scene, sky),
+        light=_light(scene, sky),
+        sky=_sky(scene, sky),
     )
     return arrays
 
 
-def _keep_to(blender: BlenderProcess, settings: JsonObject) -> None:
+def _keep_to(blender: BlenderProcess, settings: Mapping[str, Value]) -> None:
     """Reset Blender if the last image had other settings.
 
     Cycles' persistent data (Blender 4.5) depends on the settings of its first image. After a change of the number of samples,
@@ -256,7 +258,7 @@ class _Sender:
             self._blender.ask("texture", {"image": texture.image}, key=key, color=color)
         return key
 
-    def _is_new(self, key: str, thing: object) -> bool:
+    def _is_new(self, key: str, thing: Mesh | Material | Texture) -> bool:
         """Record a use, and return True if Blender lacks the thing. The reference to it keeps its ``id`` from being reused."""
         self._used.add(key)
         if key in self._blender.known:
@@ -276,23 +278,25 @@ def _camera(camera: Camera) -> JsonObject:
 
 
 def _light(scene: Scene, sky: Sky) -> JsonObject:
-    """Return sun, air and sky. The sun is always ours. Blender's sky is scaled to our sky's irradiance on the ground."""
+    """Return sun and air. The sun is always ours."""
     return {
-        "light": {
-            "sun": sky.sun.tolist(),
-            "toward_sun": sky.sun_direction.tolist(),
-            "angular_diameter": scene.sun.angular_diameter,
-            "extinction": float(sky.extinction @ _LUMINANCE),
-            "haze": sky.haze.tolist(),
-            "wetness": sky.wetness,
-        },
-        "sky": {
-            "elevation": scene.sun.elevation,
-            "rotation": scene.sun.azimuth - scene.environment.bearing,
-            "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
-            "irradiance": float(sky.sky_irradiance @ _LUMINANCE),
-            "ground": sky.ground.tolist(),
-        },
+        "sun": sky.sun.tolist(),
+        "toward_sun": sky.sun_direction.tolist(),
+        "angular_diameter": scene.sun.angular_diameter,
+        "extinction": float(sky.extinction @ LUMINANCE),
+        "haze": sky.haze.tolist(),
+        "wetness": sky.wetness,
+    }
+
+
+def _sky(scene: Scene, sky: Sky) -> JsonObject:
+    """Return Blender's sky, scaled to our sky's irradiance on the ground."""
+    return {
+        "elevation": scene.sun.elevation,
+        "rotation": scene.sun.azimuth - scene.environment.bearing,
+        "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
+        "irradiance": float(sky.sky_irradiance @ LUMINANCE),
+        "ground": sky.ground.tolist(),
     }
 
 

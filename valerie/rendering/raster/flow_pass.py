@@ -21,6 +21,7 @@ from valerie.rendering.projection import clip_from_view, view_from_world
 from valerie.rendering.raster.gl.bounds import covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
 from valerie.rendering.raster.gl.targets import RenderTarget, gl_rectangle
+from valerie.rendering.raster.gl.uniforms import Uniforms
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.upload.movable_geometry import MeshBuffers, PlacedMesh
@@ -110,12 +111,12 @@ class FlowPass:
         target.clear()
         matrix = view_from_world(camera)
         clip_then = clip_from_view(other, view.width, view.height) @ view_from_world(other)
-        values = {
+        values: Uniforms = {
             "clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix,
             "depth_row": -matrix[2],
             "image_size": (float(view.width), float(view.height)),
         }
-        pairs = []
+        pairs: list[tuple[PlacedMesh, MeshBuffers, Uniforms]] = []
         for mesh, counterpart in _counterparts(before, after):
             defined = counterpart is not None and (not deforming or _same_mesh(mesh.buffers, counterpart.buffers))
             shape = counterpart.buffers if counterpart is not None and defined and deforming else mesh.buffers

@@ -13,16 +13,17 @@ from typing import Annotated, Any, Literal, Self
 import yaml
 from pydantic import Field, PrivateAttr, model_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
 from valerie.parameters.odd import OddAttribute
-from valerie.plain import JsonObject, Written
+from valerie.plain import JsonObject
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.document.varied import Varied
 from valerie.runs.statistic import parse_statistic
-from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
+from valerie.runs.values import Count, Name, Quantity, Scalar, Text
 from valerie.sensing.settings import METERING, SensorSetting
 from valerie.statistics.units import LISTED
 
@@ -302,7 +303,7 @@ class RunSpec(Document):
         return self
 
 
-def engine_name(renderer: str | Written) -> str:
+def engine_name(renderer: str | Mapping[str, Scalar]) -> str:
     """Return the engine's name from either form of a spec's ``renderer``."""
     return renderer if isinstance(renderer, str) else str(renderer["name"])
 

@@ -12,11 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Final, Literal, NamedTuple
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import Field, JsonValue
 
+from valerie.document import Document
 from valerie.errors import InvalidInput
 from valerie.loading import load_document, load_value
-from valerie.plain import Written
+from valerie.plain import Json, JsonObject
 from valerie.runs.document.documents import RunSpec
 from valerie.runs.document.notation import TOP_LEVEL, Normalization
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS
@@ -27,15 +28,11 @@ _FIELDS: Final = tuple(word for name in RunSpec.model_fields for word in (TOP_LE
 #: Places whose lines are listed; those of a document with thousands of points would cost more than they help.
 _MOST_LINES: Final = 2_000
 _INDENT: Final = "  "
-#: Text that needs no quotes, as far as it does not read back as another value.
+#: Text that needs no quotes unless it reads back as another value.
 _PLAIN: Final = re.compile(r"[\w.+-][\w.+/%°-]*(?: [\w.+/%°-]+)*")
 
 
-class _Change(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class FieldChange(_Change):
+class FieldChange(Document):
     """Sets a field of the document.
 
     Attributes:
@@ -48,7 +45,7 @@ class FieldChange(_Change):
     value: JsonValue
 
 
-class ParameterChange(_Change):
+class ParameterChange(Document):
     """Sets how a parameter is treated: varied, constant, or left at the asset's default.
 
     Attributes:
@@ -75,7 +72,7 @@ class VariedEntry(NamedTuple):
     """
 
     place: str
-    document: dict[str, JsonValue]
+    document: JsonObject
 
 
 class Reading(NamedTuple):
@@ -88,7 +85,7 @@ class Reading(NamedTuple):
         lines: dotted place to the number of its line, from 1.
     """
 
-    fields: dict[str, JsonValue]
+    fields: JsonObject
     vary: tuple[VariedEntry, ...]
     several_blocks: bool
     lines: dict[str, int]
@@ -102,14 +99,10 @@ def read_draft(text: str) -> Reading:
     """
     document = load_document(text)
     normalization = Normalization(document)
-    blocks = normalization.document.get("blocks")
     several = not _at_top_level(document)
-    block = blocks[0] if isinstance(blocks, list) and blocks and not several and isinstance(blocks[0], dict) else {}
-    entries = block.get("vary", ())
     vary = tuple(
         VariedEntry(normalization.places.get(f"blocks.0.vary.{i}", f"vary.{i}"), entry)
-        for i, entry in enumerate(entries if isinstance(entries, list) else ())
-        if isinstance(entry, dict)
+        for i, entry in enumerate(() if several else normalization.varied())
     )
     return Reading(document, vary, several, _lines(text.removeprefix("\ufeff")))
 
@@ -130,7 +123,8 @@ def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -
             raise InvalidInput("a run of several blocks is edited as text", field="blocks")
         entry = None if change.vary is None else _entry(change.vary)
         text = _with_varied(text, document, change.parameter, entry)
-        constants = load_document(text).get("constants") or {}
+        written = load_document(text).get("constants")
+        constants = written if isinstance(written, dict) else {}
         if change.constant is not None or change.parameter in constants:
             text = _with_entry(text, "constants", constants, change.parameter, change.constant)
     return text
@@ -138,7 +132,7 @@ def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -
 
 def draft_of(spec: RunSpec) -> str:
     """Return a spec as the text that somebody would write: reads back as an equal spec, in the mapping notation."""
-    document: Written = spec.model_dump(mode="json", exclude_defaults=True)
+    document = spec.model_dump(mode="json", exclude_defaults=True)
     blocks = document.pop("blocks", [])
     if len(blocks) == 1 and not blocks[0].get("constants") and blocks[0]:
         document |= _block(blocks[0])
@@ -148,11 +142,12 @@ def draft_of(spec: RunSpec) -> str:
     return "".join(_field(key, document[key]) + "\n" for key in sorted(document, key=order.__getitem__))
 
 
-def _block(block: Written) -> Written:
-    return {**block, "vary": _mapping(block["vary"])} if "vary" in block else block
+def _block(block: JsonObject) -> JsonObject:
+    vary = block.get("vary")
+    return {**block, "vary": _mapping(vary)} if isinstance(vary, list) else block
 
 
-def _mapping(vary: Sequence[Mapping[str, JsonValue]]) -> JsonValue:
+def _mapping(vary: Sequence[JsonObject]) -> Json:
     """Return varied parameters in the mapping notation, or unchanged where a name appears twice."""
     names = [str(entry["parameter"]) for entry in vary]
     if len(set(names)) < len(names):
@@ -160,14 +155,14 @@ def _mapping(vary: Sequence[Mapping[str, JsonValue]]) -> JsonValue:
     return {name: _entry(entry) for name, entry in zip(names, vary, strict=True)}
 
 
-def _entry(varied: Mapping[str, JsonValue]) -> JsonValue:
+def _entry(varied: Mapping[str, Json]) -> Json:
     """Return a distribution in the mapping notation: ``{homogeneous: {from: …, to: …, step: …}}``."""
     name = str(varied.get("distribution", "")).upper()
     if name not in DISTRIBUTIONS:
         raise InvalidInput("unknown distribution", field="vary", value=name, limit=", ".join(DISTRIBUTIONS))
     model = DISTRIBUTIONS[name]
     short = {field: word for word, field in SHORT_WORDS.items()}
-    fields: dict[str, JsonValue] = {
+    fields: dict[str, Json] = {
         short.get(key, key): value
         for key, value in varied.items()
         if key not in ("parameter", "distribution") and value is not None
@@ -177,12 +172,12 @@ def _entry(varied: Mapping[str, JsonValue]) -> JsonValue:
     return {name.lower(): fields}
 
 
-def _at_top_level(document: Written) -> bool:
+def _at_top_level(document: JsonObject) -> bool:
     """Return True if the document has its one block at the top level, or none."""
     return "blocks" not in document
 
 
-def _with_field(text: str, field: str, value: JsonValue) -> str:
+def _with_field(text: str, field: str, value: Json) -> str:
     root = _composed(text)
     if root.flow_style:
         return _rewritten(text, field, value)
@@ -195,13 +190,13 @@ def _with_field(text: str, field: str, value: JsonValue) -> str:
     return text[: key.start_mark.index] + _field(field, value) + text[_end(text, node) :]
 
 
-def _with_varied(text: str, document: Written, parameter: str, entry: JsonValue) -> str:
+def _with_varied(text: str, document: JsonObject, parameter: str, entry: Json) -> str:
     """Return the text with a parameter's distribution set, or removed where ``entry`` is None."""
     vary = document.get("vary")
     if not isinstance(vary, list):
         known = vary if isinstance(vary, dict) else {}
         return text if entry is None and parameter not in known else _with_entry(text, "vary", known, parameter, entry)
-    places = Normalization({"vary": vary}).document["blocks"][0]["vary"]
+    places = Normalization({"vary": vary}).varied()
     kept = [written for written, read in zip(vary, places, strict=True) if read.get("parameter") != parameter]
     if entry is not None:
         position = next((i for i, read in enumerate(places) if read.get("parameter") == parameter), len(kept))
@@ -209,7 +204,7 @@ def _with_varied(text: str, document: Written, parameter: str, entry: JsonValue)
     return _with_field(text, "vary", kept or None)
 
 
-def _with_entry(text: str, field: str, known: Written, name: str, value: JsonValue) -> str:
+def _with_entry(text: str, field: str, known: Mapping[str, Json], name: str, value: Json) -> str:
     """Return the text with an entry of a mapping at the top level set, or removed where ``value`` is None."""
     after = {key: kept for key, kept in known.items() if key != name} if value is None else {**known, name: value}
     root = _composed(text)
@@ -225,7 +220,7 @@ def _with_entry(text: str, field: str, known: Written, name: str, value: JsonVal
     return _with_line(text, _end(text, node), f"{indent}{_written(name)}: {_written(value)}")
 
 
-def _inserted(text: str, pairs: Mapping[str, tuple[yaml.Node, yaml.Node]], field: str, value: JsonValue) -> str:
+def _inserted(text: str, pairs: Mapping[str, tuple[yaml.Node, yaml.Node]], field: str, value: Json) -> str:
     """Return the text with a new field, after the last one that people write before it."""
     order = {name: i for i, name in enumerate(_FIELDS)}
     before = [name for name in pairs if order.get(name, len(order)) < order.get(field, len(order))]
@@ -235,7 +230,7 @@ def _inserted(text: str, pairs: Mapping[str, tuple[yaml.Node, yaml.Node]], field
     return _with_line(text, end, _field(field, value))
 
 
-def _rewritten(text: str, field: str, value: JsonValue) -> str:
+def _rewritten(text: str, field: str, value: Json) -> str:
     """Return a document in flow style, such as JSON, with a field set or removed."""
     document = {key: kept for key, kept in load_document(text).items() if key != field or value is not None}
     if value is not None:
@@ -298,7 +293,7 @@ def _composed(text: str) -> yaml.MappingNode:
     return node
 
 
-def _field(name: str, value: JsonValue) -> str:
+def _field(name: str, value: Json) -> str:
     """Return a field at the top level as text: parameters and lists of structures one to a line."""
     if isinstance(value, dict) and name in ("vary", "constants"):
         return "\n".join([f"{name}:", *(f"{_INDENT}{_written(key)}: {_written(item)}" for key, item in value.items())])
@@ -307,7 +302,7 @@ def _field(name: str, value: JsonValue) -> str:
     return f"{name}: {_written(value)}"
 
 
-def _written(value: JsonValue) -> str:
+def _written(value: Json) -> str:
     """Return a value in YAML's flow style, on one line, so that it reads back as itself."""
     if isinstance(value, dict):
         return f"{{{', '.join(f'{_written(key)}: {_written(item)}' for key, item in value.items())}}}"

@@ -16,12 +16,12 @@ A single block may be written at the top level (``design``, ``count``, ``vary``,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final, NamedTuple
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.definitions import ParameterType
-from valerie.plain import Written
+from valerie.plain import Json, JsonObject
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomogeneous
 
 #: Fields of a single block at the top level.
@@ -32,7 +32,7 @@ _COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} ta
 _WORDS: Final = {**SHORT_WORDS, "scene_graph_ref": "path"}
 
 
-def normalized(document: Written) -> Written:
+def normalized(document: Mapping[str, Json]) -> JsonObject:
     """Return the document in canonical form; other fields stay unchanged, and the model checks them.
 
     Raises:
@@ -45,7 +45,7 @@ def normalized(document: Written) -> Written:
 
 
 #: Converts one entry. Arguments: the entry as written, its name if it is in a mapping, and its place.
-_Read = Callable[[Any, str | None, str], Written]
+_Read = Callable[[Json, str | None, str], JsonObject]
 
 
 class _EntryKind(NamedTuple):
@@ -57,7 +57,7 @@ class _EntryKind(NamedTuple):
     """
 
     read: _Read
-    placeholder: Written
+    placeholder: JsonObject
 
 
 class Normalization:
@@ -69,13 +69,20 @@ class Normalization:
         places: dotted place in canonical form to the place where the user wrote it, if they differ.
     """
 
-    def __init__(self, document: Written) -> None:
+    def __init__(self, document: Mapping[str, Json]) -> None:
         self.problems: list[InvalidInput] = []
         self.places: dict[str, str] = {}
         self.document = self._spec(dict(document))
 
-    def _spec(self, spec: Written) -> Written:
-        top_level: Written = {key: spec.pop(key) for key in TOP_LEVEL if key in spec}
+    def varied(self) -> list[JsonObject]:
+        """Return the varied parameters of the first block in canonical form; none where the document has no such list."""
+        blocks = self.document.get("blocks")
+        block = blocks[0] if isinstance(blocks, list) and blocks else None
+        entries = block.get("vary") if isinstance(block, dict) else None
+        return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+
+    def _spec(self, spec: JsonObject) -> JsonObject:
+        top_level: JsonObject = {key: spec.pop(key) for key in TOP_LEVEL if key in spec}
         blocks = spec.get("blocks")
         if top_level and "blocks" in spec:
             message = f"a spec has either blocks or {', '.join(top_level)} at the top level"
@@ -92,15 +99,16 @@ class Normalization:
             spec["parameters"] = self._entries(spec["parameters"], "parameters", "parameters", _DECLARATION)
         if "trajectories" in spec:
             spec["trajectories"] = self._entries(spec["trajectories"], "trajectories", "trajectories", _TRAJECTORY)
-        if isinstance(spec.get("sequence"), list | tuple):
-            spec["sequence"] = dict(zip(_SEQUENCE, self._sequence(list(spec["sequence"])), strict=False))
+        sequence = spec.get("sequence")
+        if isinstance(sequence, list | tuple):
+            spec["sequence"] = dict(zip(_SEQUENCE, self._sequence(list(sequence)), strict=False))
         for key in ("asset", "renderer"):
             reference = spec.get(key)
             if isinstance(reference, dict) and set(reference) == {"name"}:
                 spec[key] = reference["name"]
         return spec
 
-    def _sequence(self, numbers: list[Any]) -> list[Any]:
+    def _sequence(self, numbers: list[Json]) -> list[Json]:
         if 2 <= len(numbers) <= len(_SEQUENCE):
             return numbers
         form = f"[{', '.join(_SEQUENCE)}]"
@@ -109,17 +117,17 @@ class Normalization:
         )
         return [1, 1]
 
-    def _block(self, block: Written, place: str, written_place: str) -> Written:
+    def _block(self, block: JsonObject, place: str, written_place: str) -> JsonObject:
         if "vary" not in block:
             return block
         return {**block, "vary": self._entries(block["vary"], f"{place}vary", f"{written_place}vary", _VARIED)}
 
-    def _entries(self, entries: Any, place: str, written_place: str, kind: _EntryKind) -> Any:
+    def _entries(self, entries: Json, place: str, written_place: str, kind: _EntryKind) -> Json:
         """Return a mapping, or a list of lists or objects, as a list of objects."""
         if not isinstance(entries, dict | list | tuple):
             return entries
         pairs = list(entries.items()) if isinstance(entries, dict) else [(None, entry) for entry in entries]
-        objects: list[Written] = []
+        objects: list[JsonObject] = []
         for i, (name, entry) in enumerate(pairs):
             field = f"{written_place}.{i if name is None else name}"
             self.places[f"{place}.{i}"] = field
@@ -142,7 +150,7 @@ _SEQUENCE: Final = ("frames", "step", "start")
 _KEYFRAME: Final = ("time", "pos.x", "pos.y", "heading")
 
 
-def _varied(entry: Any, name: str | None, field: str) -> Any:
+def _varied(entry: Json, name: str | None, field: str) -> JsonObject:
     if name is not None:
         return _varied_mapping(entry, name, field)
     if isinstance(entry, list | tuple):
@@ -160,13 +168,13 @@ def _varied(entry: Any, name: str | None, field: str) -> Any:
     raise InvalidInput("not an entry of vary", field=field, value=entry, limit=VariedHomogeneous.list_form("p1"))
 
 
-def _varied_list(entry: list[Any], field: str) -> Written:
+def _varied_list(entry: list[Json], field: str) -> JsonObject:
     if len(entry) < 2 or not all(isinstance(word, str) for word in entry[:2]):
         raise InvalidInput(
             "a list has a parameter, a distribution and numbers", field=field, value=entry,
             limit=VariedHomogeneous.list_form("p1"),
         )  # fmt: skip
-    name, distribution = entry[0], _distribution(entry[1], field)
+    name, distribution = str(entry[0]), _distribution(entry[1], field)
     numbers, model = entry[2:], DISTRIBUTIONS[distribution]
     head = {"parameter": name, "distribution": distribution}
     if model.repeated:
@@ -180,7 +188,7 @@ def _varied_list(entry: list[Any], field: str) -> Written:
     return {**head, **dict(zip(model.listed, numbers, strict=True))}
 
 
-def _varied_mapping(entry: Any, name: str, field: str) -> Written:
+def _varied_mapping(entry: Json, name: str, field: str) -> JsonObject:
     form = f"{name}: {_mapping_form(VariedHomogeneous.word())}"
     if isinstance(entry, dict) and "distribution" in entry:
         return {"parameter": name, **_spelled(entry, field)}
@@ -198,14 +206,14 @@ def _varied_mapping(entry: Any, name: str, field: str) -> Written:
     return {"parameter": name, "distribution": distribution, **_spelled(arguments, field)}
 
 
-def _declared(entry: Any, name: str | None, field: str) -> Any:
+def _declared(entry: Json, name: str | None, field: str) -> JsonObject:
     form = "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
     if isinstance(entry, dict):
         declaration = _spelled(entry, field)
         return declaration if name is None else {"name": name, **declaration}
     if name is not None or not isinstance(entry, list | tuple):
         raise InvalidInput("not a parameter declaration", field=field, value=entry, limit=form)
-    words: Written = dict(zip(("name", "path", "type"), entry, strict=False))
+    words: JsonObject = dict(zip(("name", "path", "type"), entry, strict=False))
     rest = list(entry[3:])
     if words.get("type") == ParameterType.CATEGORICAL:
         choices = rest[0] if len(rest) == 1 and isinstance(rest[0], list) else rest
@@ -215,7 +223,7 @@ def _declared(entry: Any, name: str | None, field: str) -> Any:
     return {**words, **dict(zip(("minimum", "maximum"), rest, strict=False))}
 
 
-def _trajectory(entry: Any, name: str | None, field: str) -> Any:
+def _trajectory(entry: Json, name: str | None, field: str) -> JsonObject:
     form = "[person-1, [time, x, y], [time, x, y], …]"
     if name is None and isinstance(entry, list | tuple):
         if not entry or not isinstance(entry[0], str):
@@ -234,7 +242,7 @@ def _trajectory(entry: Any, name: str | None, field: str) -> Any:
     return trajectory
 
 
-def _keyframe(keyframe: Any, field: str) -> Any:
+def _keyframe(keyframe: Json, field: str) -> Json:
     if not isinstance(keyframe, list | tuple):
         return keyframe
     if not 3 <= len(keyframe) <= len(_KEYFRAME):
@@ -252,7 +260,7 @@ _DECLARATION: Final = _EntryKind(_declared, {"name": "?", "path": "?", "type": "
 _TRAJECTORY: Final = _EntryKind(_trajectory, {"path": "?", "keyframes": [{"time": 0, "?": 0}]})
 
 
-def _distribution(word: Any, field: str) -> str:
+def _distribution(word: Json, field: str) -> str:
     distribution = str(word).upper()
     if distribution not in DISTRIBUTIONS:
         known = (*DISTRIBUTIONS, *(name.lower() for name in DISTRIBUTIONS))
@@ -268,7 +276,7 @@ def _mapping_form(distribution: str) -> str:
     return f"{{{distribution.lower()}: {{{', '.join(f'{short.get(name, name)}: …' for name in fields)}}}}}"
 
 
-def _short_words(entry: Any) -> Iterator[str]:
+def _short_words(entry: Json) -> Iterator[str]:
     """Yield the short words in an entry, including those in its distribution."""
     if isinstance(entry, dict):
         for key, value in entry.items():
@@ -277,14 +285,15 @@ def _short_words(entry: Any) -> Iterator[str]:
             yield from _short_words(value)
 
 
-def _spelled(entry: Written, field: str) -> Written:
+def _spelled(entry: JsonObject, field: str) -> JsonObject:
     """Return the entry with the model's field names instead of the short words."""
-    fields: Written = {}
+    fields: JsonObject = {}
     for key, value in entry.items():
         name = _WORDS.get(key, key)
         if name in fields:
             raise InvalidInput("given twice", field=f"{field}.{key}", value=value)
         fields[name] = value
-    if isinstance(fields.get("distribution"), str):
-        fields["distribution"] = fields["distribution"].upper()
+    distribution = fields.get("distribution")
+    if isinstance(distribution, str):
+        fields["distribution"] = distribution.upper()
     return fields

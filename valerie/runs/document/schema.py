@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from valerie import plugins
 from valerie.parameters.definitions import ParameterType
 from valerie.parameters.odd import OddAttribute
-from valerie.plain import JsonObject
+from valerie.plain import JsonSchema
 from valerie.runs.document.documents import BlockDocument, RunSpec
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
 
@@ -19,9 +19,9 @@ _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 _DESIGNS: Final = ("grid", "latin_hypercube", "sobol", "halton", "random", "points")
 
 
-def run_spec_schema() -> JsonObject:
+def run_spec_schema() -> JsonSchema:
     """Return the JSON Schema (2020-12) of a spec in either notation."""
-    schema = RunSpec.model_json_schema(mode="validation")
+    schema = cast("JsonSchema", RunSpec.model_json_schema(mode="validation"))
     definitions = schema["$defs"]
     for part in (schema, *definitions.values()):
         _describe(part)
@@ -40,17 +40,17 @@ def run_spec_schema() -> JsonObject:
         properties[key] = block[key]
     properties["parameters"] = _parameters()
     properties["trajectories"] = _trajectories(definitions)
-    numbers = {"type": "array", "minItems": 2, "maxItems": 3, "description": "[frames, step, start]"}
+    numbers: JsonSchema = {"type": "array", "minItems": 2, "maxItems": 3, "description": "[frames, step, start]"}
     properties["sequence"]["anyOf"].append(numbers)
     properties["renderer"] |= {"anyOf": _renderers()}
     schema["not"] = {
         "required": ["blocks"],
         "anyOf": [{"required": [key]} for key in ("design", "count", "vary", "points")],
     }
-    return {"$schema": _DIALECT, "title": "VALERIE run spec", **_without_titles(schema)}
+    return {"$schema": _DIALECT, "title": "VALERIE run spec"} | cast("JsonSchema", _without_titles(schema))
 
 
-def _vary(definitions: JsonObject) -> JsonObject:
+def _vary(definitions: dict[str, JsonSchema]) -> JsonSchema:
     definitions["Varied"] = {
         "description": "the distribution of one parameter, with units",
         "oneOf": [_mapping_form(model, definitions) for model in DISTRIBUTIONS.values()],
@@ -59,7 +59,7 @@ def _vary(definitions: JsonObject) -> JsonObject:
         "description": "the paper's list notation",
         "oneOf": [_list_form(model) for model in DISTRIBUTIONS.values()],
     }
-    objects = [{"$ref": f"#/$defs/{model.__name__}"} for model in DISTRIBUTIONS.values()]
+    objects: list[JsonSchema] = [{"$ref": f"#/$defs/{model.__name__}"} for model in DISTRIBUTIONS.values()]
     return {
         "description": "varied parameters; in a grid the right-most (last) moves fastest",
         "anyOf": [
@@ -69,7 +69,7 @@ def _vary(definitions: JsonObject) -> JsonObject:
     }
 
 
-def _mapping_form(model: type[VariedDocument], definitions: JsonObject) -> JsonObject:
+def _mapping_form(model: type[VariedDocument], definitions: dict[str, JsonSchema]) -> JsonSchema:
     """Return the schema of ``homogeneous: {from: 0 m, to: 9 m, step: 1 m}``, or of ``choice: [a, b]``."""
     form = definitions[model.__name__]
     fields = {key: value for key, value in form["properties"].items() if key not in ("parameter", "distribution")}
@@ -77,7 +77,7 @@ def _mapping_form(model: type[VariedDocument], definitions: JsonObject) -> JsonO
         arguments = fields[model.listed[0]]
     else:
         spellings = {field: [*(word for word, long in SHORT_WORDS.items() if long == field), field] for field in fields}
-        required = [
+        required: list[JsonSchema] = [
             {"oneOf": [{"required": [word]} for word in spellings[field]]}
             for field in form["required"]
             if field in fields
@@ -93,7 +93,7 @@ def _mapping_form(model: type[VariedDocument], definitions: JsonObject) -> JsonO
     return {"type": "object", "properties": {key: arguments}, "required": [key], "additionalProperties": False}
 
 
-def _list_form(model: type[VariedDocument]) -> JsonObject:
+def _list_form(model: type[VariedDocument]) -> JsonSchema:
     """Return the schema of ``[name, HOMOGENEOUS, minimum, maximum, step]``."""
     least = 2 + len(model.listed)
     return {
@@ -105,16 +105,16 @@ def _list_form(model: type[VariedDocument]) -> JsonObject:
     }
 
 
-def _renderers() -> list[JsonObject]:
+def _renderers() -> list[JsonSchema]:
     """Return the schemas of a name, of each built-in engine with settings, and of a plugin with any settings."""
-    forms: list[JsonObject] = [
+    forms: list[JsonSchema] = [
         {"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}
     ]
     for name in plugins.RENDERERS:
         engine = plugins.declared_engine(name)
         if not engine.has_settings:
             continue
-        schema = engine.settings.model_json_schema()
+        schema = cast("JsonSchema", engine.settings.model_json_schema())
         _describe(schema)
         forms.append(
             {
@@ -134,10 +134,10 @@ def _renderers() -> list[JsonObject]:
     return forms
 
 
-def _parameters() -> JsonObject:
-    quantity = {"$ref": "#/$defs/Quantity"}
+def _parameters() -> JsonSchema:
+    quantity: JsonSchema = {"$ref": "#/$defs/Quantity"}
     types = [kind.value for kind in ParameterType]
-    declared = {
+    declared: dict[str, JsonSchema] = {
         "path": {"type": "string"},
         "scene_graph_ref": {"type": "string"},
         "type": {"enum": types},
@@ -146,7 +146,7 @@ def _parameters() -> JsonObject:
         "odd": {"enum": [*(attribute.value for attribute in OddAttribute), None]},
         "source": {"type": "string", "maxLength": 1000},
     }
-    entry = {
+    entry: JsonSchema = {
         "type": "object",
         "properties": declared,
         "additionalProperties": False,
@@ -179,19 +179,30 @@ def _parameters() -> JsonObject:
     }
 
 
-def _trajectories(definitions: JsonObject) -> JsonObject:
+def _trajectories(definitions: dict[str, JsonSchema]) -> JsonSchema:
     """Return the schema of trajectories by object or in a list, with keyframes as mappings or as lists of numbers."""
-    quantity = {"$ref": "#/$defs/Quantity"}
-    numbers = {"type": "array", "minItems": 3, "maxItems": 4, "items": quantity, "description": "[time, x, y, heading]"}
+    quantity: JsonSchema = {"$ref": "#/$defs/Quantity"}
+    numbers: JsonSchema = {
+        "type": "array",
+        "minItems": 3,
+        "maxItems": 4,
+        "items": quantity,
+        "description": "[time, x, y, heading]",
+    }
     document = definitions["TrajectoryDocument"]
     keyframes = document["properties"]["keyframes"]
     keyframes["items"] = {
         "anyOf": [{"type": "object", "required": ["time"], "additionalProperties": quantity}, numbers]
     }
     fields = {name: field for name, field in document["properties"].items() if name != "path"}
-    named = {"type": "object", "properties": fields, "required": ["keyframes"], "additionalProperties": False}
-    listed = {"type": "array", "minItems": 1, "items": numbers}
-    in_a_list = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
+    named: JsonSchema = {
+        "type": "object",
+        "properties": fields,
+        "required": ["keyframes"],
+        "additionalProperties": False,
+    }
+    listed: JsonSchema = {"type": "array", "minItems": 1, "items": numbers}
+    in_a_list: JsonSchema = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
     return {
         "description": "movements of objects by keyframes, in addition to or instead of the asset's trajectories",
         "anyOf": [
@@ -201,7 +212,7 @@ def _trajectories(definitions: JsonObject) -> JsonObject:
     }
 
 
-def _describe(schema: JsonObject) -> None:
+def _describe(schema: JsonSchema) -> None:
     """Move the text about each attribute from the model's description (its docstring) to the field's description."""
     summary, _, attributes = schema.get("description", "").partition("Attributes:\n")
     if summary:

@@ -11,8 +11,9 @@ from typing import Annotated, ClassVar, Final, Literal, get_args
 
 from pydantic import Field
 
+from valerie.document import Document
 from valerie.parameters import distributions
-from valerie.runs.values import Count, Document, Name, Quantity, Scalar
+from valerie.runs.values import Count, Name, Quantity, Scalar
 
 #: Short words of the mapping notation, and the fields that they stand for.
 SHORT_WORDS: Final = MappingProxyType({"from": "minimum", "to": "maximum", "sigma": "standard_deviation"})

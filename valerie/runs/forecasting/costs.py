@@ -12,8 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
-from pydantic import BaseModel
-
+from valerie.document import Document
 from valerie.runs.products.states import ProductKind
 
 
@@ -91,7 +90,7 @@ class CostTable:
         return _shipped().machine
 
 
-class _Line(BaseModel):
+class _Line(Document):
     """A cost as a line over the size of the image."""
 
     cpu_seconds: float
@@ -106,14 +105,15 @@ class _Line(BaseModel):
         )
 
 
-class _Start(BaseModel):
+class _Start(Document):
     cpu_seconds: float
 
 
-class _Shipped(BaseModel):
+class _Shipped(Document):
     """The shipped table: costs by kind and maker."""
 
     machine: str
+    measured_by: str
     start: _Start
     statics: _Line
     costs: dict[ProductKind, dict[str, _Line]]

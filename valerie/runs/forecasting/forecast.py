@@ -15,9 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
 
 from valerie import plugins
+from valerie.document import Document
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
@@ -44,7 +45,7 @@ _BY_ENGINE: Final = (ProductKind.BACKGROUND, ProductKind.LAYER)
 Present = Callable[[set[str]], set[str]]
 
 
-class ProductPlan(BaseModel):
+class ProductPlan(Document):
     """The products of one kind and maker.
 
     Attributes:
@@ -56,7 +57,8 @@ class ProductPlan(BaseModel):
         basis: source of the cost.
     """
 
-    model_config = ConfigDict(frozen=True)
+    # A client reads it; a newer server may send more fields.
+    model_config = ConfigDict(extra="ignore")
 
     kind: ProductKind
     maker: str
@@ -73,7 +75,7 @@ class ProductPlan(BaseModel):
         return self.needed - (self.present or 0)
 
 
-class PlannedVariant(BaseModel):
+class PlannedVariant(Document):
     """One variant with the names of the spec.
 
     Attributes:
@@ -83,7 +85,8 @@ class PlannedVariant(BaseModel):
         rejection: reason why the variant is rejected; None if it is accepted.
     """
 
-    model_config = ConfigDict(frozen=True)
+    # A client reads it; a newer server may send more fields.
+    model_config = ConfigDict(extra="ignore")
 
     index: int
     values: dict[str, Value]
@@ -91,7 +94,7 @@ class PlannedVariant(BaseModel):
     rejection: str | None = None
 
 
-class Plan(BaseModel):
+class Plan(Document):
     """The result of ``valerie plan``; ``--json`` prints these fields.
 
     Attributes:
@@ -120,7 +123,8 @@ class Plan(BaseModel):
         notes: assumptions made where the spec leaves something open.
     """
 
-    model_config = ConfigDict(frozen=True)
+    # A client reads it; a newer server may send more fields.
+    model_config = ConfigDict(extra="ignore")
 
     name: str
     asset: str

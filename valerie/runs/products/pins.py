@@ -6,9 +6,9 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
+from valerie.document import Document
 from valerie.perception.base import FunctionCard
 from valerie.runs.products.states import Stage
-from valerie.runs.values import Document
 
 
 class Offer(Document):

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from valerie.document import Document
 from valerie.runs.products.states import RunState, Stage
-from valerie.runs.values import Document
 
 
 class StageCounts(NamedTuple):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from valerie.document import Document
 from valerie.runs.products.states import ProductKind
-from valerie.runs.values import Document
 
 
 class Ready(NamedTuple):

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from valerie.errors import InvalidInput
+from valerie.measures import Row
 from valerie.parameters.definitions import ParameterDefinition
-from valerie.plain import Row
 from valerie.runs.document.documents import RequirementDocument, RunSpec
 from valerie.runs.resolving.where import Where, choices_of, compile_where
 from valerie.runs.statistic import Statistic, parse_statistic

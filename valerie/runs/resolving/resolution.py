@@ -16,7 +16,6 @@ from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
-from valerie.plain import Keywords
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.document.documents import BlockDocument, RunSpec
 from valerie.runs.document.varied import Varied
@@ -303,7 +302,7 @@ class _SpaceResolver:
 
     def _distribution(self, varied: Varied, definition: ParameterDefinition, place: str) -> Distribution:
         written = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
-        arguments: Keywords = {}
+        arguments: dict[str, Value | tuple[Value, ...]] = {}
         for key, value in written.items():
             if key == "values":
                 arguments[key] = tuple(
@@ -320,7 +319,7 @@ class _SpaceResolver:
                 )  # fmt: skip
             else:
                 arguments[key] = self.vocabulary.number(value, definition, f"{place}.{key}")
-        distribution: Distribution = varied.makes(**arguments)
+        distribution: Distribution = varied.makes.model_validate(arguments)
         return distribution
 
 

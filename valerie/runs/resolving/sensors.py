@@ -10,7 +10,6 @@ import orjson
 
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
-from valerie.plain import JsonObject
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
 from valerie.scene.graph.naming import ROOT
@@ -105,7 +104,7 @@ def _response(setting: SensorSetting, sensor: bytes, run_seed: int, moves: bool)
     )
 
 
-def short_document(setting: SensorSetting, run_seed: int) -> JsonObject:
+def short_document(setting: SensorSetting, run_seed: int) -> dict[str, Value]:
     """Return the values that change the picture of a frame, by parameter, with the run's seed if effects are random."""
     document = setting.response()
     return {**document, "seed": run_seed} if setting.needs_seed else document

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
-from valerie.plain import Written
+from valerie.plain import Json
 from valerie.runs.document.documents import (
     BlockDocument,
     DeclaredParameter,
@@ -47,7 +47,7 @@ _TAGS: Final = frozenset(DISTRIBUTIONS)
 _TYPES: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
 
 
-def parse(source: str | bytes | Written | RunSpec) -> RunSpec:
+def parse(source: str | bytes | Mapping[str, Json] | RunSpec) -> RunSpec:
     """Read a spec in either notation.
 
     Args:

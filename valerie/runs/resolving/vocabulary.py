@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,10 +10,11 @@ from valerie import plugins
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import check_range
+from valerie.parameters.odd import OddAttribute
 from valerie.parameters.units import is_quantity, to_unit
-from valerie.plain import Written
 from valerie.rendering.engine import Ability, Engine
 from valerie.runs.document.documents import DeclaredParameter, RunSpec
+from valerie.runs.values import Scalar
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
 from valerie.scene.light.solar import ELEVATION
@@ -83,7 +84,7 @@ class Vocabulary:
         self.definitions[path] = self._narrowed(parameter, asset, place)
 
     def _narrowed(self, parameter: DeclaredParameter, asset: ParameterDefinition, place: str) -> ParameterDefinition:
-        changes: Written = {"name": parameter.name}
+        changes: dict[str, str | float | OddAttribute | tuple[str, ...]] = {"name": parameter.name}
         if parameter.odd is not None:
             changes["odd"] = parameter.odd
         if parameter.source:
@@ -169,7 +170,7 @@ class Vocabulary:
             return definition.check(self.number(written, definition, place), field=place)
         return definition.check(written, field=place)
 
-    def values(self, written: Written, place: str) -> dict[str, Value]:
+    def values(self, written: Mapping[str, Scalar], place: str) -> dict[str, Value]:
         """Return path to value for a mapping of names to values in a spec.
 
         An entry with a problem is left out, and the problem is added to `problems`.

@@ -10,10 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, names_from
+from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, Row, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
-from valerie.plain import Row
 from valerie.runs.document.documents import RunSpec
 
 #: Columns that are known once the truth exists, without any function.

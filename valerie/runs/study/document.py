@@ -7,22 +7,24 @@ operational domain; the rest of the spec applies to every run of the study.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final, Literal, Self
 
 import yaml
 from pydantic import Field, JsonValue, ValidationError, model_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
-from valerie.plain import Written
+from valerie.plain import Json, JsonObject
 from valerie.runs.document.documents import RunSpec
 from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure
 from valerie.runs.study.retraining import Rounds
-from valerie.runs.values import Document, Name, Scalar, Text
+from valerie.runs.values import Name, Scalar, Text
 from valerie.validation import problem_of
 
 #: Fields of a spec that a study sets itself.
@@ -299,7 +301,7 @@ class StudyDocument(Document):
 _OWN: Final = frozenset(StudyDocument.model_fields) - {"spec", "schema_version"}
 
 
-def parse_study(source: str | bytes | Written | StudyDocument) -> StudyDocument:
+def parse_study(source: str | bytes | Mapping[str, Json] | StudyDocument) -> StudyDocument:
     """Read a study with its spec in either notation.
 
     Args:
@@ -319,7 +321,7 @@ def parse_study(source: str | bytes | Written | StudyDocument) -> StudyDocument:
     ]
     fields = {*_OWN, *RunSpec.model_fields, "vary"} - {*_DECIDED}
     problems += [UnknownName("field", key, fields, field=key) for key in document if key not in {*fields, *_DECIDED}]
-    own: Written = {key: value for key, value in document.items() if key in _OWN}
+    own: JsonObject = {key: value for key, value in document.items() if key in _OWN}
     if isinstance(own.get("goal"), str):
         own["goal"] = {"name": own["goal"]}
     goal = own.get("goal")

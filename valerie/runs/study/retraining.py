@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from valerie.runs.values import Document
+from valerie.document import Document
 
 
 class RetrainSettings(Document):

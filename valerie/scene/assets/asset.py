@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
+from valerie.document import Document
 from valerie.entry_points import PluginKind
 from valerie.errors import InvalidInput, MissingDependency, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
@@ -49,10 +50,8 @@ class SceneAsset:
         return self.manifest.name
 
 
-class PackSettings(BaseModel):
+class PackSettings(Document):
     """Base class of the settings of an asset pack. The fields are keys of an asset reference."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class AssetPack(Protocol):

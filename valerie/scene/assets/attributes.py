@@ -15,9 +15,8 @@ from typing import Final, cast
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
-from valerie.plain import Keywords
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
-from valerie.scene.graph.draft import CameraPose, Draft, cloth_materials, figures, paint_materials
+from valerie.scene.graph.draft import CameraAngle, CameraPose, Draft, cloth_materials, figures, paint_materials
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, POSITIONS, Scene
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
 from valerie.scene.graph.transforms import Pose
@@ -243,15 +242,13 @@ def _camera_position(axis: int) -> tuple[Read, Write]:
     return read, write
 
 
-def _camera_angle(name: str) -> tuple[Read, Write]:
+def _camera_angle(name: CameraAngle) -> tuple[Read, Write]:
     def read(scene: Scene, path: str) -> Value:
         return float(getattr(CameraPose.of(Draft(scene).camera(path)), name))
 
     def write(draft: Draft, path: str, value: Value) -> None:
         number = _number(value, path)
-
-        changes: Keywords = {name: number}
-        draft.camera_pose(path, lambda pose: replace(pose, **changes))
+        draft.camera_pose(path, lambda pose: pose.with_angle(name, number))
 
     return read, write
 

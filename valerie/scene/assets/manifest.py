@@ -10,8 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+from pydantic import Field, StringConstraints, ValidationError, field_validator, model_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import label_of_node_class
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
@@ -31,11 +32,7 @@ Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
 AssetName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
 
 
-class _Document(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Footprint(_Document):
+class Footprint(Document):
     """Ground that something occupies.
 
     Attributes:
@@ -57,7 +54,7 @@ class Footprint(_Document):
         return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
 
 
-class GroundRegion(_Document):
+class GroundRegion(Document):
     """A part of the ground at one height.
 
     Attributes:
@@ -69,7 +66,7 @@ class GroundRegion(_Document):
     height: float = Field(ge=-1000, le=1000, allow_inf_nan=False)
 
 
-class TrainingRules(_Document):
+class TrainingRules(Document):
     """Rules for varying an asset in training scenes (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
@@ -85,7 +82,7 @@ class TrainingRules(_Document):
     skin: tuple[str, ...] = ("skin",)
 
 
-class Manifest(_Document):
+class Manifest(Document):
     """The declarations of an asset.
 
     Attributes:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
+from valerie.document import Document
 from valerie.errors import InvalidInput
 from valerie.scene.graph.model import Camera, Matrix
 from valerie.scene.graph.naming import ROOT, is_node_name
@@ -19,7 +20,7 @@ Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, a
 Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
-class PlacedFile(BaseModel):
+class PlacedFile(Document):
     """A model whose file does not follow the naming convention. Its nodes are below one node whose name states the class.
 
     Attributes:
@@ -31,8 +32,6 @@ class PlacedFile(BaseModel):
         scale: scale of the model within its node; 0.01 for a model in centimetres.
         offset: position of the turned and scaled model within its node, metres. A person's feet belong at the origin.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str
     node: str
@@ -70,7 +69,7 @@ class PlacedFile(BaseModel):
         return matrix
 
 
-class PlacedCamera(BaseModel):
+class PlacedCamera(Document):
     """A camera at a place.
 
     Attributes:
@@ -79,8 +78,6 @@ class PlacedCamera(BaseModel):
         yaw_deg, pitch_deg, roll_deg: see `valerie.scene.graph.transforms.camera_transform`; at 0 it looks along +y.
         focal_length_mm, sensor_width_mm: see `valerie.scene.graph.model.Camera`.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     position: tuple[Coordinate, Coordinate, Coordinate]

@@ -150,7 +150,7 @@ def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: l
             world = scene.world_transform(path)
             points.setdefault(object_of(scene, node), []).extend(world_points(mesh, world) for mesh in node.meshes)
     largest = _LARGEST_SHARE * (extent[2] - extent[0]) * (extent[3] - extent[1])
-    obstacles = []
+    obstacles: list[JsonObject] = []
     for owner, clouds in points.items():
         together = np.concatenate(clouds)
         low = together[together[:, 2] < _REACH_M]

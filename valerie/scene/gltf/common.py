@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.plain import JsonObject
+from valerie.errors import InvalidInput
+from valerie.plain import Json, JsonObject
 from valerie.scene.graph.model import Camera, Environment, Material, Matrix, Node, Sun, Texture
 
 #: Key of this project's properties in ``extras`` of a glTF object.
@@ -97,7 +98,18 @@ def _turned(matrix: Matrix, signs: NDArray[np.float64], *, both: bool) -> Matrix
     return result
 
 
-def own_extras(extras: Any) -> JsonObject:
+def own_extras(extras: Json) -> JsonObject:
     """Return this project's part of an ``extras`` object; empty if there is none."""
     own = extras.get(EXTRAS_KEY) if isinstance(extras, dict) else None
     return own if isinstance(own, dict) else {}
+
+
+def number(value: Json, field: str) -> float:
+    """Return a value of a file as a number.
+
+    Raises:
+        InvalidInput: it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InvalidInput("not a number", field=field, value=value)
+    return float(value)

@@ -13,7 +13,7 @@ import pygltflib
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.plain import JsonObject
+from valerie.plain import Json, JsonObject
 from valerie.scene.gltf.common import MAX_NODES, MAX_VERTICES, SUPPORTED_EXTENSIONS
 from valerie.scene.gltf.files import Resources, open_document
 
@@ -112,18 +112,26 @@ def open_container(path: Path, root: Path | None = None) -> Container:
     return Container(_parse(plain, path.name), binary, path.name, Resources(path, root))
 
 
+def _list(plain: JsonObject, name: str) -> Sequence[Json]:
+    listed = plain.get(name) or []
+    if not isinstance(listed, list):
+        raise TypeError(f"{name} is not a list")
+    return listed
+
+
 def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
     try:
-        unsupported = sorted(set(plain.get("extensionsRequired") or ()) - SUPPORTED_EXTENSIONS)
+        unsupported = sorted({str(name) for name in _list(plain, "extensionsRequired")} - SUPPORTED_EXTENSIONS)
         if unsupported:
             raise InvalidInput(
                 "the file requires extensions that are not supported; export without them",
                 field=f"{name}: extensionsRequired",
-                value=", ".join(map(str, unsupported)),
+                value=", ".join(unsupported),
                 limit=", ".join(sorted(SUPPORTED_EXTENSIONS)),
             )
-        if len(plain.get("nodes") or ()) > MAX_NODES:
-            raise InvalidInput("too many nodes", field=f"{name}: nodes", value=len(plain["nodes"]), limit=MAX_NODES)
+        nodes = len(_list(plain, "nodes"))
+        if nodes > MAX_NODES:
+            raise InvalidInput("too many nodes", field=f"{name}: nodes", value=nodes, limit=MAX_NODES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the library warns about nulls that the format allows
             document = pygltflib.GLTF2.gltf_from_json(json.dumps(plain))

@@ -12,7 +12,7 @@ from typing import Final
 
 from valerie.errors import InvalidInput
 from valerie.plain import JsonObject
-from valerie.scene.gltf.common import EXTRAS_KEY, own_extras
+from valerie.scene.gltf.common import EXTRAS_KEY, number, own_extras
 from valerie.scene.graph.model import BEAMS, SWITCHES, Light
 
 #: Largest angle that a spot light of glTF may have.
@@ -33,19 +33,21 @@ def read_light(document: JsonObject, path: str) -> Light:
     kind = document.get("type")
     if kind not in ("point", "spot"):
         raise InvalidInput("unknown kind of light", field=path, value=kind, limit="directional, point or spot")
-    spot, own = document.get("spot") or {}, own_extras(document.get("extras"))
-    red, green, blue = (float(value) for value in document.get("color", (1.0, 1.0, 1.0)))
+    own = own_extras(document.get("extras"))
+    cone, color, glowing = document.get("spot"), document.get("color"), own.get("glowing")
+    spot = cone if isinstance(cone, dict) else {}
+    red, green, blue = (number(value, path) for value in (color if isinstance(color, list) else _DEFAULT.color))
     everywhere = kind == "point"
     light = Light(
         color=(red, green, blue),
-        intensity=float(document.get("intensity", 1.0)),
-        inner=float(own.get("inner", 0.0 if everywhere else spot.get("innerConeAngle", 0.0))),
-        outer=float(own.get("outer", math.pi if everywhere else spot.get("outerConeAngle", math.pi / 4))),
+        intensity=number(document.get("intensity", 1.0), path),
+        inner=number(own.get("inner", 0.0 if everywhere else spot.get("innerConeAngle", 0.0)), path),
+        outer=number(own.get("outer", math.pi if everywhere else spot.get("outerConeAngle", math.pi / 4)), path),
         beam=str(own.get("beam", _DEFAULT.beam)),
-        radius=float(own.get("radius", _DEFAULT.radius)),
+        radius=number(own.get("radius", _DEFAULT.radius), path),
         switch=str(own.get("switch", "")),
-        glowing=tuple(str(name) for name in own.get("glowing", ())),
-        luminance=float(own.get("luminance", 0.0)),
+        glowing=tuple(str(name) for name in (glowing if isinstance(glowing, list) else ())),
+        luminance=number(own.get("luminance", 0.0), path),
     )
     numbers = (*light.color, light.intensity, light.inner, light.outer, light.radius, light.luminance)
     if not all(math.isfinite(value) and value >= 0 for value in numbers):

@@ -16,6 +16,7 @@ from valerie.scene.gltf.common import (
     MAX_DEPTH,
     SUPPORTED_EXTENSIONS,
     FilePart,
+    number,
     own_extras,
     transform_from_y_up,
     vectors_from_y_up,
@@ -194,10 +195,12 @@ class _Reader:
             self._notes.append(f"camera {path} is ignored: only perspective cameras are supported, it is {camera.type}")
             return None
         own = own_extras(camera.extras)
-        sensor = float(own.get("sensor_width_mm", 36.0))
+        sensor = number(own.get("sensor_width_mm", 36.0), path)
         lens = camera.perspective
         half_height = math.tan(0.5 * float(lens.yfov))
-        focal = float(own.get("focal_length_mm", 0.5 * sensor / (half_height * float(lens.aspectRatio or 16 / 9))))
+        focal = number(
+            own.get("focal_length_mm", 0.5 * sensor / (half_height * float(lens.aspectRatio or 16 / 9))), path
+        )
         if not (math.isfinite(focal) and focal > 0):
             raise InvalidInput("not a valid angle of view", field=path, value=lens.yfov)
         name = path.rpartition(".")[2]
@@ -216,7 +219,7 @@ class _Reader:
     def _sun(self, light: JsonObject, world: Matrix, environment: Environment) -> Sun:
         own = own_extras(light.get("extras"))
         if own:
-            return Sun(**{name: float(value) for name, value in own.items()})
+            return Sun(**{name: number(value, f"{self._container.name}: sun.{name}") for name, value in own.items()})
         backwards = vectors_from_y_up(world[:3, 2] / np.linalg.norm(world[:3, 2]))
         azimuth = math.atan2(float(backwards[0]), float(backwards[1])) + environment.bearing
         self._notes.append("the sun has the strength of a clear noon, since the file's unit is not comparable")
@@ -234,8 +237,9 @@ class _Reader:
                 raise InvalidInput(
                     "unknown position of a switch", field=field, value=position, limit=", ".join(POSITIONS)
                 )
-        numbers: JsonObject = {name: float(value) for name, value in own.items() if name not in lamps}
-        return Environment(**numbers, **lamps)
+        place = f"{self._container.name}: environment"
+        numbers = {name: number(value, f"{place}.{name}") for name, value in own.items() if name not in lamps}
+        return Environment(street_lamps=str(lamps["street_lamps"]), car_lamps=str(lamps["car_lamps"]), **numbers)
 
 
 def _unread(document: pygltflib.GLTF2) -> list[str]:

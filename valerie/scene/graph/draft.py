@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.model import Camera, Figure, Light, Material, Node, Scene, Stance
 from valerie.scene.graph.naming import ROOT, is_cloth
 from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
+
+CameraAngle = Literal["yaw", "pitch", "roll"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,11 @@ class CameraPose:
         """Return the pose of a camera. The angles are exact up to rounding."""
         x, y, z = (float(v) for v in camera.position)
         return cls((x, y, z), *camera_angles(camera.transform))
+
+    def with_angle(self, name: CameraAngle, degrees: float) -> CameraPose:
+        """Return the pose with one of its angles changed."""
+        angles = {"yaw": self.yaw, "pitch": self.pitch, "roll": self.roll} | {name: degrees}
+        return CameraPose(self.position, **angles)
 
 
 class Draft:

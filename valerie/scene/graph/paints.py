@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from valerie.document import Document
 
 #: Prefix of the names of paint materials, after the last ``/``.
 PAINT_PREFIX: Final = "paint-"
@@ -12,15 +14,13 @@ PAINT_PREFIX: Final = "paint-"
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 
 
-class Paint(BaseModel):
+class Paint(Document):
     """The look of a paint.
 
     Attributes:
         base_color: linear RGB reflectance.
         metallic, roughness: see `valerie.scene.graph.model.Material`.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     base_color: tuple[_Share, _Share, _Share]
     metallic: _Share = 0.0

@@ -12,18 +12,18 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from valerie.document import Document
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, ParameterType, Value, wrap
-from valerie.plain import Written
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
 
@@ -51,7 +51,7 @@ _NODES, _WEIGHTS = (
 )
 
 
-class Trajectory(BaseModel):
+class Trajectory(Document):
     """The pose of one target over time.
 
     Attributes:
@@ -63,8 +63,6 @@ class Trajectory(BaseModel):
             targets with a heading face their path and cameras do not. Keyframes that give the angle take precedence.
         stride_m: metres walked in one gait cycle of two steps, for a target with a ``gait_phase`` that no keyframe gives.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     path: str
     keyframes: Annotated[tuple[dict[str, float], ...], Field(min_length=1, max_length=1000)]
@@ -361,7 +359,7 @@ def _declared_of(
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 
 
-def _facing(declared: Written) -> str | None:
+def _facing(declared: Container[str]) -> str | None:
     return next((name for name in _FACING if name in declared), None)
 
 

@@ -9,8 +9,8 @@ import httpx
 import pytest
 
 from tests.world.world import settings_of
-from valerie.cli.folder import Folder
 from valerie.client import Client
+from valerie.local.folder import Folder
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from typing import Final
 
-from valerie.plain import ForeignEntries
+from valerie.plain import JsonObject
 
 #: Entries that contain the text, of mmcv and of mmengine.
 _PLACES: Final = ("meta.config", "meta.cfg")
@@ -13,7 +13,7 @@ _MAX_TEXT: Final = 1_000_000
 _MAX_DEPTH: Final = 12
 
 
-def config_values(entries: ForeignEntries) -> ForeignEntries:
+def config_values(entries: JsonObject) -> JsonObject:
     """Return the literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``.
 
     Args:
@@ -29,14 +29,14 @@ def config_values(entries: ForeignEntries) -> ForeignEntries:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return {}
-    values: ForeignEntries = {}
+    values: JsonObject = {}
     for statement in tree.body:
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
             _collect(statement.value, statement.targets[0].id, values, 0)
     return values
 
 
-def _collect(node: ast.expr, name: str, into: ForeignEntries, depth: int) -> None:
+def _collect(node: ast.expr, name: str, into: JsonObject, depth: int) -> None:
     if depth > _MAX_DEPTH:
         return
     if isinstance(node, ast.Call):  # dict(a=…, b=…), as these files write mappings

@@ -28,7 +28,7 @@ from valerie.perception.importing.network_weights import (
 )
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 from valerie.perception.networks.deeplabv3plus import DeepLabSettings
-from valerie.plain import Written
+from valerie.plain import JsonObject
 
 #: ``format`` entry in the header of a payload; ``valerie train`` writes `FUNCTION_FORMAT`.
 FORMAT: Final = "valerie-network/1"
@@ -77,7 +77,7 @@ class ImportedNetwork:
         }
         return safetensors_bytes(self.tensors, entries)
 
-    def document_fields(self) -> Written:
+    def document_fields(self) -> JsonObject:
         """Return the entries of a `valerie.perception.documents.function.FunctionDocument` that follow from the checkpoint."""
         return {
             "kind": "network",
@@ -222,7 +222,7 @@ def _their_shapes(layout: Layout, architecture: str, count: int) -> dict[str, tu
     return {layout.name_of(name): shape for name, shape in _shapes_of(architecture, count).items()}
 
 
-def _choose(fitting: list[str], config: Written, wanted: str | None, field: str) -> tuple[str, list[str]]:
+def _choose(fitting: list[str], config: JsonObject, wanted: str | None, field: str) -> tuple[str, list[str]]:
     """Return one of several architectures with the same tensors, and the assumptions behind the choice."""
     if wanted is not None:
         return wanted, []
@@ -241,7 +241,7 @@ def _choose(fitting: list[str], config: Written, wanted: str | None, field: str)
     return fitting[0], [f"architecture: the tensors are also those of {', '.join(fitting[1:])}"]
 
 
-def _agree(settings: NetworkSettings, config: Written) -> bool:
+def _agree(settings: NetworkSettings, config: JsonObject) -> bool:
     """Return True if an architecture agrees with a configuration of mmsegmentation in settings that tensors do not reveal."""
     values = (config.get(name) for name in _SETTINGS)
     aligned, grid, contract, rates = (tuple(value) if isinstance(value, list) else value for value in values)
@@ -255,7 +255,7 @@ def _agree(settings: NetworkSettings, config: Written) -> bool:
     )
 
 
-def _classes(entries: Written, count: int, field: str) -> tuple[tuple[str, ...], bool]:
+def _classes(entries: JsonObject, count: int, field: str) -> tuple[tuple[str, ...], bool]:
     """Return the names of the classes, and whether the file states them."""
     for place in ("meta.CLASSES", "meta.dataset_meta.classes", "meta.dataset_meta.CLASSES"):
         names = entries.get(place)
@@ -277,7 +277,7 @@ def _fitting(classes: tuple[str, ...], count: int, field: str) -> tuple[str, ...
     return classes
 
 
-def _units_of(layout: Layout, stored: StoredCheckpoint, config: Written, field: str) -> tuple[PictureUnits, bool]:
+def _units_of(layout: Layout, stored: StoredCheckpoint, config: JsonObject, field: str) -> tuple[PictureUnits, bool]:
     """Return the units of the layout, updated with those in the file, and whether the file states any."""
     usual = layout.units
     for place, flag in (

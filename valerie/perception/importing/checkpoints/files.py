@@ -17,7 +17,7 @@ from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
-from valerie.plain import ForeignEntries
+from valerie.plain import JsonObject
 
 #: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
@@ -46,7 +46,7 @@ class StoredCheckpoint:
     """
 
     tensors: Mapping[str, NDArray[Any]]
-    entries: ForeignEntries
+    entries: JsonObject
     format: str
 
 
@@ -193,7 +193,7 @@ def _read_safetensors(path: Path, header: int, size: int) -> StoredCheckpoint:
         raise InvalidInput("the header is longer than it can be", field=field, value=f"{header} bytes", limit=limit)
     try:
         with safe_open(path, framework="numpy") as opened:
-            entries: ForeignEntries = dict(opened.metadata() or {})
+            entries: JsonObject = dict(opened.metadata() or {})
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, TypeError) as error:
         raise InvalidInput(f"not a readable safetensors file ({error})", field=field) from error
@@ -221,12 +221,12 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
     return StoredCheckpoint(tensors, _flattened(beside), kind)
 
 
-def _flattened(values: Mapping[Any, Any]) -> ForeignEntries:
+def _flattened(values: Mapping[Any, Any]) -> JsonObject:
     """Return text, numbers and lists of nested dictionaries by dotted name.
 
     Each dictionary is entered once: a pickle may refer to one in many places, which would make exponentially many names.
     """
-    flat: ForeignEntries = {}
+    flat: JsonObject = {}
     seen = {id(values)}
     waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
     while waiting:

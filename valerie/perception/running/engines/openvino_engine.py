@@ -21,7 +21,6 @@ from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.base import Recent
 from valerie.perception.running.engines.network_file import NetworkFile
 from valerie.perception.running.engines.processor import instruction_set
-from valerie.plain import Keywords
 
 #: What a quantised network does not compute in 8 bits is fp32.
 _TYPES: Final = {
@@ -91,7 +90,7 @@ class OpenVinoEngine:
         return compiled.create_infer_request()
 
 
-def _settings(precision: str, threads: int) -> Keywords:
+def _settings(precision: str, threads: int) -> dict[str, openvino.OVAny]:
     hint = properties.hint
     mode = hint.ExecutionMode.ACCURACY if _TYPES[precision] == openvino.Type.f32 else hint.ExecutionMode.PERFORMANCE
     return {

@@ -31,6 +31,7 @@ from valerie.runs.products.states import RunState
 from valerie.runs.study.document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
 from valerie.studies.resolved import ResolvedStudy
+from valerie.studies.wording import reason_text
 
 log = structlog.get_logger()
 
@@ -144,11 +145,12 @@ class StudyKeeper:
         if ended is None:
             count = min(study.document.batch, left(study, batches))
             proposal = pursuit.ask(batches, count)
+            reason = reason_text(proposal.reason, pursuit.study.domain.names)
             if len(proposal) or pursuit.waits:
-                self._store(study, pursuit.study, basis, number, count, proposal.points, proposal.reason)
+                self._store(study, pursuit.study, basis, number, count, proposal.points, reason)
                 return True
             self._pursuits.pop(study.id)
-            ended = proposal.reason
+            ended = reason
         if not all(batch.ended for batch in batches):
             return False  # the last batch is still in work, and is part of the result
         result = known(pursuit.study, batches).result()

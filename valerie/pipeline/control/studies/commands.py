@@ -23,6 +23,7 @@ from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
+from valerie.studies.wording import reason_text
 
 #: States of runs that can be cancelled with their study.
 _ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
@@ -63,7 +64,16 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
     spec = pursuit.spec(0, parent=None)
     plan = plan_run(context, spec)
-    return NextBatch(0, proposal.reason, legal, len(proposal) - legal, False, None, spec, plan)
+    return NextBatch(
+        0,
+        reason_text(proposal.reason, pursuit.study.domain.names),
+        legal,
+        len(proposal) - legal,
+        False,
+        None,
+        spec,
+        plan,
+    )
 
 
 def begin(context: Context, document: StudyDocument) -> str:
@@ -218,7 +228,7 @@ def _resized(context: Context, study: StudyRow, earlier: list[BatchRow], batch: 
         count=count,
         points=proposal.points.tolist(),
         rejected=np.flatnonzero(~legal).tolist(),
-        reason=proposal.reason,
+        reason=reason_text(proposal.reason, pursuit.study.domain.names),
         basis=basis_digest(study, earlier[: batch.based_on]),
     )
 

@@ -8,10 +8,9 @@ from typing import Final, Literal
 import moderngl
 import numpy as np
 
-from valerie.plain import Uniforms
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.gl.tiles import Spans
-from valerie.rendering.raster.gl.uniforms import bind, set_uniforms
+from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
 
 #: Samples per pixel and direction of the image. The truth has one sample, at the pixel's centre.
 SAMPLES: Final = 2

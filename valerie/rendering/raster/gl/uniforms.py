@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
-from valerie.plain import Uniforms
 from valerie.rendering.projection import Points
+
+#: Value of a uniform: a number, a tuple of numbers or an array of floats.
+Uniform: TypeAlias = float | Sequence[float] | NDArray[np.floating[Any]]
+#: Values of uniforms by their names in GLSL.
+Uniforms: TypeAlias = Mapping[str, Uniform]
 
 
 def set_uniforms(program: moderngl.Program, values: Uniforms) -> None:

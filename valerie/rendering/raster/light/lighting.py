@@ -10,7 +10,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.plain import Uniforms
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.raster.gl.bounds import Reach
@@ -22,6 +21,7 @@ from valerie.rendering.raster.gl.targets import (
     ScreenPass,
 )
 from valerie.rendering.raster.gl.tiles import Spans
+from valerie.rendering.raster.gl.uniforms import Uniform, Uniforms
 from valerie.rendering.raster.light.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.light.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.light.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
@@ -87,6 +87,13 @@ class Viewpoint:
 
     camera: Camera
     view: View
+
+    @property
+    def ray_basis(self) -> NDArray[np.float64]:
+        """Right and up at the image's edge, and forward, at depth 1: the columns of a (3, 3) matrix."""
+        focal = self.camera.focal_length_px(self.view.width)
+        right, up, back = self.camera.transform[:3, :3].T
+        return np.stack([right * self.view.width / 2 / focal, up * self.view.height / 2 / focal, -back], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,15 +185,18 @@ class Lighting:
         """
         camera = _sample_values(viewpoint)
         textures = _shading_textures(targets, surfaces, day, movable_shadow)
-        values = camera | _shading_values(viewpoint, day, movable_shadow)
-        values["screen_basis"] = np.linalg.inv(camera["ray_basis"])
+        values: dict[str, Uniform] = {
+            **camera,
+            **_shading_values(viewpoint, day, movable_shadow),
+            "screen_basis": np.linalg.inv(viewpoint.ray_basis),
+        }
         owned: tuple[moderngl.Texture, ...] = ()
         bounce: NDArray[np.float64] | None = None
         if lamps is not None:
             table = table_texture(self._gl, lamps.table())
             owned = (table,)
             textures |= _lamp_textures(lamps, table)
-            values |= _lamp_values(lamps)
+            values.update(_lamp_values(lamps))
             bounce = lamps.bounce
         values["below"] = day.light.ground if bounce is None else day.light.ground + bounce
         needs = _needs(day.sky, movable_shadow, lamps)
@@ -198,19 +208,21 @@ class Lighting:
         plain = dict(zip(plain_names, targets.plain.colors, strict=True))
         radiance = {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]}
         return LitFrame(
-            occlusion=_Step(self.occlusion, targets.occlusion, geometry, camera | self._occlusion_values(viewpoint)),
+            occlusion=_Step(
+                self.occlusion, targets.occlusion, geometry, {**camera, **self._occlusion_values(viewpoint)}
+            ),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
             openness=_Step(
                 self.openness,
                 targets.openness,
                 geometry | {"atlas": day.maps.texture},
-                camera | _openness_values(day.maps),
+                {**camera, **_openness_values(day.maps)},
             ),
             skylight=_Step(
                 self.skylight,
                 targets.skylight,
                 depth | {"first": first, "second": second},
-                camera | _skylight_values(day.light, bounce),
+                {**camera, **_skylight_values(day.light, bounce)},
             ),
             plain=_Step(self.plain, targets.plain, samples, camera),
             detail=_Step(
@@ -308,14 +320,11 @@ def _cells(parts: Spans) -> Spans:
 def _sample_values(viewpoint: Viewpoint) -> Uniforms:
     """Return the uniforms of ``sample.glsl``."""
     camera, view = viewpoint.camera, viewpoint.view
-    focal = camera.focal_length_px(view.width)
-    axes = camera.transform[:3, :3]
-    basis = np.stack([axes[:, 0] * view.width / 2 / focal, axes[:, 1] * view.height / 2 / focal, -axes[:, 2]], axis=1)
     return {
         "sample_size": (view.width * SAMPLES, view.height * SAMPLES),
         "near_far": (camera.near, camera.far),
         "eye": camera.position,
-        "ray_basis": basis,
+        "ray_basis": viewpoint.ray_basis,
     }
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 
-from valerie.plain import Uniforms
-from valerie.rendering.raster.gl.uniforms import bind, set_uniforms
+from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
 from valerie.rendering.raster.upload.materials import SurfaceKind
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ class SurfaceDrawer:
         defines = {"MOVABLE": 1} if movable else {}
         if elsewhere:
             defines["ELSEWHERE"] = 1
-        samplers: Uniforms = {"material_table": table}
+        samplers: dict[str, moderngl.Texture | moderngl.TextureArray] = {"material_table": table}
         if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1
             samplers["color_textures"] = textures.arrays[kind.color_side]

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from valerie.plain import Uniforms
 from valerie.rendering.projection import Points, box_corners
 from valerie.rendering.raster.gl.buffers import Buffers
-from valerie.rendering.raster.gl.uniforms import set_uniforms
+from valerie.rendering.raster.gl.uniforms import Uniforms, set_uniforms
 from valerie.rendering.raster.upload.materials import SurfaceKind
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 from valerie.scene.graph.model import Mesh
@@ -70,7 +69,7 @@ class PlacedMesh:
     @classmethod
     def place(cls, buffers: MeshBuffers, item: DrawItem, kind: SurfaceKind, row: int) -> PlacedMesh:
         corners = buffers.corners @ item.world[:3, :3].T + item.world[:3, 3]
-        values = {
+        values: Uniforms = {
             "world": item.world,
             "normal_matrix": normal_matrix(item.world),
             "ids": (row, item.node.label_id, item.node.instance_id),

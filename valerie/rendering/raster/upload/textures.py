@@ -16,13 +16,13 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.color import srgb_to_linear
 from valerie.scene.graph.model import Material, Texture
 
 #: Sides of the arrays. An image goes into the smallest array that holds it, resampled unless it has exactly that size.
 SIDES: Final = (64, 128, 256, 512, 1024, 2048)
 #: Linear value of each sRGB byte (IEC 61966-2-1).
-_BYTES: Final = np.arange(256) / 255
-_LINEAR: Final = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4)
+_LINEAR: Final = srgb_to_linear(np.arange(256) / 255)
 
 
 _SERIALS = count()

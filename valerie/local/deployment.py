@@ -8,14 +8,26 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from valerie.cli.shell import command_name, settings_of
 from valerie.errors import NotFound
+from valerie.local.terminal import command_name
 
 if TYPE_CHECKING:
     from valerie.pipeline.base.context import Context
     from valerie.settings import Settings
 
 _SQLITE: Final = "sqlite:///"
+
+
+def settings_of(data_dir: Path | None = None) -> Settings:
+    """Return the settings of this process; options override the environment.
+
+    Raises:
+        InvalidInput: an environment variable is invalid.
+    """
+    # Commands that need no settings start without pydantic.
+    from valerie.settings import load_settings
+
+    return load_settings(data_dir=data_dir)
 
 
 def has_database(settings: Settings) -> bool:

@@ -5,8 +5,8 @@ import json
 import pytest
 from rich.console import Console
 
-from valerie.cli.display import STAGES, JsonDisplay, LineDisplay, duration, progress_line, progress_table
 from valerie.client import Progress, StageProgress, VariantProgress
+from valerie.local.display import STAGES, JsonDisplay, LineDisplay, duration, progress_line, progress_table
 
 
 def _progress(done: int = 30, *, state: str = "running", failed: int = 0, reason: str | None = None) -> Progress:
@@ -93,7 +93,7 @@ def test_json_lines_come_with_every_change_and_only_then(capsys: pytest.CaptureF
 
 
 def test_the_display_follows_where_the_output_goes() -> None:
-    from valerie.cli.display import display_of
+    from valerie.local.display import display_of
 
     assert isinstance(display_of("first", "r1", json_lines=False), LineDisplay)  # captured: no terminal
     assert isinstance(display_of("first", "r1", json_lines=True), JsonDisplay)

@@ -14,8 +14,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from valerie.cli.shell import console
 from valerie.client import Progress, StageProgress
+from valerie.local.terminal import console
 from valerie.runs.products.states import RunState
 
 #: Stage to the name of its products.

@@ -8,7 +8,7 @@ from rich.table import Table
 from typer.testing import CliRunner
 
 from valerie.cli.main import app
-from valerie.cli.piped import PipedConsole
+from valerie.local.piped import PipedConsole
 
 PATH = "scene.house-101.street.floor-2.street.window-3." + "colour" * 24
 
