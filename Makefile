@@ -104,6 +104,14 @@ test-cycles: setup-dev cycles ## Test the engine Cycles with a real Blender (sma
 	$(TEST_ENVIRONMENT) VALERIE_TEST_CYCLES_PYTHON=$(CYCLES_VENV)/bin/python \
 	  $(PYTHON_BIN) -m pytest tests/cycles $(PYTEST_OPTIONS)
 
+# The validator's libraries conflict with ours.
+.PHONY: test-rocrate
+test-rocrate: setup-dev ## Check with roc-validator that evidence is a valid RO-Crate
+	test -x .venv-rocrate/bin/rocrate-validator || { $(PYTHON_BIN) -m venv .venv-rocrate && \
+	  .venv-rocrate/bin/pip install --quiet roc-validator==0.13.0 rocrate==0.16.0; }
+	$(TEST_ENVIRONMENT) VALERIE_TEST_ROCRATE_PYTHON=$(CURDIR)/.venv-rocrate/bin/python \
+	  $(PYTHON_BIN) -m pytest tests/rocrate $(PYTEST_OPTIONS)
+
 .PHONY: test-cluster
 test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (Debian: slurm-wlm munge rabbitmq-server kubernetes-client)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/cluster $(PYTEST_OPTIONS)
@@ -140,4 +148,4 @@ clean: ## Remove caches and build outputs; data (var/) and the environment stay
 
 .PHONY: distclean
 distclean: clean ## Remove the environments too
-	rm -rf $(VENV) $(CYCLES_VENV)
+	rm -rf $(VENV) $(CYCLES_VENV) .venv-rocrate

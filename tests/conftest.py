@@ -53,8 +53,8 @@ def pytest_collection() -> Iterator[None]:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Tests that need a Docker engine, Blender or a cluster run when they are asked for by path, and then never skip."""
-    for name in ("cluster", "compose", "cycles"):
+    """Tests that need Docker, Blender, a cluster or another environment run when asked for by path, and then never skip."""
+    for name in ("cluster", "compose", "cycles", "rocrate"):
         folder = Path(__file__).with_name(name)
         if collection_path == folder and not any(f"tests/{name}" in str(argument) for argument in config.args):
             return True

@@ -14,17 +14,23 @@ from io import BytesIO
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import yaml
 from PIL import Image
 
 from tools.contact_sheet import captioned, contact_sheet
+from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
+from valerie.analysis.findings.search import find_findings
 from valerie.analysis.report.panels import make_panel
 from valerie.analysis.report.plots import static_figure
 from valerie.analysis.rows.frame_counts import settings
+from valerie.analysis.rows.pairing import frames_of_any_run
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.trends.trends import find_trends
 from valerie.analysis.wording import setting_labels
+from valerie.cli.claims import read_claims
 from valerie.measures import measure_of
+from valerie.runs.products.frames import FrameKey
 
 ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "docs" / "experiment"
@@ -35,9 +41,11 @@ MADE: Final = ROOT / "var"
 
 
 def keep_part() -> None:
-    """Run two of eight headings; keep the report and the rows."""
+    """Run two of eight headings; keep the rows and the report, with the kept comparison of engines on its first page."""
     page = MADE / "paper-part.html"
-    _keep_rows(_run(SPECS / "paper-part.yaml", page), "paper-part")
+    run = _run(SPECS / "paper-part.yaml", page)
+    _keep_rows(run, "paper-part")
+    _valerie("report", run, "--claims", CLAIMS, "--beside", str(KEPT / "paper-cycles.json"), "-o", str(page))
     (KEPT / "paper-part.html.xz").write_bytes(lzma.compress(page.read_bytes(), preset=9))
 
 
@@ -72,8 +80,28 @@ def keep_cycles() -> None:
     cycles = _run(SPECS / "paper-cycles.yaml", MADE / "paper-cycles.html")
     _keep_rows(raster, "paper-cycles-raster")
     _keep_rows(cycles, "paper-cycles")
-    _valerie("compare", raster, cycles, "--claims", CLAIMS, "-o", str(KEPT / "paper-cycles.json"))
+    (KEPT / "paper-cycles.json").write_text(json.dumps(compare_kept().to_json(), ensure_ascii=False))
     _valerie("report", raster, "--claims", CLAIMS, "--beside", cycles, "-o", str(MADE / "paper-cycles.html"))
+
+
+def compare_kept() -> Beside:
+    """Compare the kept rows of both engines, with the paper's claims and the findings by raster."""
+    spec = yaml.safe_load((SPECS / "paper-cycles.yaml").read_text())
+    sides = []
+    for engine, name in (("raster", "paper-cycles-raster"), ("cycles", "paper-cycles")):
+        table = EvaluationTable.from_parquet(KEPT / f"{name}.parquet")
+        run_id = FrameKey.parse(table.codes("frame_id").names[0]).run_id
+        scenes = np.array(
+            [f"{frame.variant}.{frame.camera}.{frame.time}" for frame in frames_of_any_run(table)], object
+        )
+        sides.append(ComparedRun(f"{name} ({engine})", run_id, table, scenes))
+    findings = find_findings(sides[0].table, seed=spec.get("seed", 0))
+    return put_beside(
+        *sides,
+        findings=[*findings.items, *findings.candidates],
+        claims=read_claims(Path(CLAIMS)),
+        differs=[f"renderer (raster here, {spec['renderer']} there)"],
+    )
 
 
 def _run(spec: Path, page: Path) -> str:

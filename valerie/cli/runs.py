@@ -21,6 +21,7 @@ from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
     from valerie.analysis.claims.claims import Claims
+    from valerie.analysis.comparison.beside import Beside
     from valerie.cli.connecting import System
     from valerie.client import Client, Run
     from valerie.pipeline.reading.reports import ReportWith
@@ -187,7 +188,9 @@ def report(
     beside: Annotated[
         str | None,
         typer.Option(
-            "--beside", metavar="RUN", help="Compare with another run of the same scenes, such as one in Cycles."
+            "--beside",
+            metavar="RUN|FILE.json",
+            help="Show a comparison with another run of the same scenes, such as one in Cycles, or one that `compare` wrote.",
         ),
     ] = None,
     url: Url = None,
@@ -226,7 +229,17 @@ def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_di
     from valerie.pipeline.reading.reports import report_with
 
     with context_of(data_dir) as context:
-        return report_with(context, run_id, claims=claims, other=beside)
+        return report_with(context, run_id, claims=claims, other=_comparison(beside))
+
+
+def _comparison(beside: str | None) -> str | Beside | None:
+    """Return the id of a run as it is, and a comparison from its file."""
+    if beside is None or not beside.endswith(".json"):
+        return beside
+    from valerie.analysis.comparison import beside as comparison
+    from valerie.cli.shell import read_spec
+
+    return comparison.Beside.from_json(read_spec(Path(beside)))
 
 
 def compare(

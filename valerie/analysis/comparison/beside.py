@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from valerie.analysis.claims.claims import Claim, ClaimOutcome, Claims, DifferenceTest, LedgerEntry, write_ledger
 from valerie.analysis.comparison.before_after import GroupDifference, differences_of
@@ -162,6 +163,24 @@ class Beside:
         for conclusion, agreement in zip(document["conclusions"], agreements, strict=True):
             conclusion["agreement"] = agreement
         return document
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Beside:
+        """Read what `to_json` returned.
+
+        Raises:
+            InvalidInput: not such a document; the limit names the first place that does not fit.
+        """
+        try:
+            return TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            problem = error.errors(include_url=False)[0]
+            place = ".".join(map(str, problem["loc"])) or "the document"
+            raise InvalidInput(
+                "not a comparison of two runs",
+                field="beside",
+                limit=f"a file of `valerie compare RUN OTHER -o FILE.json`; {place}: {problem['msg']}",
+            ) from None
 
     def slices_table(self) -> pa.Table:
         """Return the paired differences as a table, one row per function, sensor setting and slice."""

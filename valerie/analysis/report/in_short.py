@@ -10,10 +10,11 @@ from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.wording import percent, points, setting_labels
+from valerie.statistics.units import Estimand
 
 
 def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
-    """Return a sentence each about verdicts, scores, findings, claims and the other run."""
+    """Return a sentence each about verdicts, scores, findings, claims, the other run, and what none of them covers."""
     summary = source.summary
     labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
@@ -46,6 +47,14 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )
         sentences.append(_counted("Conclusions", [conclusion.agreement for conclusion in source.beside.conclusions]))
+    listed = any(
+        row.pacc_mean_interval is not None and row.pacc_mean_interval.estimand is Estimand.LISTED_GRID
+        for row in summary.rows
+    )
+    beyond = (
+        "values between the listed ones, other sites or real pictures" if listed else "other scenes or real pictures"
+    )
+    sentences.append(f"Not claimed: anything about {beyond}.")
     return [sentence for sentence in sentences if sentence]
 
 

@@ -224,8 +224,13 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 
 
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
-    """Yield the persons in whom two runs differ most: title and (caption, data URL) of both."""
-    for comparison in beside.functions if beside is not None else ():
+    """Yield the persons in whom two runs differ most: title and (caption, data URL) of both.
+
+    A comparison that was made apart from this run has no pictures here.
+    """
+    if beside is None or beside.run_here != source.provenance.run_id:
+        return
+    for comparison in beside.functions:
         pairs: tuple[tuple[str, SharedPerson], ...] = (
             *(("fell", pair) for pair in comparison.fell),
             *(("rose", pair) for pair in comparison.rose[:1]),

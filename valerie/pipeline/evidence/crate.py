@@ -10,6 +10,7 @@ from valerie.pipeline.evidence.contents import RunFacts
 from valerie.pipeline.evidence.manifest import MANIFEST
 
 METADATA: Final = "ro-crate-metadata.json"
+_LICENCE: Final = "The distributor of this folder decides how it may be used."
 _FORMATS: Final = {
     ".json": "application/json",
     ".csv": "text/csv",
@@ -28,13 +29,15 @@ def write_crate(folder: Path, run: RunFacts, files: Mapping[str, str]) -> None:
         run: the run.
         files: path to description, in order.
     """
+    from rocrate.model.contextentity import ContextEntity
     from rocrate.rocrate import ROCrate
 
     crate = ROCrate(version="1.2")
     crate.name = f"Evidence of the VALERIE run {run.name} ({run.id})"
     crate.description = f"Spec, results, environment and frames of one run; {MANIFEST} lists the files with digests."
     crate.datePublished = (run.finished_at or run.created_at).isoformat()
-    crate.license = "No licence is stated. The distributor of this folder decides how it may be used."
+    licence = {"@type": "CreativeWork", "name": "No licence is stated", "description": _LICENCE}
+    crate.license = crate.add(ContextEntity(crate, "#licence", properties=licence))
     for path, description in files.items():
         properties = {"name": path, "description": description, "encodingFormat": _FORMATS[Path(path).suffix]}
         if path != MANIFEST:  # written last, over this description

@@ -107,8 +107,16 @@ def write_report(context: Context, found: RunResults) -> str:
     return build_report(_report_input(context, found))
 
 
-def report_with(context: Context, run_id: str, *, claims: Claims | None = None, other: str | None = None) -> ReportWith:
+def report_with(
+    context: Context, run_id: str, *, claims: Claims | None = None, other: str | Beside | None = None
+) -> ReportWith:
     """Return the report of an ended run with a ledger of claims, a comparison with another run, or both.
+
+    Args:
+        context: context of this process.
+        run_id: id of the run.
+        claims: statements to test.
+        other: id of the other run, or a comparison that was made elsewhere, such as of a part of this run in Cycles.
 
     Raises:
         NotFound: no such run.
@@ -116,7 +124,7 @@ def report_with(context: Context, run_id: str, *, claims: Claims | None = None, 
         InvalidInput, UnknownName: a claim names something that the run does not have, or the runs share no scene.
     """
     here = _ended(context, run_id)
-    beside = None if other is None else _compared(context, here, other, claims)
+    beside = _compared(context, here, other, claims) if isinstance(other, str) else other
     ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
     source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
     return ReportWith(build_report(source), ledger)

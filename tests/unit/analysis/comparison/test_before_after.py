@@ -94,7 +94,7 @@ def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison
     changes = comparison.changes(1)
     better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
-    assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (-20.0 points" in line for line in worse)
+    assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (−20.0 points" in line for line in worse)
     assert any("class road: pooled IoU" in line for line in worse)
     assert any("person precision, pooled: 85.7 → " in line for line in worse)
     assert [abs(one.step) for one in changes] == sorted((abs(one.step) for one in changes), reverse=True)
