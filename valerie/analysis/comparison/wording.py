@@ -16,17 +16,12 @@ def change_sentence(change: VersionChange) -> str:
         return f"person {measure_of(change.name).title}, pooled: {values}"
     own = change.difference
     assert own is not None
-<<<<<<< HEAD
     return f"{change.name}: mean pACC {values} ({difference_text(own)}; {own.lost:,} lost, {own.gained:,} gained)"
 
 
 def difference_text(difference: GroupDifference) -> str:
-    """Return a difference of mean pACC as text: ``-0.4 points by place, 95 % [-0.9, +0.1], 24 places``."""
-    return f"{100 * difference.mean:+.1f} points by place{span_text(difference)}, {difference.places:,} places"
-=======
-    by_place = f"{points(own.mean)} points by place{span_text(own)}, {own.places:,} places"
-    return f"{change.name}: mean pACC {values} ({by_place}; {own.lost:,} lost, {own.gained:,} gained)"
->>>>>>> d374f43a (The kept comparison of engines stands on a report's first page; evidence is validated as an RO-Crate; differences have one minus sign)
+    """Return a difference of mean pACC as text: ``−0.4 points by place, 95 % [−0.9, +0.1], 24 places``."""
+    return f"{points(difference.mean)} points by place{span_text(difference)}, {difference.places:,} places"
 
 
 def span_text(difference: GroupDifference) -> str:
