@@ -52,7 +52,8 @@ def test_a_cut_through_a_ball_leaves_half_its_area() -> None:
     kept = half.matrix @ points
     mesh = trimesh.Trimesh(kept, half.faces, process=False)
     expected = 2.0 * np.pi * (1.0 + 0.03)  # a cap's area is 2·pi·r·h
-    # The flat faces of the whole ball have 0.7 % less area than the sphere.
+    # Flat faces have less area than the sphere, by 0.5 % in the mean. That goes with the squares of their edges, which are 0.138
+    # to 0.165 long: no part of the ball lacks more or less than its share by more than a fifth of it.
     assert mesh.area == pytest.approx(expected * trimesh.Trimesh(points, faces).area / (4.0 * np.pi), rel=1e-3)
 
 
@@ -66,12 +67,16 @@ def test_the_edge_of_a_cut_lies_on_the_cut() -> None:
 
 def test_a_cut_leaves_no_slivers() -> None:
     points, faces = ball()
-    half = surface.clip(faces, points[:, 2] - 0.03)
+    snap = 0.3
+    half = surface.clip(faces, points[:, 2] - 0.03, snap=snap)
     kept = half.matrix @ points
     edges, _ = surface.edges_of(half.faces)
     lengths = np.linalg.norm(kept[edges[:, 0]] - kept[edges[:, 1]], axis=1)
     whole, _ = surface.edges_of(faces)
-    assert lengths.min() > 0.15 * np.linalg.norm(points[whole[:, 0]] - points[whole[:, 1]], axis=1).min()
+    shortest = np.linalg.norm(points[whole[:, 0]] - points[whole[:, 1]], axis=1).min()
+    # Both ends of an edge along the cut lie at least that share of an edge away from the corner that is cut off.
+    narrowest = trimesh.Trimesh(points, faces).face_angles.min()
+    assert lengths.min() > snap * np.sin(narrowest) * shortest
 
 
 def test_a_field_below_zero_everywhere_cuts_nothing() -> None:
@@ -107,18 +112,22 @@ def test_a_strip_continues_the_surface_outwards() -> None:
 
 def test_vertex_normals_of_a_ball_are_its_radii() -> None:
     points, faces = ball()
-    assert (np.einsum("ij,ij->i", surface.vertex_normals(points, faces), points) > 0.999).all()
+    # Normals of faces lie 0.1 off the radius of a corner, an edge over √3; around it they cancel but for a fifth, by which edges
+    # differ.
+    assert (np.einsum("ij,ij->i", surface.vertex_normals(points, faces), points) > np.cos(0.02)).all()
 
 
 def test_simplifying_a_ball_keeps_its_shape_and_closedness() -> None:
     points, faces = ball()
     slim = surface.simplify(points, faces, 800)
-    assert 750 <= len(slim.faces) <= 830
+    assert len(slim.faces) == 800
     kept = slim.matrix @ points
     mesh = trimesh.Trimesh(kept, slim.faces, process=False)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
-    assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi, rel=0.04)
+    # What flat faces lack goes with their area, and the middle of an edge, where it collapses to, lies inside by as much again.
+    lacking = 1.0 - trimesh.Trimesh(points, faces).volume / (4.0 / 3.0 * np.pi)
+    assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi, rel=2.0 * lacking * len(faces) / 800)
 
 
 def test_simplifying_keeps_every_vertex_of_an_open_edge() -> None:
@@ -159,6 +168,7 @@ def test_evening_an_edge_takes_its_zigzag_out_and_leaves_the_rest() -> None:
     jagged = kept.copy()
     jagged[loop[::2], 2] += 0.02
     even = surface.even_edges(jagged, half.faces)
-    assert np.ptp(even[loop, 2]) < 0.004
+    # A mean that weighs a vertex as much as its two neighbours has no zigzag left.
+    assert np.ptp(even[loop, 2]) == pytest.approx(0.0, abs=1e-12)
     inner = np.setdiff1d(np.arange(len(kept)), loop)
     np.testing.assert_array_equal(even[inner], jagged[inner])

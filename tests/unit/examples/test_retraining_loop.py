@@ -31,7 +31,7 @@ def test_a_run_is_shown_beside_two_new_versions(
     world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
     run_id = world.work(spec("validation", asset="urban-street", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
-        frames=2, sites=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
+        frames=2, sites=1, width=160, height=96, steps=1, batch=2, held_out_frames=0, broad_share=0.5
     )
     document = close_the_loop(world.context, run_id, WEAK, settings, tmp_path / "out")
     written = json.loads((tmp_path / "out" / "comparison.json").read_text())
