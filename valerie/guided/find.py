@@ -4,12 +4,17 @@ A *mode* is a connected set of failures: variants between two of them fail as we
 failures, since many failures with one cause teach little.
 
 Most points explore: they are scrambled Sobol' points of the operational domain, so likely modes are hit first. The others
-descend. A descent starts at a point with a low score and no better point nearby (nearest-better distance: Preuss 2010,
-doi:10.1007/978-3-642-12239-2_40). It ends at once if scores fall on the way from there to a known mode. Each round draws
-candidates around its best point that differ in a few coordinates, and asks for those to which a linear radial basis
-function, fitted to the evaluated points nearby, gives the lowest scores (Regis and Shoemaker 2013,
-doi:10.1080/0305215X.2012.687731). Covariates are further coordinates of that function. A descent without improvement
-halves its reach, and ends after `PATIENCE` such rounds.
+descend. A descent starts at a passing point whose score is far below the prediction of a surrogate that was not fitted to
+it: the surrogate knows the slopes of large modes, so what surprises it may belong to another one. Covariates are further
+inputs of the surrogate. A descent spends as little as it can:
+
+1. It steps in `PROBES` random directions and estimates the steepness of the margin. If the boundary is farther away than
+   `REACH` at that steepness, it ends.
+2. It ends if scores fall on the way from there to a known mode.
+3. It takes a simplex gradient (Conn, Scheinberg and Vicente 2009, doi:10.1137/1.9780898718768), one point per parameter,
+   and follows it to where the boundary should be. A lower score there starts another gradient, `STEPS` times at most.
+
+Descents get a large share of a batch only while they meet more new modes per point than exploration does.
 
 A failure counts once it has failed under further random seeds. It belongs to a mode if the variant halfway to a member of
 the mode fails too. So a bent mode may count as several, and modes that touch as one.
@@ -17,9 +22,11 @@ the mode fails too. So a bent mode may count as several, and modes that touch as
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Final
 
 import numpy as np
@@ -29,36 +36,39 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Axis, Cube, Domain
 from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
-from valerie.guided.surrogate import margins
+from valerie.guided.surrogate import held_out, margins
 from valerie.parameters.samplers import UnitPoints
 
 Floats = NDArray[np.float64]
 
-#: Largest share of a batch for descents.
-DESCENDING: Final = 0.4
+#: Shares of a batch for descents: where they pay less than exploration, and where they pay more.
+DESCENDING: Final = (0.03, 0.5)
+#: New modes and points of descents that are assumed before any: a descent has to pay soon.
+ASSUMED: Final = (0.3, 20)
 #: Largest share of a batch for the checks of failures.
 CHECKING: Final = 0.2
 #: Exploring points before the first descent.
-FIRST: Final = 128
-#: Points of a descent in each round.
-ROUND: Final = 4
-#: Rounds without improvement after which a descent ends.
-PATIENCE: Final = 2
-#: A start with a better point within this distance is skipped; in median distances between explored points.
-NEARBY: Final = 0.3
-#: Share of the passing points, those with the lowest scores, among which starts are sought.
-LOWEST: Final = 0.1
+FIRST: Final = 64
+#: Directions that a new start tries.
+PROBES: Final = 2
+#: Length of a step of a gradient, in quantiles.
+STEP: Final = 0.01
+#: Farthest boundary that a descent aims at, in quantiles.
+REACH: Final = 0.3
+#: Gradients of a descent at most.
+STEPS: Final = 3
+#: Share of the passing points that may become starts.
+SURPRISING: Final = 0.25
+#: Growth of the number of points after which the surrogate is fitted again.
+REFIT: Final = 1.2
 #: Modes that a point is compared with at a time.
 COMPARED: Final = 3
 #: Standard deviation of a mode's members below which a parameter matters to it.
 NARROW: Final = 0.2
 #: Fewest members for the shape of a mode.
 MEMBERS: Final = 3
-#: Radii of a mode within which a point with a low score belongs to it.
-_SLOPE: Final = 1.5
-_REACH: Final = 0.3
-_CANDIDATES: Final = 100
-_NEIGHBOURS: Final = 60
+#: Points along a gradient, in distances to the expected boundary.
+_ALONG: Final = (0.7, 1.1, 1.6)
 #: Smaller improvements of a margin do not count.
 _LEAST: Final = 0.02
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
@@ -107,18 +117,24 @@ class Modes(Result):
     evaluations: int
 
 
+class _Stage(Enum):
+    PROBE = auto()
+    COMPARE = auto()
+    GRADIENT = auto()
+    FOLLOW = auto()
+
+
 @dataclass(slots=True, eq=False)
 class _Descent:
-    """A descent: its best row, the reach of its candidates, and the state of its round."""
+    """A descent: its best row, and the points of its stage: to be asked for, in work, and told."""
 
     best: int
-    reach: float = _REACH
-    compared: bool = False
-    known: bool = False
-    rounds: int = 0
-    misses: int = 0
+    stage: _Stage = _Stage.PROBE
+    left: list[tuple[UnitPoints, int | None]] = field(default_factory=list)
     waiting: int = 0
-    improved: bool = False
+    told: list[int] = field(default_factory=list)
+    steps: int = 0
+    ended: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -155,7 +171,7 @@ class Find:
         repeats: further seeds under which a failure must fail; 0 if nothing is random. Evaluate a repeated point under
             another seed.
         covariates: (n, dimensions) points to (n, k) free numbers of about 0…1, e.g. distances.
-        descending: share of a batch for descents, at most.
+        descending: shares of a batch for descents, where they pay less than exploration and where they pay more.
 
     Raises:
         InvalidInput: a bound outside 0…1, or negative repeats.
@@ -169,7 +185,7 @@ class Find:
         seed: int,
         repeats: int = 1,
         covariates: Callable[[UnitPoints], Floats] | None = None,
-        descending: float = DESCENDING,
+        descending: tuple[float, float] = DESCENDING,
     ) -> None:
         if not 0 < at_least < 1:
             raise InvalidInput("a bound of scores in 0…1", field="at_least", value=at_least, limit="above 0, below 1")
@@ -188,9 +204,11 @@ class Find:
         self._features = np.empty((0, 0))
         self._margins = np.empty(0)
         self._explores = np.empty(0, np.bool_)
-        self._evaluations = self._unrepeated = 0
+        self._evaluations = self._unrepeated = self._descended = 0
         self._descents: list[_Descent] = []
         self._started: set[int] = set()
+        self._candidates: list[int] = []
+        self._fitted = 0
         self._failures: list[_Failure] = []
         self._modes: list[list[int]] = []
 
@@ -201,7 +219,7 @@ class Find:
         wanted = self._checks(int(CHECKING * count))
         checks = len(wanted)
         if np.count_nonzero(self._explores) >= FIRST:
-            wanted += self._descend(rng, min(int(self._descending * count), count - checks))
+            wanted += self._descend(rng, min(math.ceil(self._share() * count), count - checks))
         descending = len(wanted) - checks
         explores = self._exploration.take(count - len(wanted))
         points = np.concatenate(
@@ -234,8 +252,12 @@ class Find:
             if failed and tag.mode is None:
                 self._failures.append(_Failure(row))
             if tag.descent is not None:
-                self._descended(tag.descent, tag.mode, row)
-        self._descents = [descent for descent in self._descents if self._goes_on(descent)]
+                tag.descent.waiting -= 1
+                tag.descent.told.append(row)
+        for descent in self._descents:
+            if not descent.waiting and not descent.left:
+                self._go_on(descent)
+        self._descents = [descent for descent in self._descents if not descent.ended]
         self._place()
 
     def _with_covariates(self, points: UnitPoints, before: Floats | None = None) -> Floats:
@@ -284,7 +306,7 @@ class Find:
     def _halfway(self, row: int, mode: int) -> UnitPoints | None:
         """Return the legal point between a failure and the nearest member of a mode; None without one."""
         point, members = self._points[row], self._points[self._modes[mode]]
-        ways = self.domain.steps(point, members) if isinstance(self.domain, Domain) else members - point
+        ways = self._moves(point, members)
         nearest = int(np.argmin((ways**2).sum(axis=1)))
         halfway = point + np.where(self._numbers, ways[nearest] / 2, 0.0)
         if isinstance(self.domain, Domain):
@@ -313,121 +335,111 @@ class Find:
                 self._modes.append([failure.row])
 
     def _descend(self, rng: np.random.Generator, count: int) -> list[tuple[UnitPoints, _Tag]]:
-        resting = [descent for descent in self._descents if not descent.waiting]
-        missing = count // (ROUND - 1) - len(resting)
-        if missing > 0:
-            begun = [_Descent(row) for row in self._starts(missing)]
-            self._descents += begun
-            resting += begun
+        """Return the next points of descents, of new ones where the others wait for scores."""
+        left = sum(len(descent.left) for descent in self._descents)
+        for row in self._starts(math.ceil((count - left) / PROBES)):
+            directions = rng.standard_normal((PROBES, self.domain.dimensions)) * self._numbers
+            directions /= np.linalg.norm(directions, axis=1)[:, None] + 1e-12
+            begun = _Descent(row)
+            begun.left = self._legal(self._points[row] + STEP * directions)
+            self._descents.append(begun)
         wanted: list[tuple[UnitPoints, _Tag]] = []
-        for descent in resting:
-            tagged = self._comparisons(descent)
-            if not tagged:
-                tagged = [(point, _Tag(descent=descent)) for point in self._round(rng, descent)]
-                descent.rounds += 1
-            if len(wanted) + len(tagged) > count:
-                break
-            descent.waiting, descent.improved, descent.compared = len(tagged), False, True
-            wanted += tagged
+        for descent in self._descents:
+            while descent.left and len(wanted) < count:
+                point, mode = descent.left.pop(0)
+                descent.waiting += 1
+                self._descended += 1
+                wanted.append((point, _Tag(descent=descent, mode=mode)))
         return wanted
 
-    def _comparisons(self, descent: _Descent) -> list[tuple[UnitPoints, _Tag]]:
-        """Return the points halfway from a new start to the modes that most likely contain it."""
-        if descent.compared:
-            return []
-        halfway = {mode: self._halfway(descent.best, mode) for mode in self._likely(descent.best)[:COMPARED]}
-        return [(point, _Tag(descent=descent, mode=mode)) for mode, point in halfway.items() if point is not None]
+    def _share(self) -> float:
+        """Return the share of the next batch for descents, by the rates at which both kinds of points meet new modes.
+
+        For exploration it is the share of points that alone hit a mode (Good 1953, doi:10.1093/biomet/40.3-4.237).
+        """
+        alone = sum(np.count_nonzero(self._explores[members]) == 1 for members in self._modes)
+        won = sum(not self._explores[members[0]] for members in self._modes)
+        modes, points = ASSUMED
+        exploring = (alone + 1) / max(np.count_nonzero(self._explores), 1)
+        pays = (modes + won) / (points + self._descended) > exploring
+        return self._descending[1 if pays else 0]
+
+    def _legal(self, points: UnitPoints) -> list[tuple[UnitPoints, int | None]]:
+        """Return the legal ones of points, which are reflected where they leave the domain."""
+        if isinstance(self.domain, Domain):
+            points = np.where(self.domain.periodic, points % 1.0, points)
+        points = np.abs(points)
+        points = np.clip(np.where(points > 1, 2 - points, points), 0, _BELOW_ONE)
+        return [(point, None) for point in points[self.domain.legal(points)]]
+
+    def _go_on(self, descent: _Descent) -> None:
+        """Take the scores of a descent's stage and begin the next one, or end it."""
+        told = [row for row in descent.told if not np.isnan(self._margins[row])]
+        descent.told = []
+        start, margin = self._points[descent.best], self._margins[descent.best]
+        changes = self._margins[told] - margin
+        moves = self._moves(start, self._points[told])
+        match descent.stage:
+            case _Stage.PROBE:
+                # The mean square of a direction's cosine is 1 / dimensions.
+                slopes = changes / (np.linalg.norm(moves, axis=1) + 1e-12)
+                steepness = math.sqrt(self._numbers.sum() * float((slopes**2).mean())) if told else 0.0
+                descent.stage = _Stage.COMPARE
+                descent.ended = margin > REACH * steepness
+                descent.left = [] if descent.ended else self._comparisons(descent.best)
+                if not descent.left and not descent.ended:
+                    self._go_on(descent)
+            case _Stage.COMPARE:
+                descent.ended = bool((changes < 0).any())
+                self._take_gradient(descent)
+            case _Stage.GRADIENT:
+                gradient = np.linalg.lstsq(moves, changes)[0] if told else np.zeros(len(start))
+                steepness = float(np.linalg.norm(gradient))
+                descent.ended = margin > REACH * steepness
+                if not descent.ended:
+                    way = -gradient / steepness * (margin / steepness)
+                    descent.stage = _Stage.FOLLOW
+                    descent.left = self._legal(start + np.outer(_ALONG, way))
+                    descent.ended = not descent.left
+            case _Stage.FOLLOW:
+                lowest = told[int(np.argmin(changes))] if told else descent.best
+                improved = self._margins[lowest] < margin - _LEAST
+                descent.best = lowest
+                descent.ended = not improved or self._margins[lowest] < 0 or descent.steps == STEPS
+                self._take_gradient(descent)
+
+    def _take_gradient(self, descent: _Descent) -> None:
+        if not descent.ended:
+            descent.steps += 1
+            descent.stage = _Stage.GRADIENT
+            descent.left = self._legal(
+                self._points[descent.best] + STEP * np.eye(self.domain.dimensions)[self._numbers]
+            )
+            descent.ended = not descent.left
+
+    def _moves(self, start: UnitPoints, points: UnitPoints) -> Floats:
+        """Return the ways from a point to others, (n, dimensions)."""
+        return self.domain.steps(start, points) if isinstance(self.domain, Domain) else points - start
+
+    def _comparisons(self, row: int) -> list[tuple[UnitPoints, int | None]]:
+        """Return the points halfway to the modes that most likely contain a point."""
+        halfway = {mode: self._halfway(row, mode) for mode in self._likely(row)[:COMPARED]}
+        return [(point, mode) for mode, point in halfway.items() if point is not None]
 
     def _starts(self, count: int) -> list[int]:
-        """Return rows with low scores and no better point nearby, lowest first."""
+        """Return passing rows whose scores are far below what a surrogate expects that was not fitted to them."""
         defined = np.flatnonzero(~np.isnan(self._margins))
-        if len(defined) < _NEIGHBOURS:
+        if count <= 0 or len(defined) < FIRST:
             return []
-        order = defined[np.argsort(self._margins[defined], kind="stable")]
-        nearby = (NEARBY * self._usual_distance(defined)) ** 2
-        passing = order[self._margins[order] >= 0]
-        lowest = passing[: int(LOWEST * len(passing))]
-        lowest = lowest[~self._on_known_slopes(self._points[lowest])]
-        chosen: list[int] = []
-        for row in lowest.tolist():
-            if len(chosen) == count:
-                break
-            if row in self._started:
-                continue
-            better = order[self._margins[order] < self._margins[row]]
-            if (((self._features[better] - self._features[row]) ** 2).sum(axis=1) >= nearby).all():
-                self._started.add(row)
-                chosen.append(row)
+        if len(defined) > REFIT * self._fitted:
+            self._fitted = len(defined)
+            passing = self._margins[defined] >= 0
+            surprises = (self._margins[defined] - held_out(self._features[defined], self._margins[defined]))[passing]
+            lowest = np.argsort(surprises, kind="stable")[: math.ceil(SURPRISING * len(surprises))]
+            self._candidates = [row for row in defined[passing][lowest].tolist() if row not in self._started]
+        chosen, self._candidates = self._candidates[:count], self._candidates[count:]
+        self._started.update(chosen)
         return chosen
-
-    def _usual_distance(self, defined: NDArray[np.int64]) -> float:
-        """Return the median distance from an explored point to the next one."""
-        explored = defined[self._explores[defined]]
-        some = self._features[explored[:: max(len(explored) // 64, 1)]]
-        others = self._features[explored]
-        squares = (some**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2 * some @ others.T
-        return float(np.sqrt(np.median(np.partition(np.maximum(squares, 0), 1, axis=1)[:, 1])))
-
-    def _on_known_slopes(self, points: UnitPoints) -> NDArray[np.bool_]:
-        lies = np.zeros(len(points), np.bool_)
-        for mode, members in enumerate(self._modes):
-            middle, variance = self._shape(mode)
-            narrow = variance < NARROW**2
-            if len(members) >= MEMBERS and narrow.any():
-                # A ball of radius r has the variance r² / (k + 2) in each of its k dimensions.
-                radii = ((points - middle) ** 2 / variance)[:, narrow].sum(axis=1) / (narrow.sum() + 2)
-                lies |= radii < _SLOPE**2
-        return lies
-
-    def _round(self, rng: np.random.Generator, descent: _Descent) -> UnitPoints:
-        """Return the candidates around a descent's best point with the lowest scores by a local model."""
-        from scipy.interpolate import RBFInterpolator
-
-        best = self._points[descent.best]
-        defined = np.flatnonzero(~np.isnan(self._margins))
-        squares = ((self._features[defined] - self._features[descent.best]) ** 2).sum(axis=1)
-        near = defined[np.argsort(squares, kind="stable")[:_NEIGHBOURS]]
-        shape = (_CANDIDATES, self.domain.dimensions)
-        moved = rng.random(shape) < max(0.3, 2 / self.domain.dimensions)
-        moved[np.arange(_CANDIDATES), rng.integers(0, self.domain.dimensions, _CANDIDATES)] = True
-        drawn = np.where(self._numbers, best + descent.reach * rng.standard_normal(shape), rng.random(shape))
-        candidates = np.where(moved, drawn, best)
-        if isinstance(self.domain, Domain):
-            candidates = np.where(self.domain.periodic, candidates % 1.0, candidates)
-        candidates = np.abs(candidates)  # reflected where they leave the domain
-        candidates = np.clip(np.where(candidates > 1, 2 - candidates, candidates), 0, _BELOW_ONE)
-        candidates = candidates[self.domain.legal(candidates)]
-        if len(candidates) <= ROUND:
-            return candidates
-        model = RBFInterpolator(self._features[near], self._margins[near], kernel="linear", smoothing=1e-3, degree=0)
-        predicted = model(self._with_covariates(candidates))
-        chosen: list[int] = []
-        for row in np.argsort(predicted, kind="stable").tolist():
-            gaps = [np.abs(candidates[row] - candidates[other]).max() for other in chosen]
-            if not gaps or min(gaps) > 0.2 * descent.reach:
-                chosen.append(row)
-            if len(chosen) == ROUND:
-                break
-        return candidates[chosen]
-
-    def _descended(self, descent: _Descent, mode: int | None, row: int) -> None:
-        descent.waiting -= 1
-        if mode is not None:  # scores fall on the way to a known mode
-            descent.known |= bool(self._margins[row] < self._margins[descent.best])
-        elif self._margins[row] < self._margins[descent.best] - _LEAST:
-            descent.best, descent.improved = row, True
-
-    def _goes_on(self, descent: _Descent) -> bool:
-        if descent.waiting:
-            return True
-        if descent.known or self._margins[descent.best] < 0:
-            return False
-        if descent.improved:
-            return True
-        if descent.rounds:
-            descent.misses += 1
-            descent.reach /= 2
-        return descent.misses < PATIENCE
 
     @property
     def result(self) -> Modes | None:
