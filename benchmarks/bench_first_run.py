@@ -1,8 +1,9 @@
 """Measure `valerie run examples/first-run.yaml` in a new data folder: wall time, and CPU seconds by process and by product.
 
 ``python -m benchmarks.bench_first_run [--beside CHECKOUT] [--repeats 1]``. With ``--beside``, the code of another checkout runs
-the same spec in turn, so that both compete with the same load on a busy machine. The last column is the wall time, divided by
-the wall time if every core had worked throughout.
+the same spec in turn, so that both compete with the same load on a busy machine. The last columns are the wall time that an
+otherwise idle machine would have taken, and its ratio to the wall time if every core had worked throughout. It is estimated from
+samples: CPU time passes at the rate of as many cores as the run has threads that want one.
 """
 
 from __future__ import annotations
@@ -47,8 +48,9 @@ def main() -> None:
             show(name, figures[name][-1])
     cores = os.cpu_count() or 1
     for name, runs in figures.items():
-        wall, cpu = median(run["wall_s"] for run in runs), median(run["cpu_s"] for run in runs)
-        print(f"{name:7} {wall:7.1f} s wall {cpu:7.1f} CPU s   {wall * cores / cpu:.2f} × CPU seconds / cores")
+        wall, cpu, idle = (median(run[key] for run in runs) for key in ("wall_s", "cpu_s", "idle_machine_wall_s"))
+        ratio = f"{idle * cores / cpu:.2f} × CPU seconds / cores"
+        print(f"{name:7} {wall:7.1f} s wall {cpu:7.1f} CPU s   on an idle machine {idle:.1f} s, {ratio}")
     results.write("first_run", figures)
 
 
@@ -75,6 +77,7 @@ def measure(checkout: Path, spec: Path) -> dict[str, Any]:
         "cpu_s": round(cpu, 1),
         "products_cpu_s": {kind: round(seconds, 1) for kind, seconds in rows if seconds},
         "processes_cpu_s": watch.finish(),
+        "idle_machine_wall_s": round(watch.idle_wall_s, 1),
     }
 
 
@@ -89,6 +92,7 @@ class _Watch:
     def __init__(self, pid: int) -> None:
         self._root = psutil.Process(pid)
         self._seconds: dict[tuple[str, int], float] = {}
+        self.idle_wall_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -103,11 +107,15 @@ class _Watch:
         return {name: round(seconds, 1) for name, seconds in sorted(sums.items(), key=itemgetter(1), reverse=True)}
 
     def _run(self) -> None:
+        cores = os.cpu_count() or 1
+        looked = time.monotonic()
         while not self._stop.wait(_LOOK_SECONDS):
             try:
                 processes = [self._root, *self._root.children(recursive=True)]
             except psutil.NoSuchProcess:
                 return
+            before, passed = sum(self._seconds.values()), time.monotonic() - looked
+            looked, wanting = looked + passed, sum(_wanting(process.pid) for process in processes)
             for process in processes:
                 try:
                     times, words = process.cpu_times(), process.cmdline()
@@ -119,11 +127,25 @@ class _Watch:
                 module = words[words.index("-m") + 1 :][:3] if "-m" in words else words[:1]
                 parent = "" if "probe" in " ".join(module) else f" ({kind})"
                 self._seconds[" ".join(module[: 1 if parent else 3]) + parent, process.pid] = times.user + times.system
+            used = sum(self._seconds.values()) - before
+            # On an idle machine, each thread that wants a core has one; where none does, the run waits for something else.
+            self.idle_wall_s += used / min(max(wanting, 1), cores) + (0.0 if wanting else passed)
 
     @staticmethod
     def _is_fork(process: psutil.Process) -> bool:
         parent = process.parent()
         return parent is not None and parent.cmdline() == process.cmdline()
+
+
+def _wanting(pid: int) -> int:
+    """Return the number of a process's threads that run or wait for a core."""
+    count = 0
+    for path in Path(f"/proc/{pid}/task").glob("*/stat"):
+        try:
+            count += path.read_text().rpartition(")")[2].split()[0] in "RD"
+        except OSError:  # it has ended
+            continue
+    return count
 
 
 def show(name: str, run: dict[str, Any]) -> None:

@@ -54,5 +54,5 @@ def test_the_table_names_strides_and_sizes_and_gives_speed_ups_of_the_large_netw
         "`deeplabv3plus-small`, output stride 16, given 1600 × 896 |"
     )
     assert lines[2:4] == ["| eager fp32 | 10 | 10 |", "| torch fp32 | 5 (2.00 ×) | 5 |"]
-    assert lines[-1] == "| openvino fp16 | – | – |"
+    assert "| openvino fp16 | – | – |" in lines
     assert len(lines) == 2 + len(MODES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from threading import Semaphore
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from tests.world.blank import Pipeline
 from tests.world.boxes import spec
 from valerie import plugins
 from valerie.errors import TransientError
-from valerie.pipeline.work.makers import inference
 from valerie.storage.keys import PRODUCTS
 from valerie.testing.blank import BlankFunction
 
@@ -66,41 +64,6 @@ def opened(monkeypatch: pytest.MonkeyPatch, pipelines: Callable[..., Pipeline]) 
 def predictions(pipeline: Pipeline) -> dict[str, bytes]:
     store = pipeline.context.store
     return {info.key: store.get(info.key) for info in store.list(f"{PRODUCTS}prediction")}
-
-
-def test_the_next_picture_is_developed_while_the_function_works(opened, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    begun, met = Semaphore(0), []
-    capture_of = inference.capture_of
-
-    def noted(*arguments):  # type: ignore[no-untyped-def]
-        begun.release()
-        return capture_of(*arguments)
-
-    def meet(_: Picture) -> None:
-        if not met:  # the first picture, and beside its prediction the second
-            met.extend([begun.acquire(timeout=10), begun.acquire(timeout=10)])
-
-    monkeypatch.setattr(inference, "capture_of", noted)
-    pipeline, run_id = opened(Alone(meet))
-    assert pipeline.run(run_id) == "completed"
-    assert met == [True, True]
-
-
-def test_an_input_that_is_lost_for_the_next_picture_is_made_again(opened) -> None:  # type: ignore[no-untyped-def]
-    lost: list[str] = []
-
-    def lose(_: Picture) -> None:
-        if not lost:
-            lost.extend(info.key for info in pipeline.context.store.list(f"{PRODUCTS}layer"))
-            for key in lost:
-                pipeline.context.store.delete(key)
-
-    pipeline, run_id = opened(Alone(lose))
-    assert pipeline.run(run_id) == "completed"
-    assert lost
-    calm, run_id = opened(BlankFunction(), "calm")
-    assert calm.run(run_id) == "completed"
-    assert predictions(pipeline) == predictions(calm)
 
 
 def test_pictures_of_one_message_are_predicted_together_with_the_same_results(opened) -> None:  # type: ignore[no-untyped-def]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Final, NamedTuple
 
 import psutil
@@ -43,9 +42,6 @@ class InferMaker:
 
     If the function takes several pictures at once, the pictures of the next products are predicted together with the current
     one, and kept until their turn. Claims, storing and failures remain separate for each product.
-
-    If it takes one at a time, another thread develops the next picture meanwhile, since not all of a prediction uses all cores.
-    Nothing else reads products then.
     """
 
     def __init__(self, context: Context) -> None:
@@ -58,14 +54,11 @@ class InferMaker:
         self._open: dict[tuple[str, ...], BoundedFunction] = {}
         self._expected: dict[str, Job] = {}
         self._ahead: dict[str, Predicted] = {}
-        self._developer = ThreadPoolExecutor(1, "developer")
-        self._developing: tuple[str, Future[NDArray[uint8]]] | None = None
 
     def expect(self, jobs: Sequence[Job]) -> None:
         """See `valerie.pipeline.work.stages.LooksAhead`."""
         self._expected = {job.digest: job for job in jobs}
         self._ahead.clear()
-        self._developed("")
 
     def before_end(self, tell: Callable[[str], None]) -> None:
         """See `valerie.pipeline.work.stages.MayEnd`."""
@@ -89,18 +82,14 @@ class InferMaker:
     def _predict(self, job: Job) -> Predicted:
         """Predict one picture together with some of the next ones."""
         started = time.process_time()
-        developed = self._developed(job.digest)
         run, look = self._runs.run(job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
         function = self._function(name, run.pins.functions[name])
-        pictures = {job.digest: self._picture(job) if developed is None else developed.result()}
+        pictures = {job.digest: self._picture(job)}
         # A second attempt has no companions: a picture that ended a process must not harm its neighbours twice.
         size = function.batch_size if job.attempts == 1 else 1
         if size > 1:
             pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
-        elif self._expected:
-            following = next(iter(self._expected.values()))
-            self._developing = following.digest, self._developer.submit(self._picture, following)
         predictions = self._predictions(function, list(pictures.values()))
         levels = [picture_levels(picture) for picture in list(pictures.values())[: len(predictions)]]
         each = (time.process_time() - started) / len(predictions)
@@ -148,14 +137,6 @@ class InferMaker:
         look = _look(job)
         capture = capture_of(resolved, job.frame, look.sensor)
         return capture.empty_picture(self._reader) if job.digest == look.empty else capture.picture(self._reader)
-
-    def _developed(self, digest: str) -> Future[NDArray[uint8]] | None:
-        """Return the picture of a product if it was developed ahead; wait for the other thread in any case."""
-        developing, self._developing = self._developing, None
-        if developing is None:
-            return None
-        wait([developing[1]])
-        return developing[1] if developing[0] == digest else None
 
     def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
         key = (name, pin.digest, pin.numeric_class)
