@@ -16,7 +16,6 @@ from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.stages import Maker, serve_queue
 from valerie.runs.products.states import EVAL_QUEUE, RunState
 
@@ -58,6 +57,11 @@ def ask_for_work(context: Context, maker: Maker, routes: Sequence[str], stop: th
 def _finish_runs(context: Context) -> bool:
     with reading(context.engine) as connection:
         finishing = runs.in_states(connection, (RunState.FINISHING,))
+    if not finishing:
+        return False
+    # Results need the analysis, which workers otherwise start without.
+    from valerie.pipeline.work.finish import finish_run
+
     for run in finishing:
         finish_run(context, run.id)
-    return bool(finishing)
+    return True
