@@ -57,10 +57,11 @@ def ask_for_work(context: Context, maker: Maker, routes: Sequence[str], stop: th
 def _finish_runs(context: Context) -> bool:
     with reading(context.engine) as connection:
         finishing = runs.in_states(connection, (RunState.FINISHING,))
-    if finishing:
-        # The analysis takes as long to import as all else in a worker, and most workers finish no run.
-        from valerie.pipeline.work.finish import finish_run
+    if not finishing:
+        return False
+    # Results need the analysis, which workers otherwise start without.
+    from valerie.pipeline.work.finish import finish_run
 
-        for run in finishing:
-            finish_run(context, run.id)
-    return bool(finishing)
+    for run in finishing:
+        finish_run(context, run.id)
+    return True
