@@ -237,7 +237,7 @@ def _comparison(beside: str | None) -> str | Beside | None:
     if beside is None or not beside.endswith(".json"):
         return beside
     from valerie.analysis.comparison import beside as comparison
-    from valerie.cli.shell import read_spec
+    from valerie.local.spec_files import read_spec
 
     return comparison.Beside.from_json(read_spec(Path(beside)))
 

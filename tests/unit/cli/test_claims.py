@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
 from tests.world.world import settings_of
+from tools.paper import KEPT
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
 
@@ -65,3 +66,22 @@ def test_wrong_documents_and_formats_are_refused(run: tuple[Path, str], tmp_path
         called(run, document)
     with pytest.raises(InvalidInput, match=r"\.parquet"):
         called(run, document, "-o", "ledger.xlsx")
+
+
+def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, str], tmp_path: Path) -> None:
+    folder, run_id = run
+    page, other = tmp_path / "report.html", tmp_path / "other.json"
+    other.write_text("{}")
+
+    def report(beside: Path) -> str:
+        command = ["report", run_id, "--data-dir", str(folder), "-o", str(page), "--beside", str(beside)]
+        result = CliRunner().invoke(app, command, catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return page.read_text("utf-8")
+
+    html = report(KEPT / "paper-cycles.json")
+    in_short = html[html.index("In short") : html.index("<h2>Findings")]
+    assert "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−5.5, +2.7] on 216 equal views" in in_short
+    assert "made apart from this run" in html
+    with pytest.raises(InvalidInput, match="not a comparison of two runs"):
+        report(other)
