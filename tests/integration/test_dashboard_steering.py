@@ -103,9 +103,11 @@ def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page
     page.wait_for_selector(".facts.plan dd:text-is('8')", timeout=30_000)
     page.wait_for_selector("button.primary:not([disabled])")
     page.wait_for_selector(".previews img", timeout=PREVIEW_MS)
+    page.select_option("#priority", "high")
     page.click("text=Submit run")
     page.wait_for_url("**#/runs/*")
     page.wait_for_selector(".chip:has-text('completed')", timeout=60_000)
+    assert api.get(f"/v1/runs/{run_named(api, 'from the form')}").json()["priority"] == "high"
     submitted = api.get(f"/v1/runs/{run_named(api, 'from the form')}").json()["spec"]
     assert submitted["cameras"] == ["camera-1"]
     assert submitted["resolution"] == {"width": 96, "height": 54}
@@ -141,6 +143,23 @@ def test_text_and_form_are_one_document_and_comments_stay(page: Page) -> None:
     page.reload()
     page.wait_for_selector(".facts.plan")
     assert page.input_value("#spec").startswith("name: one  # mine"), "a reload loses nothing"
+
+
+def test_constraints_are_written_one_to_a_line_and_a_wrong_one_is_named(page: Page) -> None:
+    text = f"name: one\nasset: {ASSET}\nvary:\n  person-1.pos.x: {{homogeneous: {{from: 0, to: 3, step: 1}}}}\n"
+    begin(page, text)
+    page.fill("#f-constraints", "person-1.pos.x < 2\n\nperson-1.pos.x > 0")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("details:has-text('3 variants rejected')")
+    assert page.input_value("#f-constraints") == "person-1.pos.x < 2\nperson-1.pos.x > 0"
+    page.fill("#f-constraints", "person-1.pos.q < 2")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#f-constraints-problem")
+    page.fill("#f-constraints", "")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#f-constraints-problem", state="detached")
+    page.wait_for_selector(".facts.plan dd:text-is('4')")
+    assert page.input_value("#spec") == text
 
 
 def test_a_problem_is_shown_at_its_line_and_at_its_field_and_nothing_can_be_submitted(page: Page) -> None:

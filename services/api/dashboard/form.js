@@ -45,7 +45,7 @@ export function specForm({ change, catalog }) {
     change([{ kind: "parameter", parameter: parameter.name, ...begun(parameter, parameter.choices.length || parameter.type === "BOOL" ? "CHOICE" : "HOMOGENEOUS") }]);
   };
 
-  element.addEventListener("input", ({ target }) => { if (target.type === "text") edited = target; });
+  element.addEventListener("input", ({ target }) => { if (target.type === "text" || target.type === "textarea") edited = target; });
   element.addEventListener("change", () => { edited = later = null; }, { capture: true }); // its answer comes
   element.addEventListener("focusout", () => { edited = null; setTimeout(() => { if (later) form.show(...later); }); });
 
@@ -139,6 +139,10 @@ function generalFields(fields, asset, catalog, change, problems) {
       chosen = next;
       change([fieldChange(name, whole && next.length === options.length ? null : next)]);
     } } }), one)), problem(name).map((wrong) => h("p", { class: "problem small" }, wrong)));
+  const lines = (name, more) => h("textarea", { id: `f-${name}`, rows: 2, spellcheck: "false", ...more, on: { change: (event) => {
+    const written = event.target.value.split("\n").map((one) => one.trim()).filter(Boolean);
+    change([fieldChange(name, written.length ? written : null)]);
+  } } }, [fields[name] ?? []].flat().join("\n"));
   const cameras = asset?.cameras ?? [];
   const functions = Array.isArray(fields.functions) ? fields.functions : [];
   const size = { width: 960, height: 540, ...(typeof fields.resolution === "object" ? fields.resolution : {}) };
@@ -153,5 +157,6 @@ function generalFields(fields, asset, catalog, change, problems) {
       field("seed", "Seed", text("seed", { inputmode: "numeric", placeholder: "0" }))),
     cameras.length ? several("cameras", cameras, fields.cameras ?? cameras, true) : null,
     catalog.functions.length || functions.length ? several("functions", [...new Set([...catalog.functions, ...functions])], functions) : null,
+    field("constraints", "Constraints, one to a line", lines("constraints", { placeholder: "person-1.pos.y < 30" })),
   ].filter(Boolean);
 }

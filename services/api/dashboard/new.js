@@ -33,6 +33,7 @@ export async function newView({ main, parameters, signal }) {
   const planned = h("div", { "aria-live": "polite" });
   const pictures = previewSection({ signal });
   const submit = h("button", { type: "button", class: "primary", disabled: true, on: { click: () => send() } }, "Submit run");
+  const priority = h("select", { id: "priority" }, ["low", "normal", "high"].map((one) => h("option", { selected: one === "normal" }, one)));
   const text = editor({
     label: "Spec as YAML",
     known: () => ({ schema, names: { ...catalog, cameras: asset?.cameras ?? [], parameters: asset?.parameters ?? [] } }),
@@ -83,7 +84,7 @@ export async function newView({ main, parameters, signal }) {
     if (!sure) return;
     submit.disabled = true;
     try {
-      const run = await postSpec("/v1/runs", text.text, { signal, headers: { "Idempotency-Key": key } });
+      const run = await postSpec(`/v1/runs?priority=${priority.value}`, text.text, { signal, headers: { "Idempotency-Key": key } });
       sessionStorage.removeItem(KEPT);
       toast("The run is submitted.");
       location.hash = `#/runs/${run.id}`;
@@ -105,7 +106,7 @@ export async function newView({ main, parameters, signal }) {
   const title = parent ? "Edit and rerun" : origin ? "Clone a run" : "New run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
-      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submit)),
+      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit)),
       parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null),
     h("div", { class: "draft" },
       form.element,
