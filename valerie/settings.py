@@ -64,6 +64,9 @@ class Settings(BaseSettings):
     api_port: int = Field(8700, ge=0, le=65_535, description="port to listen on; 0: any free one")
     api_token: SecretStr | None = Field(None, description="bearer token that every request must carry")
     max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body")
+    body_seconds: Seconds = Field(
+        60.0, description="time for a request body to arrive; for each part where it is a file"
+    )
 
     # Functions under test
     max_function_mb: int = Field(

@@ -23,6 +23,7 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
         "requests from pages of other sites, or to another host name, are refused",
     ),
     404: ("Not found, or deleted", "Not found", "there is no run r1ng219w3v1ks"),
+    408: ("The body did not arrive in time", "Request timeout", "the request body did not arrive in time; limit: 60 s"),
     409: (
         "The present state does not allow this",
         "Conflict",
@@ -72,7 +73,8 @@ _Paths = Mapping[str, Mapping[str, _Operation]]
 
 def problems(*statuses: int) -> dict[int | str, JsonObject]:
     """Return ``responses=`` with the problems of every endpoint and those of ``statuses``."""
-    return {status: _response(status) for status in sorted({*_ALWAYS, *statuses})}
+    late = (408,) if 413 in statuses else ()  # a body that may be too long may also be too slow
+    return {status: _response(status) for status in sorted({*_ALWAYS, *statuses, *late})}
 
 
 def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, JsonObject]:

@@ -1,7 +1,8 @@
-"""Protection of all endpoints: bearer token, limit of the body, headers for browsers."""
+"""Protection of all endpoints: bearer token, limits of the body in bytes and time, headers for browsers."""
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import re
 from http import HTTPStatus
@@ -31,16 +32,18 @@ _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"x-frame-options", b"SAMEORIGIN"),
+    (b"cross-origin-resource-policy", b"same-origin"),
 )
 
 
 class Protection:
-    """ASGI middleware: bearer token (compared in constant time), body limit, safe headers."""
+    """ASGI middleware: bearer token (compared in constant time), limits of the body, safe headers."""
 
     def __init__(self, app: ASGIApp, *, settings: Settings) -> None:
         self._app = app
         self._token = settings.api_token.get_secret_value().encode() if settings.api_token else None
         self._limit = settings.max_body_bytes
+        self._seconds = settings.body_seconds
         self._function_limit = (settings.max_function_mb << 20) + self._limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -81,9 +84,14 @@ class Protection:
             await _too_large(declared, limit)(scope, receive, send)
             return
         if limit > self._limit:
-            await self._app(scope, _counted(receive, limit), send)
+            await self._app(scope, _counted(receive, limit, self._seconds), send)
             return
-        body = await self._body(receive)
+        try:
+            async with asyncio.timeout(self._seconds):
+                body = await self._body(receive)
+        except TimeoutError:
+            await problem(HTTPStatus.REQUEST_TIMEOUT, "Request timeout", _too_slow(self._seconds))(scope, receive, send)
+            return
         if body is None:
             await _too_large("a longer stream", limit)(scope, receive, send)
             return
@@ -117,7 +125,9 @@ class Protection:
     def _foreign(self, request: Request) -> bool:
         """Return True if the request comes from a page of another origin or was sent to a foreign host name.
 
-        A name bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
+        A name bound to this address would let such a page read answers (DNS rebinding). A page may load pictures without
+        naming its origin; browsers then say that the request is none of this server's pages. Following a link is allowed.
+        With a token, no page can do any of this.
         """
         if self._token is not None:
             return False
@@ -127,7 +137,10 @@ class Protection:
             elsewhere = origin is not None and urlsplit(origin).netloc != host
         except ValueError:  # not an address, such as "["
             return True
-        return name not in _LOOPBACK_NAMES or elsewhere
+        embedded = request.headers.get("sec-fetch-site") in ("cross-site", "same-site") and not (
+            request.headers.get("sec-fetch-mode") == "navigate" and request.method in ("GET", "HEAD")
+        )
+        return name not in _LOOPBACK_NAMES or elsewhere or embedded
 
     async def _body(self, receive: Receive) -> bytes | None:
         """Return the whole body, or None once it exceeds the limit, as a stream without a declared length may."""
@@ -145,19 +158,30 @@ class Protection:
                 return b"".join(parts)
 
 
-def _counted(receive: Receive, limit: int) -> Receive:
-    """Return a receiver for large bodies, which stops an endpoint that reads more than ``limit`` bytes."""
+def _counted(receive: Receive, limit: int, seconds: float) -> Receive:
+    """Return a receiver for large bodies, which stops an endpoint that reads more bytes or waits longer for a part."""
     size = 0
+    whole = False
 
     async def counting() -> Message:
-        nonlocal size
-        message = await receive()
+        nonlocal size, whole
+        try:
+            # Behind the body only the end of the connection is left to wait for.
+            async with asyncio.timeout(None if whole else seconds):
+                message = await receive()
+        except TimeoutError:
+            raise HTTPException(HTTPStatus.REQUEST_TIMEOUT, _too_slow(seconds)) from None
+        whole = not message.get("more_body", False)
         size += len(message.get("body", b""))
         if size > limit:
             raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the request body is too large; limit: {limit}")
         return message
 
     return counting
+
+
+def _too_slow(seconds: float) -> str:
+    return f"the request body did not arrive in time; limit: {seconds:g} s"
 
 
 def _too_large(value: str, limit: int) -> Response:

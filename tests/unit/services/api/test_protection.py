@@ -109,6 +109,8 @@ def test_an_exposed_server_with_a_short_token_does_not_start(tmp_path: Path) -> 
         {"Origin": "http://127.0.0.1:1"},
         {"Origin": "http://["},
         {"Origin": "null"},
+        {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"},
+        {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "cors"},
     ],
 )
 def test_other_sites_and_rebound_host_names_are_refused(api: httpx.Client, headers: dict[str, str]) -> None:
@@ -121,6 +123,12 @@ def test_other_sites_and_rebound_host_names_are_refused(api: httpx.Client, heade
 def test_the_servers_own_page_is_allowed(api: httpx.Client) -> None:
     origin = str(api.base_url).rstrip("/")
     assert api.get("/v1/runs", headers={"Origin": origin}).status_code == 200
+
+
+def test_a_link_from_another_site_may_be_followed_but_changes_nothing(api: httpx.Client) -> None:
+    headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+    assert api.get("/v1/runs", headers=headers).status_code == 200
+    assert api.post("/v1/runs", headers=headers).status_code == 403
 
 
 def test_no_answer_allows_other_origins(api: httpx.Client) -> None:
@@ -139,6 +147,7 @@ def test_every_answer_has_the_headers_for_browsers(api: httpx.Client, guarded: h
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
         assert answer.headers["Referrer-Policy"] == "no-referrer"
         assert "X-Frame-Options" in answer.headers
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
 
 
 def test_a_body_of_ten_megabytes_is_refused_by_its_length(api: httpx.Client) -> None:
@@ -158,3 +167,12 @@ def test_a_stream_of_ten_megabytes_is_refused_when_it_passes_the_limit(api: http
 def test_an_unusable_length_is_refused(api: httpx.Client, length: bytes) -> None:
     head = b"POST /v1/plan HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nContent-Length: " + length + b"\r\n\r\n"
     assert status_of(raw(api, head)) in (400, 413)
+
+
+@pytest.mark.parametrize("path", [b"/v1/plan", b"/v1/functions"])
+def test_a_body_that_does_not_arrive_is_given_up(drawn: DrawnRuns, path: bytes) -> None:
+    with served(create_app(settings_of(drawn.folder, body_seconds=0.2), control=False)) as client:
+        head = b"POST " + path + b" HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nContent-Length: 100\r\n"
+        answer = raw(client, head + b"Content-Type: multipart/form-data; boundary=b\r\n\r\n--b")
+    assert status_of(answer) == 408
+    assert b"limit: 0.2 s" in answer
