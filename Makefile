@@ -113,7 +113,7 @@ test-rocrate: setup-dev ## Check with roc-validator that evidence is a valid RO-
 	  $(PYTHON_BIN) -m pytest tests/rocrate $(PYTEST_OPTIONS)
 
 .PHONY: test-cluster
-test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (Debian: slurm-wlm munge rabbitmq-server kubernetes-client)
+test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (needs slurm-wlm munge rabbitmq-server kubernetes-client prometheus)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/cluster $(PYTEST_OPTIONS)
 
 .PHONY: test-compose

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -18,6 +20,7 @@ from valerie.runs.products.frames import FrameKey
 
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed
+    from valerie.settings import Settings
 
 IdleSeconds = Annotated[
     float | None,
@@ -48,7 +51,6 @@ def worker(
     VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL describe.
     """
     from valerie import plugins
-    from valerie.embedded import running
     from valerie.embedded.process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
@@ -63,12 +65,20 @@ def worker(
         settings = settings.model_copy(update={"render_engines": engines})
     if idle is not None:
         settings = settings.model_copy(update={"worker_idle_seconds": idle})
-    server = running.find(settings.data_dir)
-    if server is not None and "broker_url" not in settings.model_fields_set:
-        settings = settings.model_copy(update={"broker_url": server.broker_url})
+    settings = _joined(settings)
     command = python_command(WORKERS[stage])
     # This process becomes the worker, so that signals and the exit status are the worker's.
     os.execve(command[0], list(command), service_environment(stage, settings))  # noqa: S606
+
+
+def _joined(settings: Settings) -> Settings:
+    """Return the settings with the broker of the server that `valerie up` runs on the data folder, unless they name one."""
+    from valerie.embedded import running
+
+    server = running.find(settings.data_dir)
+    if server is None or "broker_url" in settings.model_fields_set:
+        return settings
+    return settings.model_copy(update={"broker_url": server.broker_url})
 
 
 def replay(
@@ -132,6 +142,49 @@ def migrate(data_dir: DataDir = None) -> None:
     finally:
         engine.dispose()
     typer.echo(f"up to date: {engine.url.render_as_string()}")
+
+
+def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
+    """Look for what is wrong with a deployment, and say what to do about it. Exits with 5 if anything is wrong."""
+    with context_of(data_dir) as context:
+        from valerie.broker import Broker
+        from valerie.pipeline.control.diagnosis import diagnose
+
+        checks = diagnose(replace(context, broker=Broker(_joined(context.settings))))
+    if as_json:
+        typer.echo(json.dumps([asdict(check) for check in checks], ensure_ascii=False))
+    else:
+        for check in checks:
+            mark, text = ("wrong", check.problem) if check.problem else ("ok", check.state)
+            typer.echo(f"{mark:<6} {check.part}: {text}" + (f"\n       → {check.remedy}" if check.problem else ""))
+    if any(check.problem for check in checks):
+        raise typer.Exit(Exit.ENVIRONMENT)
+
+
+def backup(
+    folder: Annotated[Path, typer.Argument(help="A new folder.")],
+    products: Annotated[
+        bool, typer.Option("--products", help="Also products, which would otherwise be computed again when read.")
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Back up database, functions and results into a folder, beside running work.
+
+    Your own assets are not part of it: back up their folder, too.
+    """
+    with context_of(data_dir) as context:
+        from valerie.pipeline.control.backup import back_up
+
+        contents = back_up(context, folder, products=products)
+    typer.echo(f"{folder}: {contents.database} and {contents.objects:,} objects ({contents.bytes / 1e6:,.1f} MB)")
+
+
+def restore(folder: Annotated[Path, typer.Argument(help="A folder of `backup`.")], data_dir: DataDir = None) -> None:
+    """Restore a backup into an empty deployment, which the settings describe."""
+    from valerie.pipeline.control.backup import restore as restore_backup
+
+    contents = restore_backup(settings_of(data_dir), folder)
+    typer.echo(f"restored {contents.database} and {contents.objects:,} objects of {contents.software}")
 
 
 def _document(product: Replayed) -> JsonObject:

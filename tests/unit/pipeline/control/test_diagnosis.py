@@ -1,0 +1,68 @@
+"""`valerie doctor`: each fault is named, with what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sqlalchemy import delete, update
+
+from tests.world.blank import SMALL, Pipeline
+from valerie.db.engine import writing
+from valerie.db.models import Product, Worker
+from valerie.pipeline.control.diagnosis import diagnose
+from valerie.runs.products.ready import Fault
+from valerie.runs.products.states import ProductKind, ProductState
+
+
+def problems(pipeline: Pipeline) -> dict[str, str]:
+    return {check.part: check.problem for check in diagnose(pipeline.context) if check.problem}
+
+
+def test_nothing_is_wrong_with_a_deployment_that_works(pipeline: Pipeline) -> None:
+    run = pipeline.submit(SMALL)
+    assert pipeline.run(run) == "completed"
+    checks = diagnose(pipeline.context)
+    assert [check.problem for check in checks if check.problem] == []
+    assert {"settings", "database", "broker", "artifacts", "control loop", "runs"} <= {check.part for check in checks}
+
+
+def test_a_broker_that_is_away_is_named_beside_all_else(pipeline: Pipeline) -> None:
+    pipeline.loop.tick(everything=True)
+    pipeline.broker.down = True
+    assert problems(pipeline) == {"broker": "the broker does not answer"}
+
+
+def test_a_deployment_without_a_control_loop_is_told_to_start_one(pipeline: Pipeline) -> None:
+    assert problems(pipeline) == {"control loop": "no process has this role"}
+
+
+def test_a_queue_that_nobody_serves_is_named(pipeline: Pipeline) -> None:
+    pipeline.submit(SMALL)
+    pipeline.loop.tick(everything=True)
+    with writing(pipeline.context.engine) as connection:
+        connection.execute(delete(Worker))
+    (name,) = [part for part in problems(pipeline) if part.startswith("queue render.blank")]
+    assert "no worker serves this queue" in problems(pipeline)[name]
+
+
+def test_products_that_failed_for_good_are_named_with_their_reason(pipeline: Pipeline) -> None:
+    run = pipeline.submit(SMALL)
+    assert pipeline.run(run) == "completed"
+    fault = Fault(stage="layer", type="RenderingError", message="the driver is broken", attempts=2)
+    with writing(pipeline.context.engine) as connection:
+        layers = update(Product.__table__).where(Product.kind == ProductKind.LAYER)  # type: ignore[arg-type]
+        connection.execute(layers.values(state=ProductState.FAILED, error=fault))
+    assert "RenderingError: the driver is broken" in problems(pipeline)["failed layer"]
+
+
+def test_a_run_that_waits_says_for_what(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(workers=False)
+    run = pipeline.submit(SMALL)
+    pipeline.loop.tick(everything=True)
+    assert "waiting for a render worker" in problems(pipeline)[f"run {run}"]
+
+
+def test_too_little_space_is_named(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(min_free_mb=10**9)
+    pipeline.loop.tick(everything=True)
+    assert "runs pause below" in problems(pipeline)["artifacts"]

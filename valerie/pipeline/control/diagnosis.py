@@ -1,0 +1,160 @@
+"""What is wrong with a deployment, and what to do about it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from sqlalchemy import select
+
+from valerie.db import runs, totals
+from valerie.db.engine import database_time, reading
+from valerie.db.migrate import require_current
+from valerie.db.models import Lease
+from valerie.errors import ValerieError
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control import monitoring
+from valerie.pipeline.control.loop import ROLE
+from valerie.runs.products.states import ProductState, RunState
+from valerie.settings import NO_BROKER
+
+#: Difference between two clocks that is worth a remark, seconds. Leases are bounded by one clock, so it harms only logs.
+_CLOCK_SECONDS: Final = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One part of a deployment.
+
+    Attributes:
+        part: what was looked at.
+        problem: what is wrong; empty if nothing is.
+        remedy: what to do about it.
+        state: what was found where nothing is wrong.
+    """
+
+    part: str
+    state: str = ""
+    problem: str = ""
+    remedy: str = ""
+
+
+def diagnose(context: Context) -> list[Check]:
+    """Look at every part, in the order in which they depend on each other; a part that does not answer is a problem."""
+    parts: dict[str, Callable[[Context], Iterator[Check]]] = {
+        "settings": _settings,
+        "database": _database,
+        "broker": _broker,
+        "artifacts": _artifacts,
+        "control loop": _control,
+        "workers": _workers,
+        "runs": _runs,
+    }
+    checks = []
+    for part, look in parts.items():
+        try:
+            checks += list(look(context))
+        except ValerieError as error:
+            checks.append(
+                Check(part, problem=str(error), remedy=_REMEDIES.get(part, "see the row of the database above"))
+            )
+    return checks
+
+
+_REMEDIES: Final = {
+    "settings": "change the variable; docs/operations.md lists all",
+    "database": "start it, or run `valerie migrate` after an upgrade",
+    "broker": "start it, or set VALERIE_BROKER_URL; runs continue as soon as it answers",
+    "artifacts": "free space with `valerie gc`, or repair the access; paused runs continue by themselves",
+}
+
+
+def _settings(context: Context) -> Iterator[Check]:
+    context.settings.require_token()
+    yield Check(
+        "settings", "the API listens on other machines, with a token" if context.settings.exposed else "loopback only"
+    )
+
+
+def _database(context: Context) -> Iterator[Check]:
+    require_current(context.engine)
+    before = time.time()
+    with reading(context.engine) as connection:
+        ahead = database_time(connection) - (before + time.time()) / 2
+    yield Check("database", context.engine.url.render_as_string())
+    if abs(ahead) > _CLOCK_SECONDS:
+        yield Check(
+            "clock",
+            problem=f"this machine's clock is {abs(ahead):.0f} s {'behind' if ahead > 0 else 'ahead of'} the database's",
+            remedy="synchronise them (NTP); runs go on, but times in logs and reports are wrong",
+        )
+
+
+def _broker(context: Context) -> Iterator[Check]:
+    if context.settings.broker_url == NO_BROKER:
+        yield Check("broker", "none: workers ask the database")
+        return
+    context.broker.queue_lengths(["eval"])
+    yield Check("broker", "answers")
+
+
+def _artifacts(context: Context) -> Iterator[Check]:
+    context.store.check()
+    free, needed = context.store.free_bytes(), context.settings.min_free_mb * 2**20
+    if free is not None and free < needed:
+        yield Check(
+            "artifacts",
+            problem=f"{free // 2**20:,} MiB are free, runs pause below {needed // 2**20:,} MiB",
+            remedy=_REMEDIES["artifacts"],
+        )
+        return
+    yield Check("artifacts", context.store.url if free is None else f"{context.store.url}, {free / 1e9:,.1f} GB free")
+
+
+def _control(context: Context) -> Iterator[Check]:
+    with reading(context.engine) as connection:
+        now = database_time(connection)
+        held = connection.scalar(select(Lease.until).where(Lease.name == ROLE, Lease.until > now))
+    if held is None:
+        yield Check("control loop", problem="no process has this role", remedy="start the API (`valerie up`)")
+    else:
+        yield Check("control loop", "at work")
+
+
+def _workers(context: Context) -> Iterator[Check]:
+    queues = monitoring.queues(context)
+    with reading(context.engine) as connection:
+        failures = totals.failure_reasons(connection)
+    for queue in queues:
+        if queue.ready and not queue.workers:
+            stage = queue.route.partition(".")[0]
+            yield Check(
+                f"queue {queue.route}",
+                problem=f"{queue.ready:,} products are ready, and no worker serves this queue",
+                remedy=f"start one that offers this numeric class: `valerie worker {stage}`",
+            )
+        elif queue.workers:
+            yield Check(
+                f"queue {queue.route}", f"{queue.workers:,} workers, {queue.per_minute:,.0f} products per minute"
+            )
+    for failure in failures:
+        yield Check(
+            f"failed {failure.kind}",
+            problem=f"{failure.products:,} products: {failure.type}: {failure.message}",
+            remedy="mend the cause, then `valerie retry RUN`",
+        )
+
+
+def _runs(context: Context) -> Iterator[Check]:
+    with reading(context.engine) as connection:
+        active = runs.in_states(connection, (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState.FINISHING))
+        backlog = totals.backlog(connection)
+    for run in active:
+        if run.reason:
+            yield Check(
+                f"run {run.id}", problem=f"{run.state}: {run.reason}", remedy="docs/operations.md#troubleshooting"
+            )
+    unfinished = sum(count for _, state, count in backlog if state is not ProductState.PARKED)
+    yield Check("runs", f"{len(active):,} at work, {unfinished:,} unfinished products")
