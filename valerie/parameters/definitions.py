@@ -67,7 +67,8 @@ class ParameterDefinition(Document):
         InvalidInput: the declaration contradicts itself.
     """
 
-    model_config = ConfigDict(populate_by_name=True)
+    # The validator below refuses infinite numbers in the same words as all others.
+    model_config = ConfigDict(populate_by_name=True, allow_inf_nan=True)
 
     name: str = ""
     path: str = Field(validation_alias=AliasChoices("path", "scene_graph_ref"))

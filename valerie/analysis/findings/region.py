@@ -111,7 +111,7 @@ def region_of(
     inside, rows = list(selected), list(everything)
     if not inside:
         raise InvalidInput("selects no row of the run", field="where")
-    bounds: dict[str, Bound] = Field(default={})
+    bounds: dict[str, Bound] = {}
     for name, kind in quantities.items():
         some = [row[name] for row in inside if row.get(name) is not None]
         every = [row[name] for row in rows if row.get(name) is not None]
