@@ -52,8 +52,11 @@ def _heavy(u: Floats) -> Floats:
 
 WORLDS: Final[dict[str, World]] = {**REPORTED, "heavy tails": _heavy}
 #: Numbers of places across, places along, suns, characters and cameras.
-PAPER_SMALL: Final = (6, 8, 4, 2, 3)
 FIRST_RUN: Final = (3, 4, 2, 2, 3)
+GRID: Final = (6, 8, 4, 2, 3)
+#: As many places as one heading of `examples/paper-small.yaml` has without those where a person would stand in a thing.
+PAPER_SMALL: Final = (10, 12, 4, 2, 3)
+_SHAPES: Final = {" x ".join(map(str, shape)): shape for shape in (PAPER_SMALL, GRID, FIRST_RUN)}
 
 
 # Scores without an effect of any factor -----------------------------------------------------------------------------------
@@ -140,16 +143,17 @@ def false_findings(repetitions: int) -> Iterator[Row]:
     makers: dict[str, Callable[[World, Generator], Rows]] = {
         "independent, 200": lambda world, rng: drawn(world, "random", 200, rng),
         "clustered, 60 places": lambda world, rng: clustered(world, 60, rng),
-        "grid 6 x 8 x 4 x 2 x 3": lambda world, rng: crossed(world, PAPER_SMALL, rng),
-        "grid 3 x 4 x 2 x 2 x 3": lambda world, rng: crossed(world, FIRST_RUN, rng),
         "sobol, 256": lambda world, rng: drawn(world, "sobol", 256, rng),
         "latin hypercube, 200": lambda world, rng: drawn(world, "latin hypercube", 200, rng),
     }
     for design, make in makers.items():
         for name, world in WORLDS.items():
             yield _no_effect(design, name, partial(make, world), repetitions)
+    for size, shape in _SHAPES.items():
+        for name, world in WORLDS.items():
+            yield _no_effect(f"grid {size}", name, partial(crossed, world, shape), repetitions)
     for reach in (4.0, 15.0):
-        alike = partial(crossed, REPORTED["mild"], PAPER_SMALL, reach_m=reach)
+        alike = partial(crossed, REPORTED["mild"], GRID, reach_m=reach)
         yield _no_effect(f"grid 6 x 8, places alike over {reach:g} m", "mild", alike, repetitions)
 
 
@@ -169,12 +173,12 @@ def _no_effect(design: str, world: str, make: Callable[[Generator], Rows], repet
 
 
 def true_findings(repetitions: int) -> Iterator[Row]:
-    for size, shape in {"6 x 8 x 4 x 2 x 3": PAPER_SMALL, "3 x 4 x 2 x 2 x 3": FIRST_RUN}.items():
+    for size, shape in _SHAPES.items():
         for name, world in REPORTED.items():
             for kind in ("all places a little", "some places to 0"):
                 yield _effect(size, shape, name, world, "sun", kind, repetitions)
     # An effect between places: the last row along the street.
-    for size, shape in {"6 x 8 x 4 x 2 x 3": PAPER_SMALL, "3 x 4 x 2 x 2 x 3": FIRST_RUN}.items():
+    for size, shape in _SHAPES.items():
         yield _effect(size, shape, "mild", REPORTED["mild"], "y", "all places a little", repetitions)
 
 
@@ -211,27 +215,32 @@ def _effect(
 
 def from_tables(repetitions: int) -> Iterator[Row]:
     """Yield results of the analysis of whole runs of two functions, from long table to findings."""
-    for name in ("mild", "piled"):
-        for points in (0.0, 0.2):
-            rng = np.random.default_rng(18)
-            confirmed = others = 0
-            for repetition in range(repetitions):
-                rows = crossed(REPORTED[name], PAPER_SMALL, rng)
-                if points:
-                    rows = lowered(rows, "sun", points, rng, kind="all places a little")
-                second = crossed(REPORTED[name], PAPER_SMALL, rng)
-                table = planted_grid({"lowered": rows.values, "plain": second.values}, rows.factors)
-                items = find_findings(table, seed=repetition).items
-                sun = [item.function == "lowered" and item.steps[0].factor == "sun-1.azimuth" for item in items]
-                confirmed += any(sun)
-                others += any(item.function == "plain" or not points for item in items)
-            yield {
-                "grid": "6 x 8 x 4 x 2 x 3",
-                "world": name,
-                "points of a sun": 100 * points,
-                "sun confirmed": confirmed / repetitions,
-                "others confirmed (false)": others / repetitions,
-            }
+    for size, shape in _SHAPES.items():
+        for name in ("mild", "piled"):
+            for points in (0.0, 0.2):
+                yield _from_tables(size, shape, name, points, repetitions)
+
+
+def _from_tables(size: str, shape: tuple[int, ...], name: str, points: float, repetitions: int) -> Row:
+    rng = np.random.default_rng(18)
+    confirmed = others = 0
+    for repetition in range(repetitions):
+        rows = crossed(REPORTED[name], shape, rng)
+        if points:
+            rows = lowered(rows, "sun", points, rng, kind="all places a little")
+        second = crossed(REPORTED[name], shape, rng)
+        table = planted_grid({"lowered": rows.values, "plain": second.values}, rows.factors)
+        items = find_findings(table, seed=repetition).items
+        sun = [item.function == "lowered" and item.steps[0].factor == "sun-1.azimuth" for item in items]
+        confirmed += any(sun)
+        others += any(item.function == "plain" or not points for item in items)
+    return {
+        "grid": size,
+        "world": name,
+        "points of a sun": 100 * points,
+        "sun confirmed": confirmed / repetitions,
+        "others confirmed (false)": others / repetitions,
+    }
 
 
 # Verdicts -----------------------------------------------------------------------------------------------------------------
