@@ -469,6 +469,8 @@ class Worker(Base):
     started_at: Mapped[float] = mapped_column(Float)
     #: Unix seconds of the last heartbeat.
     seen_at: Mapped[float] = mapped_column(Float)
+    #: Why the worker was put aside; None: it works.
+    resting: Mapped[str | None] = mapped_column(Text)
 
 
 class Lease(Base):

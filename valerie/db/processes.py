@@ -30,6 +30,7 @@ class WorkerRow:
     offers: tuple[AnyOffer, ...]
     started_at: float
     seen_at: float
+    resting: str | None = None
 
 
 def register_worker(connection: Connection, worker: WorkerRow) -> None:
@@ -42,6 +43,11 @@ def register_worker(connection: Connection, worker: WorkerRow) -> None:
 def worker_seen(connection: Connection, worker_id: str, now: float) -> bool:
     """Record a heartbeat; return False if the worker's row is gone and it must register again."""
     return connection.execute(update(Worker).where(Worker.id == worker_id).values(seen_at=now)).rowcount == 1
+
+
+def rest(connection: Connection, worker_id: str, reason: str | None) -> None:
+    """Put a worker aside for a reason, or with None have it work again."""
+    connection.execute(update(Worker).where(Worker.id == worker_id).values(resting=reason))
 
 
 def remove_worker(connection: Connection, worker_id: str) -> None:
@@ -58,10 +64,10 @@ def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
 
 
 def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
-    """Return the offers of the live workers, each route and name once, in the order of `workers`."""
+    """Return the offers of the live workers that do not rest, each route and name once, in the order of `workers`."""
     unique: dict[tuple[str, str], AnyOffer] = {}
     for worker in workers(connection, now=now):
-        for offer in worker.offers:
+        for offer in worker.offers if worker.resting is None else ():
             unique.setdefault((offer.route, offer.name), offer)
     return list(unique.values())
 

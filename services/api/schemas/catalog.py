@@ -98,6 +98,10 @@ class WorkerRead(Read):
     )
     started_at: float = Field(description="Unix seconds", examples=[1764000000.0])
     seen_at: float = Field(description="time of its last heartbeat, Unix seconds", examples=[1764000042.0])
+    resting: str | None = Field(
+        description="why it was put aside: its last products failed, and so did the test of its machine; null if it works",
+        examples=[None],
+    )
 
 
 class QueueRead(Read):
@@ -106,7 +110,7 @@ class QueueRead(Read):
     ready: int = Field(examples=[12])
     running: int = Field(examples=[6])
     messages: int | None = Field(description="messages in the broker; null if it does not answer", examples=[2])
-    workers: int = Field(description="living workers that serve it", examples=[1])
+    workers: int = Field(description="living workers that serve it and are not put aside", examples=[1])
     per_minute: float = Field(description="products done in the last two minutes, per minute", examples=[36.5])
 
 

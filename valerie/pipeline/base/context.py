@@ -9,12 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sqlalchemy import Engine
 
 from valerie.broker import Broker
 from valerie.db.engine import open_engine
+from valerie.pipeline.base.fitness import Fitness
 from valerie.settings import Settings
 from valerie.storage.store import ArtifactStore, open_store
 
@@ -47,6 +48,7 @@ class Context:
         owner: unique name of this process in leases: host, process id and a random part.
         elapsed: returns seconds of a monotonic clock, for the pauses of this process.
         beating: see `beating_in_a_thread`.
+        fitness: tells a worker when to stop; without one, a worker is always fit.
     """
 
     settings: Settings
@@ -56,6 +58,7 @@ class Context:
     owner: str
     elapsed: Callable[[], float] = time.monotonic
     beating: Callable[[float, Callable[[], None]], AbstractContextManager[None]] = beating_in_a_thread
+    fitness: Fitness = field(default_factory=Fitness)
 
 
 def open_context(settings: Settings) -> Context:

@@ -89,7 +89,7 @@ class Queue(NamedTuple):
         route: its name.
         waiting, ready, running: unfinished products.
         messages: number of messages in the broker; None if it does not answer.
-        workers: number of living workers that serve it.
+        workers: number of living workers that serve it and do not rest.
         per_minute: products done in the last minutes, per minute.
     """
 
@@ -114,7 +114,7 @@ def queues(context: Context) -> list[Queue]:
         alive = processes.workers(connection, now=now)
         done = totals.done_since(connection, now - _RATE_SECONDS)
     serving: Counter[str] = Counter()
-    for worker in alive:
+    for worker in (one for one in alive if one.resting is None):
         serving.update(
             {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
         )
@@ -174,7 +174,7 @@ def demand(context: Context) -> Demand:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BusyWorker(WorkerRow):
     """A living worker, and how many products of each kind it makes now."""
 

@@ -14,7 +14,7 @@ import structlog
 
 from valerie.db import runs
 from valerie.db.engine import reading
-from valerie.errors import TransientError
+from valerie.errors import MissingDependency, TransientError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.work.stages import Maker, serve_queue
 from valerie.runs.products.states import EVAL_QUEUE, RunState
@@ -30,6 +30,9 @@ def ask_for_work(context: Context, maker: Maker, routes: Sequence[str], stop: th
 
     Whoever serves the evaluation queue also finishes runs. The process also ends above `Settings.worker_max_memory_mb`,
     so that its batch system starts a fresh one.
+
+    Raises:
+        MissingDependency: this machine cannot make products any more.
     """
     limit = context.settings.worker_max_memory_mb * 2**20
     idle = context.settings.worker_idle_seconds or 0.0
@@ -42,6 +45,8 @@ def ask_for_work(context: Context, maker: Maker, routes: Sequence[str], stop: th
         except TransientError as error:
             log.warning("worker.database", reason=str(error))
             worked, finished = [], False
+        if not context.fitness.fit():
+            raise MissingDependency("this machine cannot make products any more; the log has the reason")
         if any(worked) or finished:
             worked_at = context.elapsed()
             if process.memory_info().rss > limit:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import time
+from typing import Final
+
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.work.stages import Maker, serve_queue
+
+#: Pause before an unfit worker tests itself again, seconds.
+_REST_SECONDS: Final = 60.0
 
 
 class Child:
@@ -26,8 +32,11 @@ class Child:
         return self._both[0]
 
     def serve(self, route: str) -> None:
-        """Make products; see `valerie.pipeline.work.stages.serve_queue`."""
-        serve_queue(*self._both, route)
+        """Make products; see `valerie.pipeline.work.stages.serve_queue`. An unfit worker rests, and takes no other message."""
+        context, maker = self._both
+        while not context.fitness.fit():
+            time.sleep(_REST_SECONDS)
+        serve_queue(context, maker, route)
 
     @property
     def _both(self) -> tuple[Context, Maker]:

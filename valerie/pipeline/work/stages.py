@@ -73,10 +73,10 @@ def serve_queue(context: Context, maker: Maker, route: str) -> bool:
     """Make the packet of a queue whose turn it is, and before it the products with earlier turns that were tried before.
 
     Returns:
-        False if nothing was ready.
+        False if nothing was ready, or this worker is unfit.
     """
     again, worked = True, False
-    while again:
+    while again and context.fitness.fit():
         with writing(context.engine) as connection:
             now, lease = database_time(connection), context.settings.lease_seconds
             jobs = products.claim_next(connection, route, owner=context.owner, now=now, lease_seconds=lease)
@@ -104,9 +104,16 @@ def _make(context: Context, maker: Maker, jobs: Sequence[Job]) -> None:
     if isinstance(maker, MayEnd):
         maker.before_end(batch.end)
     with _renewing(context, batch):
-        for job in jobs:
+        for number, job in enumerate(jobs):
+            if not context.fitness.fit():
+                batch.leave(jobs[number:])
+                break
             batch.begin(job)
-            batch.settle(job, _attempt(context, maker, job))
+            context.fitness.begin()
+            product = _attempt(context, maker, job)
+            if product is not None:
+                context.fitness.succeed()
+            batch.settle(job, product)
         batch.publish()
 
 
@@ -144,6 +151,13 @@ class _Batch:
                 self._finished.append(product)
             if self._context.elapsed() - self._published_at > _PUBLISH_SECONDS:
                 self.publish()
+
+    def leave(self, jobs: Sequence[Job]) -> None:
+        """Give products back that this worker did not try."""
+        digests = {job.digest for job in jobs}
+        with self._lock:
+            self._held -= digests
+        _give_back(self._context, digests, seconds=0.0, count_attempt=False)
 
     def publish(self) -> None:
         """Publish the finished products."""

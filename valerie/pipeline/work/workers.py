@@ -6,6 +6,7 @@ only supervises, so that a crash of a driver ends a child, not the worker.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import secrets
 import signal
@@ -15,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from multiprocessing.sharedctypes import RawArray
 from typing import Final, NamedTuple
 
 import structlog
@@ -29,6 +31,8 @@ from valerie.db.processes import WorkerRow
 from valerie.errors import InvalidInput, MissingDependency, TransientError
 from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
+from valerie.pipeline.base.fitness import Counts, Fitness
+from valerie.pipeline.base.pins import TRUTH
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.child import Child
@@ -61,10 +65,26 @@ class Presence:
         self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
 
-    @property
-    def worker_id(self) -> str:
-        """Name of the worker's row."""
-        return self._worker.id
+    def open_context(self, settings: Settings, failures: Counts) -> Context:
+        """Open the context of a process that works for this worker.
+
+        Leases name the worker, so that people see who makes what; each child of a worker has a name of its own. After failures
+        in a row, it tests the machine and writes the result into the worker's row.
+        """
+        worker, context = self._worker, open_context(settings)
+
+        def test() -> bool:
+            reason = ailment(worker.stage, worker.offers)
+            if reason:
+                log.error("worker.unfit", reason=reason)
+            try:
+                with writing(context.engine) as connection:
+                    processes.rest(connection, worker.id, reason)
+            except TransientError as error:
+                log.warning("worker.presence", reason=str(error))
+            return reason is None
+
+        return replace(context, owner=f"{worker.id}.{secrets.token_hex(2)}", fitness=Fitness(test, failures))
 
     def join(self) -> None:
         """Become visible.
@@ -143,6 +163,24 @@ def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOf
     return offers
 
 
+def ailment(stage: Stage, offers: Sequence[AnyOffer]) -> str | None:
+    """Test this machine again, in separate processes; return why it no longer has all of ``offers``, or None if it has."""
+    names = list(dict.fromkeys(offer.name for offer in offers if offer.name != TRUTH))
+    for together in [names] if stage is Stage.INFER and names else [[name] for name in names]:
+        found = _probe(stage, together).offers
+        for offer in offers:
+            if offer.name not in together or _offers_same(found, offer):
+                continue
+            alone = _probe(stage, [offer.name])  # the complaint is of this one, and no chance failure
+            if not _offers_same(alone.offers, offer):
+                return f"{offer.name}: {alone.complaint or f'it is not in the numeric class {offer.numeric_class} any more'}"
+    return None
+
+
+def _offers_same(found: Sequence[AnyOffer], offer: AnyOffer) -> bool:
+    return any((one.route, one.name) == (offer.route, offer.name) for one in found)
+
+
 class _Probed(NamedTuple):
     """The working offers, or the reason why there are none."""
 
@@ -202,11 +240,11 @@ def serve(
         )
     app = create_app(settings)
     child = register(app)
+    failures = RawArray(ctypes.c_int, Fitness.counts())  # in memory that all children share
 
     def open_child(**_: object) -> None:
         end_with_parent(signal.SIGKILL)  # otherwise a child would continue working on a product for nobody
-        # Leases name the worker, so that people see who makes what; each child of a worker has a name of its own.
-        context = replace(open_context(settings), owner=f"{presence.worker_id}.{secrets.token_hex(2)}")
+        context = presence.open_context(settings, failures)
         child.open(context, open_maker(context))
 
     worker_process_init.connect(open_child, weak=False)
@@ -253,7 +291,7 @@ def _serve_asking(
         signal.signal(number, lambda *_: stop.set())  # ends after the products in work
     presence.join()
     try:
-        context = replace(open_context(settings), owner=f"{presence.worker_id}.{secrets.token_hex(2)}")
+        context = presence.open_context(settings, Fitness.counts())
         ask_for_work(context, open_maker(context), routes, stop)
     finally:
         presence.leave()
