@@ -112,6 +112,21 @@ test-rocrate: setup-dev ## Check with roc-validator that evidence is a valid RO-
 	$(TEST_ENVIRONMENT) VALERIE_TEST_ROCRATE_PYTHON=$(CURDIR)/.venv-rocrate/bin/python \
 	  $(PYTHON_BIN) -m pytest tests/rocrate $(PYTEST_OPTIONS)
 
+# The environment of these tools is not the one that they look at.
+.venv-sbom: setup-dev
+	test -x .venv-sbom/bin/pip-audit || { $(PYTHON_BIN) -m venv .venv-sbom && \
+	  .venv-sbom/bin/pip install --quiet cyclonedx-bom==7.5.0 pip-audit==2.10.1; }
+
+.PHONY: sbom
+sbom: .venv-sbom ## List all installed packages with versions and licences in var/sbom.json (CycloneDX)
+	mkdir -p var
+	.venv-sbom/bin/cyclonedx-py environment --output-reproducible --output-file var/sbom.json $(PYTHON_BIN)
+
+.PHONY: audit
+audit: .venv-sbom ## Look for known vulnerabilities of the pinned versions (needs pypi.org)
+	.venv-sbom/bin/pip-audit --strict --no-deps --disable-pip --progress-spinner off -r constraints.txt || \
+	  { echo "audit: vulnerable packages are listed above; otherwise pypi.org did not answer, and nothing is known" >&2; exit 1; }
+
 .PHONY: test-cluster
 test-cluster: setup-dev ## Test Slurm, RabbitMQ and the files for Kubernetes (needs slurm-wlm munge rabbitmq-server kubernetes-client prometheus)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/cluster $(PYTEST_OPTIONS)
@@ -148,4 +163,4 @@ clean: ## Remove caches and build outputs; data (var/) and the environment stay
 
 .PHONY: distclean
 distclean: clean ## Remove the environments too
-	rm -rf $(VENV) $(CYCLES_VENV) .venv-rocrate
+	rm -rf $(VENV) $(CYCLES_VENV) .venv-rocrate .venv-sbom
