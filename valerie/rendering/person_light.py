@@ -17,7 +17,6 @@ from valerie.color import luminance_of
 from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, View, bounds
 from valerie.scene.graph.model import Scene
 
-#: Luminance weights of linear Rec. 709 (ITU-R BT.709-6).
 #: Width of the ring as a share of the square root of the visible area, and its smallest width in pixels.
 _RING_SHARE, _RING_LEAST = 0.2, 2
 #: Width of the gap between person and ring, pixels. Antialiasing mixes both there.

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from tests.world.drawn import DrawnWorld, spec
 from tests.world.world import settings_of
+from valerie.analysis.wording import points
 from valerie.cli.main import app
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
@@ -50,7 +51,7 @@ def test_the_card_states_frames_origin_and_the_change_of_pacc(
     assert stated["quantized from"].startswith("semantic-fpn-small, ")
     everyone = version.comparison.groups[0]
     change = stated["change of pACC by int8"]
-    assert change.startswith(f"{100 * everyone.differences[0].mean:+.1f} points by place")
+    assert change.startswith(f"{points(everyone.differences[0].mean)} points by place")
     assert change.endswith(f", {everyone.persons} persons of run {drawn[1]}")
 
 
