@@ -26,6 +26,7 @@ from valerie.db.engine import open_engine, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
+from valerie.pipeline.work import finish
 from valerie.pipeline.work.child import Child
 from valerie.plain import typed
 from valerie.runs.products.frames import FrameKey
@@ -161,7 +162,7 @@ def test_a_worker_does_what_a_message_asks(app: Celery, monkeypatch: pytest.Monk
     done: list[str] = []
     monkeypatch.setattr(Child, "serve", lambda _, route: done.append(route))
     monkeypatch.setattr(Child, "context", None)
-    monkeypatch.setattr(evaluation, "finish_run", lambda _, run_id: done.append(run_id))
+    monkeypatch.setattr(finish, "finish_run", lambda _, run_id: done.append(run_id))
     with BrokerConnection("memory://") as connection:
         message = connection.default_channel.message_to_python(read("messages")[task])
     arguments, keywords, _ = message.decode()
