@@ -77,7 +77,7 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
         command = ["report", run_id, "--data-dir", str(folder), "-o", str(page), "--beside", str(beside)]
         result = CliRunner().invoke(app, command, catch_exceptions=False)
         assert result.exit_code == 0, result.output
-        return page.read_text("utf-8")
+        return page.read_text("utf-8").replace("\xa0", " ")  # no-break spaces
 
     html = report(KEPT / "paper-cycles.json")
     in_short = html[html.index("In short") : html.index("<h2>Findings")]
