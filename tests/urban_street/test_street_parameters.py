@@ -131,12 +131,13 @@ def another_character(thing: str, value: Value, before: Facts) -> Facts:
 
 
 def held(name: str, *, already: str = "") -> Expected:
-    """Expect another stance, and so another shape, of every character of the person, except those in it ``already``."""
+    """Expect another stance of every character of the person, and another shape of all but the one ``already`` so."""
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
-        characters = [path for path in below(thing, name, before) if path != f"{thing}.{already}"]
-        assert len(characters) == len(CHARACTERS) - bool(already)
-        return {f"{path} {name}": value for path in characters} | {f"{path} meshes": ANY for path in characters}
+        characters = below(thing, name, before)
+        assert len(characters) == len(CHARACTERS)
+        reshaped = [path for path in characters if path != f"{thing}.{already}"]
+        return {f"{path} {name}": value for path in characters} | {f"{path} meshes": ANY for path in reshaped}
 
     return expected
 
