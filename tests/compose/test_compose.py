@@ -160,6 +160,22 @@ def test_no_service_runs_as_root(stack: Stack, service: str) -> None:
     assert stack.compose("exec", "-T", service, "id", "-u").strip() == "10001"
 
 
+@pytest.mark.parametrize("service", SERVICES)
+def test_even_root_cannot_write_to_a_container_outside_its_volumes(stack: Stack, service: str) -> None:
+    written = stack.compose("exec", "-T", "--user", "0", service, "touch", "/etc/planted", check=False)
+    assert "Read-only file system" in written
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_a_container_has_limits_and_gains_no_privileges(stack: Stack, service: str) -> None:
+    name = next(one["Name"] for one in stack.containers() if one["Service"] == service)
+    shown = subprocess.run(["docker", "inspect", name], check=True, capture_output=True, text=True).stdout
+    limits = json.loads(shown)[0]["HostConfig"]
+    assert limits["Memory"] > 0
+    assert limits["PidsLimit"] > 0
+    assert "no-new-privileges:true" in limits["SecurityOpt"]
+
+
 def test_a_run_completes_although_a_render_worker_was_killed(stack: Stack, finished: str) -> None:
     with stack.client() as client:
         run = client.run(finished)
