@@ -20,6 +20,12 @@ from valerie.settings import load_settings
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 
 
+def _after(seconds: float, parent: psutil.Process) -> list[psutil.Process]:
+    """Wait, and return the children of a process."""
+    time.sleep(seconds)
+    return parent.children()
+
+
 def test_a_child_in_the_middle_of_a_product_ends_with_its_parent(tmp_path: Path, redis_url: str) -> None:
     settings = load_settings({}, data_dir=tmp_path, broker_url=redis_url)
     migrate(open_engine(settings.database_url))
@@ -34,6 +40,11 @@ def test_a_child_in_the_middle_of_a_product_ends_with_its_parent(tmp_path: Path,
                 assert worker.poll() is None
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
+            # A child that starts has not yet asked the kernel to end with its parent; one that waits for work has.
+            while not all(
+                [child.status() == psutil.STATUS_SLEEPING for _ in range(5) for child in _after(0.2, parent)]
+            ):
+                assert time.monotonic() < deadline
             children = parent.children()
             assert children
             for child in children:

@@ -464,11 +464,14 @@ def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path 
     """Return a suggestion for the user: a cheap change to the spec file, and the command that runs it."""
     from valerie.runs.resolving.spec import parse
 
-    dusk = "{name: dusk, exposure_ev: -2}"
-    has_sensors = "sensors" in parse(text).model_fields_set
-    # The first of the two equals the sensor of the finished run.
-    line = f"sensors: [{{name: day}}, {dusk}]"
-    change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  {line}  to {spec}"
+    parsed = parse(text)
+    # A named setting has a fixed exposure, which is black by night, where the run's camera meters.
+    metering = "auto_exposure: true, " if parsed.sensors[0].auto_exposure else ""
+    dark = f"{{name: dark, {metering}exposure_ev: -2}}"
+    if "sensors" in parsed.model_fields_set:
+        change = f"add  {dark}  to the sensors in {spec}"
+    else:
+        change = f"add the line  sensors: [{{name: metered, auto_exposure: true}}, {dark}]  to {spec}"
     return (
         f"{change}; then {_run_command(spec, functions, data_dir)}\n"
         "renders nothing new: the functions only evaluate darker pictures"

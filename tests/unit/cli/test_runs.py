@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -23,13 +24,21 @@ def test_the_next_step_repeats_the_command_with_the_functions_and_the_folder_it_
     text = next_step(Path("my spec.yaml"), SPEC.encode(), functions="my-net,other", data_dir=Path("/data here"))
     assert "run 'my spec.yaml' --functions my-net,other --data-dir '/data here'\n" in text
     plain = next_step(Path("s.yaml"), SPEC.encode(), functions=None, data_dir=None)
-    assert "add the line  sensors: [{name: day}, {name: dusk, exposure_ev: -2}]  to s.yaml; then" in plain
+    assert "add the line  sensors: [" in plain
+    assert "  to s.yaml; then" in plain
     assert "run s.yaml\n" in plain
 
 
 def test_a_spec_with_sensors_gets_one_more_and_not_a_second_list() -> None:
     text = next_step(Path("s.yaml"), f"{SPEC}sensors: [{{name: day}}]\n".encode(), functions=None, data_dir=None)
-    assert "add  {name: dusk, exposure_ev: -2}  to the sensors in s.yaml; then" in text
+    assert "add  {name: dark, exposure_ev: -2}  to the sensors in s.yaml; then" in text
+
+
+@pytest.mark.parametrize("sensors", ["", "sensors: [{name: day, auto_exposure: true}]\n"])
+def test_the_suggested_sensors_meter_where_those_of_the_run_do(sensors: str) -> None:
+    text = next_step(Path("s.yaml"), f"{SPEC}{sensors}".encode(), functions=None, data_dir=None)
+    suggested = yaml.safe_load(text.split("  ")[1].removeprefix("sensors: "))
+    assert all(sensor["auto_exposure"] for sensor in (suggested if isinstance(suggested, list) else [suggested]))
 
 
 RUN: dict[str, object] = {

@@ -23,14 +23,13 @@ def pitfalls(table: EvaluationTable) -> tuple[str, ...]:
 def _silent_functions(table: EvaluationTable) -> Iterator[str]:
     counts = frame_counts(table)
     functions = table.codes("function")
+    seen = ~np.logical_or.reduce([np.zeros(len(table), bool), *picture_faults(table).values()])[counts.row]
     for name in functions.names:
         looks = functions.where(name)[counts.row]
         called, visible = (counts.tp + counts.fp)[looks].sum(), (counts.tp + counts.fn)[looks].sum()
         if visible and not called:
-            yield (
-                f"{name} never predicts a person: it calls no pixel of {np.count_nonzero(looks):,} pictures person. "
-                "Its class map may be wrong."
-            )
+            reason = " Its class map may be wrong." if seen[looks].any() else ""
+            yield f"{name} never predicts a person: it calls no pixel of {np.count_nonzero(looks):,} pictures person.{reason}"
 
 
 def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
@@ -42,7 +41,8 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
         _, first = np.unique(pictures[measured & rows], return_index=True)
         faulty = np.flatnonzero(measured & rows)[first]
         if len(faulty):
-            listed = [frames.names[frames.index[row]] for row in faulty[:_LISTED]]
-            more = ", …" if len(faulty) > _LISTED else ""
+            # A frame has a picture for each sensor.
+            named = list(dict.fromkeys(frames.names[frames.index[row]] for row in faulty))
+            listed, more = named[:_LISTED], ", …" if len(named) > _LISTED else ""
             verb = "is" if len(faulty) == 1 else "are"
             yield f"{len(faulty):,} of {total:,} pictures {verb} {fault} (frames {', '.join(listed)}{more})."
