@@ -41,9 +41,7 @@ def test_a_child_in_the_middle_of_a_product_ends_with_its_parent(tmp_path: Path,
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
             # A child that starts has not yet asked the kernel to end with its parent; one that waits for work has.
-            while not all(
-                [child.status() == psutil.STATUS_SLEEPING for _ in range(5) for child in _after(0.2, parent)]
-            ):
+            while not all(child.status() == psutil.STATUS_SLEEPING for _ in range(5) for child in _after(0.2, parent)):
                 assert time.monotonic() < deadline
             children = parent.children()
             assert children
