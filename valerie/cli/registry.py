@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -163,8 +163,9 @@ def register_file(
     """
     if file is not None and not (file.is_file() or file.is_dir()):
         raise NotFound("file", file)
-    if document is None and file is not None and file.is_file():
-        beside = (file.with_suffix(suffix) for suffix in _SIDECARS)
+    if document is None and file is not None:
+        stem = file.name if file.is_dir() else file.stem
+        beside = (file.absolute().with_name(stem + suffix) for suffix in _SIDECARS)
         document = next((path for path in beside if path.is_file()), None)
         if document is not None:
             say(f"using the document {document}")
@@ -196,8 +197,7 @@ def functions_named(value: str, opening: Opening) -> list[str]:
     for item in filter(None, (part.strip() for part in value.split(","))):
         path = Path(item)
         if "/" not in item and not (path.suffix.lower() in SUFFIXES and path.is_file()):
-            if path.suffix.lower() in SUFFIXES:
-                say(f"{item}: no such file; taken as the name of a function")
+            say_missing_files([item])
             references.append(item)
             continue
         registered, new = register_file(opening, path)
@@ -206,6 +206,15 @@ def functions_named(value: str, opening: Opening) -> list[str]:
         assert registered.reference is not None, "a registered version has a reference"
         references.append(registered.reference)
     return references
+
+
+def say_missing_files(names: Iterable[str]) -> None:
+    """Say which names of functions look like files that do not exist."""
+    from valerie.pipeline.functions.guarded_import import SUFFIXES
+
+    for name in names:
+        if Path(name).suffix.lower() in SUFFIXES and not Path(name).is_file():
+            say(f"{name}: no such file; taken as the name of a function")
 
 
 def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:

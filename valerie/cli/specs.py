@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.registry import Opening, functions_named, open_registry
+from valerie.cli.registry import Opening, functions_named, open_registry, say_missing_files
 from valerie.cli.shell import DataDir, Json, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
@@ -132,10 +132,11 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
         ValerieError: a function's file cannot be registered.
     """
     text = read_spec(path)
-    if functions is None:
-        return text
     from valerie.runs.resolving.spec import parse
 
+    if functions is None:
+        say_missing_files(parse(text).functions)
+        return text
     return parse({**parse(text).short(), "functions": functions_named(functions, opening)}).to_yaml().encode()
 
 

@@ -13,7 +13,7 @@ import yaml
 from typer.testing import CliRunner
 
 from valerie.cli.main import app
-from valerie.cli.registry import functions_named
+from valerie.cli.registry import functions_named, register_file
 from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
 from valerie.testing.onnx_function import small_onnx
@@ -52,6 +52,29 @@ def test_import_prints_the_card_and_the_line_for_a_spec(  # type: ignore[no-unty
     assert printed.rstrip().endswith("functions: [mine]")
     assert "road, person" in printed
     assert "runs: onnxruntime-" in printed
+
+
+class Received:
+    """A registry that keeps what it is asked to register."""
+
+    texts: dict[str, str]
+
+    def register_function(self, texts: dict[str, str], payload: Path, folder: Path) -> None:
+        self.texts = texts
+
+
+def test_a_document_beside_a_hugging_face_folder_adds_to_what_the_folder_says(tmp_path: Path) -> None:
+    folder = tmp_path / "segformer.b0"
+    folder.mkdir()
+    config = {"model_type": "segformer", "id2label": {"0": "road", "1": "person"}}
+    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "model.safetensors").write_bytes(b"weights")
+    folder.with_name("segformer.b0.yaml").write_text("name: mine\noutput: {class_map: {road: void}}\n")
+    registry = Received()
+    register_file(lambda: nullcontext(registry), folder)  # type: ignore[arg-type, return-value]
+    document = json.loads(registry.texts["document"])
+    assert document["name"] == "mine"
+    assert (document["output"]["classes"], document["output"]["class_map"]) == (["road", "person"], {"road": "void"})
 
 
 def test_a_registered_function_is_listed_shown_exported_and_removed(  # type: ignore[no-untyped-def]
@@ -121,6 +144,13 @@ def test_other_functions_than_the_specs_are_planned(valerie, spec: Path) -> None
     assert plan["evaluations"] == 2 * one["evaluations"]
     with pytest.raises(InvalidInput, match="unknown function 'mine'"):
         valerie("plan", spec, "--functions", "mine")
+
+
+def test_a_missing_file_among_the_functions_of_a_spec_is_said_to_be_missing(spec: Path, tmp_path: Path) -> None:
+    spec.write_text(spec.read_text().replace("deeplabv3plus-small", "net.onnx"))
+    result = CliRunner().invoke(app, ["plan", str(spec), "--data-dir", str(tmp_path / "data")])
+    assert "net.onnx: no such file" in result.stderr
+    assert "unknown function 'net.onnx'" in str(result.exception)
 
 
 def test_a_file_in_place_of_a_name_is_registered_with_the_document_beside_it(  # type: ignore[no-untyped-def]
