@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import trimesh
@@ -43,15 +45,17 @@ def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles
     return Triangles(RayMeshIntersector(mesh), np.concatenate(labels), np.concatenate(instances))
 
 
-def pixel_rays(camera: Camera, view: View, row: int | None = None) -> NDArray[np.float64]:
+def pixel_rays(
+    camera: Camera, view: View, row: int | None = None, *, right: float = 0.0, down: float = 0.0
+) -> NDArray[np.float64]:
     """Return rays through pixel centres, (H, W, 3), of depth 1 along the optical axis, without the engine's code.
 
-    With ``row``, only those of this row, (1, W, 3).
+    With ``row``, only those of this row, (1, W, 3). ``right`` and ``down`` move the rays, in pixels.
     """
     focal = camera.focal_length_mm / camera.sensor_width_mm * view.width
     first, last = (0, view.height) if row is None else (row, row + 1)
     rows, columns = np.mgrid[first:last, 0 : view.width]
-    x, y = (columns + 0.5 - view.width / 2) / focal, -(rows + 0.5 - view.height / 2) / focal
+    x, y = (columns + 0.5 + right - view.width / 2) / focal, -(rows + 0.5 + down - view.height / 2) / focal
     rays: NDArray[np.float64] = np.stack([x, y, -np.ones_like(x)], axis=2) @ camera.transform[:3, :3].T
     return rays
 
@@ -72,6 +76,70 @@ def trace(
         depth = ((plane[:, 0] - origins) * normal).sum(axis=1) / (rays * normal).sum(axis=1)
     shape = (-1, view.width)
     return classes.reshape(shape), instances.reshape(shape), np.where(hits, depth, np.inf).reshape(shape)
+
+
+#: Farthest place from a pixel's centre whose light the pixel may hold, in pixels along each axis: the resolve filter takes the
+#: mean of a neighbour one pixel away, whose outer samples lie a quarter of a pixel from its centre.
+FOOTPRINT = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """The surfaces that pixels show.
+
+    Attributes:
+        points: (9, H, W, 3), the surface at the pixel's centre and around it, at the edges of its `FOOTPRINT`.
+        normals: (H, W, 3), towards the camera, at the centre.
+        flat: (H, W) bool, True if all nine points lie in one plane.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    flat: NDArray[np.bool_]
+
+
+def footprints(triangles: Triangles, camera: Camera, view: View) -> Footprints:
+    """Trace nine rays per pixel."""
+    points, normals, hits = [], [], []
+    for right, down in product((0.0, -FOOTPRINT, FOOTPRINT), repeat=2):
+        rays = pixel_rays(camera, view, right=right, down=down).reshape(-1, 3)
+        origins = np.broadcast_to(camera.position, rays.shape)
+        hit = triangles.intersector.intersects_first(origins, rays)
+        corners = triangles.intersector.mesh.triangles[hit]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        towards = (rays * normal).sum(axis=1)
+        normal *= -np.sign(towards)[:, None] / np.linalg.norm(normal, axis=1, keepdims=True)
+        towards = np.where(hit < 0, -1.0, (rays * normal).sum(axis=1))
+        points.append(origins + rays * (((corners[:, 0] - origins) * normal).sum(axis=1) / towards)[:, None])
+        normals.append(normal)
+        hits.append(hit >= 0)
+    off = np.array([((place - points[0]) * normals[0]).sum(axis=1) for place in points])
+    turned = np.array([(normal * normals[0]).sum(axis=1) for normal in normals])
+    flat = np.array(hits).all(axis=0) & (np.abs(off) < 1e-6).all(axis=0) & (turned > 1 - 1e-6).all(axis=0)
+    shape = (view.height, view.width)
+    return Footprints(np.array(points).reshape(-1, *shape, 3), normals[0].reshape(*shape, 3), flat.reshape(shape))
+
+
+def dark_and_lit(
+    seen: Footprints, hides: Callable[[NDArray[np.float64]], NDArray[np.bool_]], margin: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the pixels, (H, W) each, whose whole footprint is in the shadow, and those where all of it is in the light.
+
+    Args:
+        seen: what the pixels show.
+        hides: from points, (N, 3), to (N,) bool, True if an object hides the light from the point.
+        margin: (H, W), metres along the surface within which a shadow's edge makes a pixel neither.
+    """
+    across = np.cross(seen.normals, np.where(np.abs(seen.normals[..., 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-12)
+    along = np.cross(seen.normals, across)
+    steps = [np.zeros_like(across)]
+    steps += [margin[..., None] * (np.cos(turn) * across + np.sin(turn) * along) for turn in np.arange(8) * np.pi / 4]
+    places = (seen.points[:, None] + np.array(steps))[:, :, seen.flat]
+    hidden = np.array([hides(row) for row in places.reshape(-1, *places.shape[2:])])
+    dark, lit = np.zeros((2, *seen.flat.shape), np.bool_)
+    dark[seen.flat], lit[seen.flat] = hidden.all(axis=0), ~hidden.any(axis=0)
+    return dark, lit
 
 
 def blocked(triangles: Triangles, points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
