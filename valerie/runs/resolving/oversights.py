@@ -22,8 +22,13 @@ from valerie.statistics.replicates import MIN_POINTS, replicate_number
 from valerie.statistics.units import EVEN, INDEPENDENT
 from valerie.statistics.verdicts import units_to_decide
 
-#: Number of variants whose sun is checked, elevation of the sun at night, and smallest exposure that is not black then.
-_LOOKED_AT, _TWILIGHT_DEG, _NIGHT_EV = 64, -6.0, 4.0
+#: Number of variants whose sun is checked.
+_LOOKED_AT: Final = 64
+#: Elevation of the sun at night, and smallest exposure that is not black then.
+_TWILIGHT_DEG, _NIGHT_EV = -6.0, 4.0
+#: Elevation of the sun by day, and smallest exposure that is white then: 8 EV give a mean grey level of 253.1 at 5° and
+#: 254.5 at 65°, 6 EV at most 242.
+_DAY_DEG, _DAY_EV = 5.0, 8.0
 #: Largest number of values of a range that a warning lists.
 _LISTED: Final = 5
 
@@ -103,23 +108,29 @@ def oversights(
 
 
 def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) -> Iterator[str]:
-    """Yield a warning for each sensor whose fixed daylight exposure gives black pictures at night."""
-    step = max(space.size // _LOOKED_AT, 1)
-    lowest = None
-    for index in range(0, space.size, step):
-        _, values = next(iter(space.values(index, index + 1)))
-        elevation = conditions({path: value for path, value in values.items() if path in manifest.by_path}, manifest)
-        if elevation.sun_elevation_deg is not None and elevation.sun_elevation_deg < _TWILIGHT_DEG:
-            lowest = min(lowest or 0.0, elevation.sun_elevation_deg)
-    if lowest is None:
-        return
+    """Yield a warning for each sensor whose fixed exposure gives black pictures at night, or white ones by day."""
     varied = {f"{SENSOR_ROOT}.{name}" for name in ("exposure_ev", "auto_exposure", "gain_db")} & space.used
-    for sensor in spec.sensors:
-        if not varied and not sensor.auto_exposure and sensor.exposure_ev + sensor.gain_db / 6 < _NIGHT_EV:
-            yield (
-                f"sensor {sensor.name}: with the sun {-lowest:g}° below the horizon, the fixed exposure of "
-                f"{sensor.exposure_ev:g} EV gives black pictures; auto_exposure: true meters the background"
-            )
+    fixed = [sensor for sensor in spec.sensors if not sensor.auto_exposure]
+    if varied or not fixed:
+        return
+    elevations = []
+    for index in range(0, space.size, max(space.size // _LOOKED_AT, 1)):
+        _, values = next(iter(space.values(index, index + 1)))
+        named = {path: value for path, value in values.items() if path in manifest.by_path}
+        elevation = conditions(named, manifest).sun_elevation_deg
+        if elevation is not None:
+            elevations.append(elevation)
+    if not elevations:
+        return
+    lowest, highest = min(elevations), max(elevations)
+    for sensor in fixed:
+        exposure = sensor.exposure_ev + sensor.gain_db / 6
+        warning = f"sensor {sensor.name}: with the sun {{}} the horizon, the fixed exposure of {sensor.exposure_ev:g} EV gives {{}} "
+        warning += "pictures; auto_exposure: true meters the background"
+        if lowest < _TWILIGHT_DEG and exposure < _NIGHT_EV:
+            yield warning.format(f"{-lowest:g}° below", "black")
+        if highest >= _DAY_DEG and exposure >= _DAY_EV:
+            yield warning.format(f"{highest:g}° above", "white")
 
 
 def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:

@@ -86,6 +86,13 @@ def test_a_plan_warns_of_pictures_that_will_be_black(street: Manifest) -> None:
     assert resolved(street, **night).warnings == ()  # without sensors, the camera meters
 
 
+def test_a_plan_warns_of_pictures_that_will_be_white(street: Manifest) -> None:
+    day = {"constants": {"scene.sun-1.elevation": "30 deg"}}
+    (warning,) = resolved(street, **day, sensors=[{"name": "night", "exposure_ev": 8}, {"name": "day"}]).warnings
+    assert "sensor night: with the sun 30° above the horizon" in warning
+    assert "gives white pictures" in warning
+
+
 @pytest.mark.parametrize(
     ("vary", "reason"),
     [
