@@ -125,12 +125,16 @@ def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) ->
     lowest, highest = min(elevations), max(elevations)
     for sensor in fixed:
         exposure = sensor.exposure_ev + sensor.gain_db / 6
-        warning = f"sensor {sensor.name}: with the sun {{}} the horizon, the fixed exposure of {sensor.exposure_ev:g} EV gives {{}} "
-        warning += "pictures; auto_exposure: true meters the background"
+        faults = []
         if lowest < _TWILIGHT_DEG and exposure < _NIGHT_EV:
-            yield warning.format(f"{-lowest:g}° below", "black")
+            faults.append((f"{-lowest:g}° below", "black"))
         if highest >= _DAY_DEG and exposure >= _DAY_EV:
-            yield warning.format(f"{highest:g}° above", "white")
+            faults.append((f"{highest:g}° above", "white"))
+        for sun, fault in faults:
+            yield (
+                f"sensor {sensor.name}: with the sun {sun} the horizon, the fixed exposure of {sensor.exposure_ev:g} EV "
+                f"gives {fault} pictures; auto_exposure: true meters the background"
+            )
 
 
 def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:
