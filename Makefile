@@ -49,6 +49,10 @@ paper-light: setup ## Run a part with the light on each person (10 CPU minutes) 
 paper-cycles: setup cycles ## Run a part by Cycles, too (an hour) and renew docs/experiment/
 	@exec $(PYTHON_BIN) -m tools.paper cycles
 
+.PHONY: guided
+guided: setup ## Ask a failure rate, a boundary, pairs and a ranking of one domain (half an hour) and renew docs/guided/
+	@exec $(PYTHON_BIN) -m tools.guided
+
 .PHONY: up
 up: setup ## Start server, workers and dashboard until Ctrl-C
 	@exec $(VENV)/bin/valerie up --end-with-parent

@@ -23,12 +23,10 @@ from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
-from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
+from valerie.rendering.scene_reading import TRANSLUCENCY, DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
-#: Share of the light that a thin sheet (`Material.double_sided`) transmits. With it, the lit side matches the raster engine's.
-_TRANSLUCENT_SHARE: Final = 0.175
 #: Blender's dust density per unit of turbidity above pure air. It maps our clear day (3) to Blender's default (1).
 _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
@@ -245,7 +243,8 @@ class _Sender:
         lens = material.name in self._lenses
         key = f"material-{hash((material, lens, self._wet, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
-            share = _TRANSLUCENT_SHARE if material.double_sided else 0.0
+            # Both sides add up to 1 here, and the lit one is that of the raster engine.
+            share = TRANSLUCENCY / 2 if material.double_sided else 0.0
             self._blender.ask("material", key=key, translucency=share, lens=lens, wet=self._wet, **values)
         return key
 

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.upload.textures import TextureSet
+from valerie.rendering.scene_reading import TRANSLUCENCY
 from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.
 TEXELS: Final = 5
-#: Share of light that a thin sheet (`Material.double_sided`: leaf, cloth, paper) transmits, in its own colour.
-TRANSLUCENCY: Final = 0.35
 
 
 class SurfaceKind(NamedTuple):
