@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.registry import open_registry, register_file
-from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say
+from valerie.cli.registry import import_file, open_registry, register_file
+from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say, template, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
 
 if TYPE_CHECKING:
     from valerie.client import Function, NoTrial, Trial
+    from valerie.metrics.collection import CollectionScores
 
+#: Most predicted classes that are listed for a true one.
+_MOST_CLASSES: Final = 4
 #: Characters of a digest that identify a version, as in `valerie.pipeline.functions.registry`.
 _SHORT: Final = 12
 
@@ -74,6 +78,49 @@ def import_(
     say(("registered" if new else "registered already") + f" as {registered.reference}; in a spec:")
     typer.echo(f"functions: [{registered.name}]")
     say(f"runs that start from now on pin this version; try it with: {command_name()} run SPEC")
+
+
+@app.command("try")
+def try_(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="As for `import`; a document beside the file is read, too.")
+    ],
+    document: Annotated[
+        Path | None, typer.Option("--document", metavar="SIDE.yaml", help="Facts that the file does not state.")
+    ] = None,
+    spec: Annotated[
+        Path | None,
+        typer.Option("--spec", metavar="SPEC", help="Spec of the frames; by default the one of `valerie new`."),
+    ] = None,
+    count: Annotated[int, typer.Option("--frames", min=1, max=50, help="Number of frames.")] = 3,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Picture to write; by default FILE-try.png.")
+    ] = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Let a function predict on a few frames, without registering it.
+
+    Writes a picture with a row for each frame: the picture, the network's input, the predicted and the true classes,
+    and the errors on persons. Prints the confusion of all frames.
+    """
+    from tempfile import TemporaryDirectory
+
+    from valerie.local.spec_files import read_spec
+    from valerie.metrics.collection import collection_scores
+    from valerie.pipeline.reading.painting import png
+    from valerie.pipeline.work.trying import contact_sheet, render_frames, try_function
+    from valerie.runs.resolving.spec import parse
+
+    settings = settings_of(data_dir)
+    parsed = parse(template("valerie.runs") if spec is None else read_spec(spec))
+    with TemporaryDirectory(prefix="valerie-try-") as folder:
+        imported = import_file(file, Path(folder), settings, document=document)
+        frames = render_frames(parsed, settings, count)
+        card, tried = try_function(imported.document, imported.payload, frames, settings)
+    _rows(card)
+    _show_scores(collection_scores([frame.confusion for frame in tried]))
+    path = output or Path(f"{file.absolute().stem}-try.png")
+    write_output(path, png(contact_sheet(tried)))
 
 
 @app.command()
@@ -200,23 +247,51 @@ def remove(
 
 
 def _card(function: Function) -> None:
+    _rows(
+        [
+            ("name", function.name),
+            ("version", "" if function.version is None else f"{function.version}  ({function.reference})"),
+            *function.card,
+            ("tried out", _trial_text(function.check)),
+            ("offered as", ", ".join(function.numeric_classes)),
+            ("problem", function.problem),
+        ]
+    )
+
+
+def _rows(rows: Iterable[tuple[str, str | None]]) -> None:
+    """Print titles with their texts, if they have one."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = [
-        ("name", function.name),
-        ("version", "" if function.version is None else f"{function.version}  ({function.reference})"),
-        *function.card,
-        ("tried out", _trial_text(function.check)),
-        ("offered as", ", ".join(function.numeric_classes)),
-        ("problem", function.problem),
-    ]
     for title, text in rows:
         if text:
             table.add_row(title, Text(text))
+    console().print(table)
+
+
+def _show_scores(scores: CollectionScores) -> None:
+    """Print the classes in the truth with their shares of predicted classes, the person first."""
+    from rich.table import Table
+
+    from valerie.labels import PERSON, TRAIN_LABELS
+
+    names = [*(label.name for label in TRAIN_LABELS), "void"]
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("class", "pixels", "pACC", "precision", "predicted as"):
+        table.add_column(column, justify="left" if column in ("class", "predicted as") else "right")
+    for part in sorted(scores.classes, key=lambda part: (part.label != PERSON, part.label.train_id)):
+        counts = scores.matrix[part.label.train_id]
+        if total := int(counts.sum()):
+            largest = [index for index in counts.argsort()[::-1][:_MOST_CLASSES].tolist() if counts[index]]
+            shares = ", ".join(f"{names[index]} {100 * counts[index] / total:.1f} %" for index in largest)
+            scored = (
+                "" if value is None else f"{100 * value:.1f}" for value in (part.pacc.pooled, part.precision.pooled)
+            )
+            table.add_row(part.label.name, f"{total:,}", *scored, shares)
     console().print(table)
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from valerie.client import Client, Function, RegisteredFunction
     from valerie.pipeline.base.context import Context
     from valerie.pipeline.functions.catalog import FunctionEntry
+    from valerie.pipeline.functions.guarded_import import ImportedFunction
     from valerie.settings import Settings
 
 #: Suffixes of a document with a file's name, in the same folder.
@@ -161,21 +162,24 @@ def register_file(
         NotFound: there is no such file.
         ValerieError: the file or the document is refused.
     """
-    if file is not None and not (file.is_file() or file.is_dir()):
-        raise NotFound("file", file)
-    if document is None and file is not None:
-        stem = file.name if file.is_dir() else file.stem
-        beside = (file.absolute().with_name(stem + suffix) for suffix in _SIDECARS)
-        document = next((path for path in beside if path.is_file()), None)
-        if document is not None:
-            say(f"using the document {document}")
-    if document is not None:
-        texts = {"document": _text(document), **texts}
-    payload = file
-    if file is not None and file.is_dir():
-        texts, payload = _huggingface(file, texts)
+    texts, payload = _files_of(file, document, texts)
     with TemporaryDirectory(prefix="valerie-import-") as folder, opening() as registry:
         return registry.register_function(texts, payload, Path(folder))
+
+
+def import_file(file: Path, folder: Path, settings: Settings, *, document: Path | None = None) -> ImportedFunction:
+    """Convert and check a function's files here, as `register_file` does, and register nothing.
+
+    Args:
+        file, document: see `register_file`.
+        folder: for the converted file.
+        settings: of this process.
+    """
+    from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
+
+    texts, payload = _files_of(file, document, {})
+    assert payload is not None, "a file has a payload"
+    return import_function(ImportRequest(path=payload, filename=payload.name, **texts), folder, settings)
 
 
 def functions_named(value: str, opening: Opening) -> list[str]:
@@ -215,6 +219,24 @@ def say_missing_files(names: Iterable[str]) -> None:
     for name in names:
         if Path(name).suffix.lower() in SUFFIXES and not Path(name).is_file():
             say(f"{name}: no such file; taken as the name of a function")
+
+
+def _files_of(file: Path | None, document: Path | None, texts: dict[str, str]) -> tuple[dict[str, str], Path | None]:
+    """Return the texts with the document's, and the file with the weights; see `register_file`."""
+    if file is not None and not (file.is_file() or file.is_dir()):
+        raise NotFound("file", file)
+    if document is None and file is not None:
+        stem = file.name if file.is_dir() else file.stem
+        beside = (file.absolute().with_name(stem + suffix) for suffix in _SIDECARS)
+        document = next((path for path in beside if path.is_file()), None)
+        if document is not None:
+            say(f"using the document {document}")
+    if document is not None:
+        texts = {"document": _text(document), **texts}
+    payload = file
+    if file is not None and file.is_dir():
+        texts, payload = _huggingface(file, texts)
+    return texts, payload
 
 
 def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:

@@ -183,6 +183,11 @@ def write_output(path: Path, content: bytes) -> None:
     say(f"wrote {save(content, path)}")
 
 
+def template(package: str) -> str:
+    """Return the commented ``template.yaml`` of a package."""
+    return resources.files(package).joinpath("template.yaml").read_text(encoding="utf-8")
+
+
 def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
     """Write the commented ``template.yaml`` of a package to a file, or print it for ``-``, and say what comes next.
 
@@ -195,7 +200,7 @@ def write_template(package: str, path: Path, *, force: bool, then: str) -> None:
     Raises:
         InvalidInput: the file exists, or cannot be written.
     """
-    text = resources.files(package).joinpath("template.yaml").read_text(encoding="utf-8")
+    text = template(package)
     if str(path) == "-":
         sys.stdout.write(text)
         return

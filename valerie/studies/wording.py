@@ -14,7 +14,7 @@ from valerie.guided.domain import shown
 from valerie.guided.estimate import FailureRate
 from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
-from valerie.guided.map import Boundary, Call
+from valerie.guided.map import TESTED, WRONG, Boundary, Call
 from valerie.guided.rank import Effect, Ranking
 from valerie.guided.strategy import Reason, Result, Why
 from valerie.guided.verify import Verification
@@ -152,7 +152,7 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
         ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items()) + " of the operational domain.",
         f"Of {known.tested} points called before their scores were told, {100 * known.wrong:.1f} % were called wrongly."
         if known.tested
-        else "No call could be tested yet.",
+        else f"No verdict yet: {TESTED} points must be called before their scores are told, {100 * WRONG:g} % wrongly at most.",
     )
 
 

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from tests.world.boxes import write_box_street
 from valerie.cli.main import app
 from valerie.cli.registry import functions_named, register_file
 from valerie.client import Function, RegisteredFunction
@@ -52,6 +53,21 @@ def test_import_prints_the_card_and_the_line_for_a_spec(  # type: ignore[no-unty
     assert printed.rstrip().endswith("functions: [mine]")
     assert "road, person" in printed
     assert "runs: onnxruntime-" in printed
+
+
+def test_a_file_is_tried_on_frames_without_being_registered(  # type: ignore[no-untyped-def]
+    valerie, onnx: Path, side: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(tmp_path / "assets"))
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("name: t\nasset: box-street\nresolution: {width: 96, height: 54}\n")
+    sheet = tmp_path / "sheet.png"
+    printed = valerie("function", "try", onnx, "--document", side, "--spec", spec, "--frames", 1, "--output", sheet)
+    assert re.search(r"^classes +2: road, person$", printed, re.MULTILINE)
+    assert re.search(r"^person +[\d,]+ +[\d.]+ +[\d.]+ +(person|road) ", printed, re.MULTILINE)
+    assert sheet.read_bytes().startswith(b"\x89PNG")
+    assert not (tmp_path / "data").exists()
 
 
 class Received:

@@ -90,7 +90,7 @@ class FramePainter:
         predicted = self._reader.prediction(prediction)
         if kind is PictureKind.OVERLAY:
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
-        return _errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
+        return paint_errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
 
     def close_up(self, *, capture: Capture, prediction: str, person: int) -> NDArray[np.uint8]:
         """Paint a person from near: the picture on the left; on the right hits green, misses orange, false alarms purple.
@@ -107,11 +107,27 @@ class FramePainter:
             MissingInput: an object is gone.
         """
         truth, picture = capture.seen_truth(self._reader), capture.picture(self._reader)
-        outcome = _errors(picture, to_train_ids(truth.class_map), self._reader.prediction(prediction))
+        outcome = paint_errors(picture, to_train_ids(truth.class_map), self._reader.prediction(prediction))
         window = _window_around(truth.instance_map == person)
         panes = [_enlarged(picture[window]), _enlarged(outcome[window])]
         gap = np.full((panes[0].shape[0], _GAP, 3), 255, np.uint8)
         return np.concatenate((panes[0], gap, panes[1]), axis=1)
+
+
+def paint_errors(
+    picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    """Paint persons over a grey picture: hits green, misses orange, false alarms purple.
+
+    Args:
+        picture: (H, W, 3) uint8 sRGB.
+        truth, predicted: (H, W) train ids.
+    """
+    grey = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    person, claimed = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
+    for mask, color in ((person & claimed, _HIT), (person & ~claimed, _MISS), (~person & claimed, _FALSE)):
+        grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
+    return grey
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
@@ -126,15 +142,6 @@ def png(pixels: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()
-
-
-def _errors(picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Paint persons over a grey picture: hits green, misses orange, false alarms purple."""
-    grey = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    person, claimed = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
-    for mask, color in ((person & claimed, _HIT), (person & ~claimed, _MISS), (~person & claimed, _FALSE)):
-        grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
-    return grey
 
 
 def _window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
