@@ -117,7 +117,7 @@ def test_left_and_right_come_out_alike_in_the_rest_pose() -> None:
     sleeves = clothing.beyond_hems(look.garments[1].cut, body, body.vertices, data.rig().weights)[2]
     rows = body_rows()
     left, right = rows[body.vertices[rows, 0] < 0.0], rows[body.vertices[rows, 0] > 0.0]
-    assert (sleeves[left] < 0.0).sum() == pytest.approx((sleeves[right] < 0.0).sum(), rel=0.01)
+    assert (sleeves[left] < 0.0).sum() == (sleeves[right] < 0.0).sum() > 0
 
 
 def test_hems_have_the_thickness_asked_for(dressed: Dressed) -> None:
@@ -135,7 +135,8 @@ def test_the_lining_lies_behind_the_cloth_and_not_beyond_its_edge(dressed: Dress
     loop = surface.boundary_loops(cloth.faces)[0]
     hemmed = trim.add_hems(cloth, 0.004)
     end = hemmed.points[len(cloth.points) + 2 * len(loop) : len(cloth.points) + 3 * len(loop)]
-    assert np.median(np.linalg.norm(end - cloth.points[loop], axis=1)) > 0.02
+    # 22 mm from the edge, and a millimetre deeper than the hem.
+    np.testing.assert_allclose(np.linalg.norm(end - cloth.points[loop], axis=1), np.hypot(0.005, 0.022))
     closest, distance, triangle = trimesh.proximity.closest_point(
         trimesh.Trimesh(cloth.points, cloth.faces, process=False), end
     )
@@ -151,7 +152,8 @@ def test_a_collar_rises_from_the_neckline(dressed: Dressed) -> None:
     collared = trim.add_collar(cloth, garment.collar, dressed.body, dressed.posed)
     added = collared.points[len(cloth.points) :]
     rise = max(row[0] for row in garment.collar.rows)
-    assert added[:, 2].max() - cloth.points[loop, 2].max() == pytest.approx(rise, abs=0.4 * rise)
+    # It rises along an axis of 1 upwards and 0.3 along the neck, which leans by at most arcsin(0.3): 1 − cos is a twentieth.
+    assert added[:, 2].max() - cloth.points[loop, 2].max() == pytest.approx(rise, rel=0.05)
 
 
 def test_texture_coordinates_of_a_top_keep_trunk_and_sleeves_apart(dressed: Dressed) -> None:
@@ -195,18 +197,17 @@ def test_a_falling_cloth_comes_to_rest_on_the_floor() -> None:
     free = np.zeros(len(points), bool)
     fabric = drape.Fabric(thickness=0.005, steps=300)
     settled = drape.settle(points, points, faces, free, np.zeros(len(points), np.int64), floor(), fabric)
-    assert settled[:, 2].min() >= 0.005 - 1e-9
-    assert settled[:, 2].max() < 0.008
+    np.testing.assert_allclose(settled[:, 2], fabric.thickness, atol=1e-9)
 
 
 def test_pinned_cloth_stays_where_it_is_pinned() -> None:
     points, faces = square(12)
     pinned = points[:, 0] == 0.0
-    settled = drape.settle(
-        points, points, faces, pinned, np.zeros(len(points), np.int64), floor(), drape.Fabric(steps=300)
-    )
+    fabric = drape.Fabric(steps=300)
+    settled = drape.settle(points, points, faces, pinned, np.zeros(len(points), np.int64), floor(), fabric)
     np.testing.assert_array_equal(settled[pinned], points[pinned])
-    assert settled[~pinned][:, 2].min() < 0.02
+    # The other end lies on the floor.
+    assert settled[~pinned][:, 2].min() == pytest.approx(fabric.thickness, abs=1e-9)
 
 
 def test_cloth_passes_through_what_belongs_to_another_region() -> None:
