@@ -92,6 +92,7 @@ def test_the_summary_reads() -> None:
 
 
 def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path: Path) -> None:
+    """Columns and tables of later releases are not compared."""
     copy = open_engine(f"sqlite:///{tmp_path / 'copy.sqlite3'}")
     migrate(copy)
     written = {}
@@ -101,7 +102,11 @@ def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path
             rows = target.execute(text(f'SELECT * FROM "{table.name}"')).mappings()
             written[table.name] = [readable(dict(row)) for row in rows]
     copy.dispose()
-    assert written == {name: [readable(row) for row in rows] for name, rows in read("rows").items()}
+    for name, rows in read("rows").items():
+        pairs = list(zip(rows, written[name], strict=True))
+        assert [{column: now[column] for column in then} for then, now in pairs] == [
+            readable(then) for then, _ in pairs
+        ]
 
 
 def readable(row: dict[str, Any]) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def plan(
     settings = settings_of(data_dir)
     if not truth_only and (where is not None or output is not None):
         option = "--output" if where is None else "--where"
-        raise InvalidInput("variants are chosen by their truth", field=option, limit="with --truth-only")
+        raise InvalidInput("works only with --truth-only", field=option)
     text = spec_text(spec, functions, partial(open_registry, settings, url, create=True))
     if truth_only:
         _choose(text, settings, where=where, output=output, as_json=as_json)

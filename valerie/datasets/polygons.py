@@ -69,7 +69,7 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
 
 
 def painted(document: PolygonsDocument) -> NDArray[np.uint8]:
-    """Return the label ids that tools paint from polygons, (H, W); 0 outside all polygons."""
+    """Return the label ids that annotation tools would paint from these polygons, (H, W); 0 outside all of them."""
     canvas = Image.new("L", (document["imgWidth"], document["imgHeight"]))
     drawing = ImageDraw.Draw(canvas)
     for polygon in document["objects"]:

@@ -75,7 +75,7 @@ class Fed(NamedTuple):
         state: state of the run.
         next_index: variants before this one have rows.
         rejected_count: number of rejected variants among them.
-        turn: of the next product.
+        turn: turn of the next product.
     """
 
     state: RunState

@@ -67,7 +67,7 @@ class Service:
         return len(self._deaths)
 
     def look(self) -> bool:
-        """Check the process, and restart it if it has ended and the pause is over; return True if anything changed."""
+        """Restart the process if it has ended and its pause is over. Return True if anything changed."""
         now = self._clock()
         if self.failure is not None or self._process is None:
             return False

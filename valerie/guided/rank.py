@@ -214,7 +214,11 @@ class Rank:
         else:
             self._told[block] = len(points)
             if block > 20 * FEWEST and np.mean([np.isnan(scores).all() for scores in self._scores]) > 1 - 1 / 20:
-                raise InvalidInput("hardly any block is legal", field="vary", value=block, limit=1 / 20)
+                raise InvalidInput(
+                    f"fewer than 5 % of the {block} blocks drawn so far contain only legal variants; widen the ranges or "
+                    "relax the constraints",
+                    field="vary",
+                )
 
     @property
     def result(self) -> Ranking | None:

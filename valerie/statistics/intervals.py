@@ -309,7 +309,7 @@ def _checked(
             raise InvalidInput(
                 "one number for every row is needed", field=name, value=column.shape, limit=units.index.shape
             )
-    # NaN is outside, too.
+    # NaN fails both comparisons, so it counts as outside.
     outside = ~((scores >= 0) & (scores <= 1))
     if outside.any():
         raise InvalidInput("scores lie in 0 … 1", field="values", value=float(scores[outside][0]), limit="0 … 1")

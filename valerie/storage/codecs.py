@@ -53,7 +53,7 @@ def decode_layer(data: bytes, *, key: str = "") -> Layer:
 
 
 def encode_truth(truth: GroundTruth) -> bytes:
-    """Pack class map, instance map and depth, and each person's amodal mask in its box as bits."""
+    """Encode class map, instance map, depth and amodal masks. A mask is packed as bits within its person's box."""
     arrays: dict[str, NDArray[Any]] = {
         "class_map": truth.class_map,
         "instance_map": truth.instance_map,

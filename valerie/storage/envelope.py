@@ -107,7 +107,7 @@ def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], JsonObject]:
     (length,) = struct.unpack_from("<Q", raw)
     start = 8 + length
     if length > _MAX_HEADER or start > len(raw):
-        raise ValueError(f"the header states {length} bytes; {len(raw)} are there")
+        raise ValueError(f"expected {length} bytes as the header states, found {len(raw)}")
     header = orjson.loads(raw[8:start])
     meta = orjson.loads(header.pop("__metadata__")[_META])
     if not isinstance(meta, dict):

@@ -41,7 +41,7 @@ def _empty_pictures(table: EvaluationTable) -> Iterator[str]:
         _, first = np.unique(pictures[measured & rows], return_index=True)
         faulty = np.flatnonzero(measured & rows)[first]
         if len(faulty):
-            # A frame has a picture for each sensor.
+            # Several pictures can share a frame: one for each sensor.
             named = list(dict.fromkeys(frames.names[frames.index[row]] for row in faulty))
             listed, more = named[:_LISTED], ", …" if len(named) > _LISTED else ""
             verb = "is" if len(faulty) == 1 else "are"

@@ -167,7 +167,7 @@ def _deviation(run: GateRun, function: str) -> float:
         if len(means) > 1:
             return float(means.std(ddof=1))
     raise InvalidInput(
-        "the run does not show how much the changes of places deviate", field="--deviation",
+        "the run cannot tell how much a change varies from place to place", field="--deviation",
         limit="a number between 0 and 1, or a run of two functions at two places or more",
     )  # fmt: skip
 

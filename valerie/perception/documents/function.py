@@ -189,7 +189,7 @@ class OutputDocument(Document):
 
     @property
     def cut(self) -> float:
-        """Threshold of a single class."""
+        """Score above which a pixel belongs to the class, for a function with one class."""
         return self.threshold if self.threshold is not None else {"logits": 0.0, "probabilities": 0.5}[self.kind]
 
     @property

@@ -67,7 +67,7 @@ class PredictionsOptions(Options):
     deadline_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-#: Kind to the class of its options.
+#: Class of the options, by kind.
 OPTIONS: Final[Mapping[str, type[Options]]] = MappingProxyType(
     {
         "network": Options,

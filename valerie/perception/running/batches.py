@@ -49,7 +49,7 @@ def require_size(name: str, labels: NDArray[np.uint8], picture: NDArray[np.uint8
         InferenceError: names the function and both sizes.
     """
     if labels.shape != picture.shape[:2]:
-        raise InferenceError(f"{name} answered {labels.shape} for a picture of {picture.shape[:2]}")
+        raise InferenceError(f"{name} returned labels of shape {labels.shape} for a picture of {picture.shape[:2]}")
 
 
 def _together(

@@ -54,7 +54,7 @@ def refine_run(
     if selection.finding is not None:
         if add or drop:
             raise InvalidInput(
-                "a finding names its parameters itself", field="--finding", limit="without --add, --drop"
+                "cannot be combined with --add or --drop: a finding already names its parameters", field="--finding"
             )
         return _of_finding(context, run_id, selection.finding)
     names = run.resolved.space.names

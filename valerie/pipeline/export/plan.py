@@ -123,7 +123,7 @@ class ExportPlan:
 
     @property
     def bytes(self) -> float:
-        """Largest size of all files."""
+        """Upper bound on the total size of the files."""
         size, settings = self.run.resolved.spec.resolution, self.settings
         of_pixel = _PICTURE_BYTES + _LABEL_BYTES * len(settings.formats)
         of_pixel += _PREDICTION_BYTES * len(settings.predictions)

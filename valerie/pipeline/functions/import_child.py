@@ -166,7 +166,7 @@ def _try_out(document: FunctionDocument, path: Path, *, device: str) -> Trial:
         raise InvalidInput(f"it does not run: {error}", field="payload") from error
     seconds = (time.process_time() - started) / 2
     if first.shape != _SIZE:
-        raise InvalidInput(f"it answers {first.shape} for a picture of {_SIZE}", field="payload")
+        raise InvalidInput(f"the network returns shape {first.shape} for a picture of {_SIZE}", field="payload")
     if not np.array_equal(first, second):
         raise InvalidInput("two predictions of one picture differ", field="payload")
     return Trial(

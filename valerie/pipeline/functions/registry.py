@@ -198,7 +198,7 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
         CorruptArtifact: the store has other bytes.
     """
     if document.payload is None:
-        raise NotFound("payload of the function", document.name)
+        raise NotFound("file of the function", document.name)
     data = context.store.get(function_key(document.payload.sha256, document.payload.format))
     _require_digest(hashlib.sha256(data).hexdigest(), document)
     return data

@@ -155,7 +155,7 @@ class Flow:
 
     @property
     def outcome(self) -> Outcome:
-        """The newest verdict."""
+        """The latest verdict."""
         verified = [each.verification for each in self.rounds if each.verification is not None]
         return verified[-1].outcome if verified else Outcome.UNDECIDED
 

@@ -155,7 +155,7 @@ class PyrenderRenderer:
         try:
             encoded, _ = self._renderer.render(target, flags=flags)
         except Exception as error:
-            raise RenderingError(f"pyrender: {error}") from error
+            raise RenderingError(f"pyrender could not render the frame: {error}") from error
         self._forget_all_but(used)
         pixels: NDArray[np.float16] = _DECODED[encoded]
         require_image(pixels, engine=self.name)

@@ -180,7 +180,7 @@ class Vocabulary:
             try:
                 path = self.path(name, f"{place}.{name}")
                 if path in values:
-                    raise InvalidInput("the parameter is given twice", field=f"{place}.{name}", value=path)
+                    raise InvalidInput("the parameter has two values", field=f"{place}.{name}", value=path)
                 values[path] = self.value(value, self.definitions[path], f"{place}.{name}")
             except InvalidInput as problem:
                 self.problems.append(problem)

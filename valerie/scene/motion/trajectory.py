@@ -182,7 +182,7 @@ class Motion:
         return moment
 
     def owns(self, path: str) -> bool:
-        """Return True for the paths of the time and of the values of keyframes."""
+        """Return True if a path is the time or a keyframe's value."""
         return path in self._own
 
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:

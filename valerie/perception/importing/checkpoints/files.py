@@ -99,11 +99,13 @@ def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
                 name.removesuffix("/data.pkl") for name in names if name.count("/") == 1 and name.endswith("/data.pkl")
             ]
             if len(roots) != 1:
-                raise InvalidInput("a zip archive, but not of torch.save", field=field, limit="one */data.pkl")
+                raise InvalidInput(
+                    "this zip archive was not written by torch.save", field=field, limit="one */data.pkl"
+                )
             root = roots[0]
             order = names.get(f"{root}/byteorder")
             if order is not None and archive.read(order) != b"little":
-                raise InvalidInput("numbers in another byte order", field=field, limit="little endian")
+                raise InvalidInput("the numbers are not little-endian", field=field, limit="little-endian")
             pickled = names[f"{root}/data.pkl"]
             if pickled.file_size > _MAX_INNER_PICKLE:
                 limit = f"{_MAX_INNER_PICKLE} bytes"
@@ -162,7 +164,7 @@ def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
         raise InvalidInput("another version of torch's format", field=field, limit=_STREAM_VERSION)
     system = load_plain(stream, field=field)
     if not isinstance(system, dict) or system.get("little_endian") is not True:
-        raise InvalidInput("numbers in another byte order", field=field, limit="little endian")
+        raise InvalidInput("the numbers are not little-endian", field=field, limit="little-endian")
     storages: dict[str, Storage] = {}
 
     def storage(pid: Any) -> Storage:

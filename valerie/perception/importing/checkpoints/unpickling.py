@@ -125,7 +125,7 @@ class Tensor(_Fixed):
     def array(self) -> NDArray[Any]:
         """Return a read-only view of the numbers."""
         if self.storage.numbers is None:
-            raise _Refused("a tensor whose data are missing")
+            raise _Refused("the data of a tensor are missing")
         if 0 in self.shape:
             return np.zeros(self.shape, self.storage.numbers.dtype)
         numbers = self.storage.numbers[self.offset :]
