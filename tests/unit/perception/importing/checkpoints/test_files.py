@@ -310,7 +310,7 @@ def test_another_zip_archive_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "f.pth"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("readme.txt", "hello")
-    with pytest.raises(InvalidInput, match=r"not of torch\.save"):
+    with pytest.raises(InvalidInput, match=r"not written by torch\.save"):
         read_stored_checkpoint(path)
 
 
