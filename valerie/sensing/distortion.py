@@ -16,6 +16,7 @@ no part of the border inwards.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -139,13 +140,24 @@ def undistort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Flo
 
 
 def fold_radius(distortion: Distortion) -> float:
-    """Return the ideal radius up to which the distorted radius increases; infinite if it always does."""
-    d = distortion
-    # d/dr (r + k1 r³ + k2 r⁵ + k3 r⁷), a polynomial in r².
-    coefficients = [7.0 * d.k3, 5.0 * d.k2, 3.0 * d.k1, 1.0]
-    roots = np.roots([c if abs(c) > _NOTHING else 0.0 for c in coefficients])
+    """Return an ideal radius up to which no two rays meet; infinite if none do.
+
+    Without p1 and p2 it is the radius up to which the distorted radius increases. The Jacobian of the map is symmetric. That of
+    the radial part has the eigenvalues d/dr (r R) and R, with R = 1 + k1 r² + k2 r⁴ + k3 r⁶; that of the rest has a norm of at
+    most 6 |p| r. While both eigenvalues exceed it, the map is the gradient of a convex function, and so one-to-one.
+    """
+    d, tangential = distortion, 6.0 * float(np.hypot(distortion.p1, distortion.p2))
+    radii = [_first_root([1.0, -tangential, 3.0 * d.k1, 0.0, 5.0 * d.k2, 0.0, 7.0 * d.k3])]
+    if tangential > _NOTHING:
+        radii.append(_first_root([1.0, -tangential, d.k1, 0.0, d.k2, 0.0, d.k3]))
+    return min(radii)
+
+
+def _first_root(coefficients: Sequence[float]) -> float:
+    """Return the smallest positive root of a polynomial, lowest power first; infinite if there is none."""
+    roots = np.roots([c if abs(c) > _NOTHING else 0.0 for c in reversed(coefficients)])
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots.real), 1.0)) & (roots.real > 0)]
-    return float(np.sqrt(real.min())) if real.size else float("inf")
+    return float(real.min()) if real.size else float("inf")
 
 
 def _ideal_radii(distortion: Distortion, limit: float) -> Floats:

@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from valerie.sensing.distortion import distort, fold_radius, pixel_map, shown_within, undistort
@@ -59,6 +59,8 @@ def test_opencv_undistorts_the_distorted_image_back_to_the_pinhole_image(d: Dist
     np.testing.assert_allclose(again_y[inside], rows, atol=bend / 4 + 1e-3)
 
 
+# The radial part of this lens nearly folds, and the rest folds it.
+@example(Distortion(k1=-0.8125, p2=0.015625, k3=0.3125), 40.0)
 @given(coefficients, st.floats(40.0, 2000.0))
 def test_every_pixel_of_the_distorted_image_was_rendered(d: Distortion, focal: float) -> None:
     source = pixel_map(d, WIDTH, HEIGHT, focal)
@@ -68,6 +70,17 @@ def test_every_pixel_of_the_distorted_image_was_rendered(d: Distortion, focal: f
     assert source.x.max() < WIDTH - 0.5
     assert source.y.min() > -0.5
     assert source.y.max() < HEIGHT - 0.5
+
+
+@given(coefficients, st.integers(0, 2**32 - 1))
+def test_no_two_rays_within_the_fold_radius_meet(d: Distortion, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    radii = 0.999 * min(fold_radius(d), 5.0) * np.sqrt(rng.uniform(size=(2, 256)))
+    angles = rng.uniform(0, 2 * np.pi, (2, 256))
+    (u, w), (v, z) = radii * np.cos(angles), radii * np.sin(angles)
+    (lens_u, lens_w), (lens_v, lens_z) = distort(d, np.array([u, w]), np.array([v, z]))
+    # The gradient of a strictly convex function is monotone.
+    assert np.all((lens_u - lens_w) * (u - w) + (lens_v - lens_z) * (v - z) > 0)
 
 
 @given(coefficients)
