@@ -42,7 +42,7 @@ from valerie.sensing.settings import SensorSetting
 from valerie.sensing.soiling import dirty, rained_on
 
 #: Part of every prediction's digest. Raise it by hand whenever the pixels of a setting change.
-REVISION: Final = 1
+REVISION: Final = 2
 #: Sensor width to which focal lengths in millimetres refer, as everywhere in the scene.
 SENSOR_WIDTH_MM: Final = 36.0
 #: The largest finite float16, which stands for infinite light.
