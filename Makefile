@@ -10,8 +10,10 @@ export CYCLES_VENV
 PYTHON_BIN := $(VENV)/bin/python
 SPEC ?= examples/first-run.yaml
 PYTEST_OPTIONS ?=
-# Limits for the tests, which run processes, GL and networks on two cores; users have none.
-TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 LP_NUM_THREADS=0
+# Limits for the tests, which run processes, GL and networks on two cores; users have none. Bytecode is kept even where the
+# shell forbids it: some hundred processes would compile all sources again.
+TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 LP_NUM_THREADS=0 \
+  PYTHONDONTWRITEBYTECODE=
 
 ##@ Use
 

@@ -145,7 +145,7 @@ def pursue(system: System, context: Context, killed: Iterator[str]) -> tuple[lis
         if working - seen and (service := next(killed, None)) is not None:
             kill(system.processes(service))
         seen |= working
-        time.sleep(0.05)
+        time.sleep(0.2)
     assert known["state"] == "finished", known["reason"]
     batches = known["batches"]
     for batch in batches:

@@ -89,7 +89,7 @@ def _until(condition: Callable[[], bool], seconds: float = SECONDS) -> bool:
     while not condition():
         if time.monotonic() > deadline:
             return False
-        time.sleep(0.05)
+        time.sleep(0.2)
     return True
 
 

@@ -93,6 +93,8 @@ def test_rain_wets_surfaces_that_face_up_and_leaves_walls_their_colour(
 ALONG = Camera("scene.camera-1", camera_transform((0, 0, 3), 0, -25, 0), focal_length_mm=20.0)
 FAR, NEAR = slice(44, 50), slice(70, 80)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+#: Largest error of a wet road's brightness, a requirement of ours: a ninth of a stop.
+AS_PATH_TRACED = 2.0 ** (1 / 9) - 1
 
 
 def road(albedo: float, rain: float, *extra: Node) -> Scene:
@@ -119,8 +121,8 @@ def test_a_wet_road_is_darker_nearby_and_no_darker_far_away_as_by_path_tracing(r
     dry, wet = (luminance(raster, road(0.12, rain)) for rain in (0.0, 3.0))
     near, far = ((wet / dry)[rows].mean() for rows in (NEAR, FAR))
     # Cycles gives 0.81 and 0.98 for the same road, with 32 samples.
-    assert near == pytest.approx(0.81, abs=0.08)
-    assert far == pytest.approx(0.98, abs=0.08)
+    assert near == pytest.approx(0.81, rel=AS_PATH_TRACED)
+    assert far == pytest.approx(0.98, rel=AS_PATH_TRACED)
 
 
 def test_more_rain_makes_the_road_nearby_darker(raster: RasterRenderer) -> None:
@@ -138,8 +140,9 @@ def test_water_on_a_black_road_mirrors_the_sky_by_fresnels_law(raster: RasterRen
     fresnel = 0.04 + 0.96 * (1 - np.sin(below)) ** 5  # Schlick's approximation
     expected = sky_of(scene).radiance(up) @ LUMINANCE * fresnel
     mirrored = np.median(luminance(raster, scene)[rows, 50:70], axis=1)
-    # At these angles, the engine's fit for rough surfaces is within 13 % of Schlick's approximation for smooth ones.
-    np.testing.assert_allclose(mirrored, expected, rtol=0.2)
+    # At these angles, the engine's fit for rough surfaces is within 13 % of Schlick's approximation for smooth ones. An overcast
+    # sky changes by 2 cos(h) / (1 + 2 sin(h)) < 1 per radian from 25° up, and an entry of its table reaches 1.8° to each side.
+    np.testing.assert_allclose(mirrored, expected, rtol=0.13 + np.deg2rad(1.8))
 
 
 @pytest.mark.parametrize("movable", [False, True])
