@@ -252,8 +252,9 @@ def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool
     facing = np.where(hit, normals @ scene.sun_direction(), 0)
     assert (facing < -0.15).sum() > 2000
     assert np.median(pixels[facing > 0.15]) > 0.1
-    # Statics are part of the surroundings of a place, so it receives some of its own light.
-    assert pixels[facing < -0.15].max() < (0.01 if movable else 0.1)
+    # Statics are part of the surroundings of a place, so it receives some of its own light: at most a twentieth of the brightest
+    # place's, a requirement of ours.
+    assert pixels[facing < -0.15].max() <= (0.0 if movable else 0.05 * pixels.max())
 
 
 @pytest.mark.parametrize("movable", [False, True])
