@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.unit.rendering.scene_rays import near_edges
 from tests.unit.rendering.test_cut_outs import fence, solid_share
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
@@ -17,6 +18,7 @@ from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.gl.tiles import widened
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import EXPOSURE, LUX, sky_of
 from valerie.scene.graph.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
@@ -243,7 +245,8 @@ def test_a_sheared_object_keeps_its_shape(cycles: CyclesRenderer, raster: Raster
     scene = replace(scene, materials={**scene.materials, "dark": Material("dark", (0.02, 0.02, 0.02), specular=0.0)})
     masks = [engine.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2) < 0.5 for engine in (cycles, raster)]
     assert masks[1].sum() > 30
-    assert (masks[0] != masks[1]).sum() < 0.2 * masks[1].sum()
+    # Engines blend the pixels of an outline differently.
+    assert not ((masks[0] != masks[1]) & ~near_edges(masks[1])).any()
 
 
 def test_distant_things_fade_into_the_haze_as_in_the_raster_engine(
@@ -349,7 +352,9 @@ def test_posts_in_front_of_a_vehicle_cast_the_same_shadows_as_in_the_raster_engi
         )
         shadows.append((behind < 0.4 * bare) & (bare > 0.05 * bare.max()))
     assert shadows[1].mean() > 0.05
-    assert (shadows[0] != shadows[1]).mean() < 0.15 * shadows[1].mean()
+    # The posts stand 1.4 m from the lamp, and the image ends 3.6 m from it. The lamp's radius of 5 cm blurs an edge by at most
+    # 5 cm · (3.6 / 1.4 − 1) to each side, a pixel of 9 cm. The engines blend the pixels of an outline differently: one more.
+    assert not ((shadows[0] != shadows[1]) & ~widened(near_edges(shadows[1]), 1)).any()
 
 
 def test_a_lens_glows_and_adds_no_light_to_its_lamps(cycles: CyclesRenderer) -> None:
