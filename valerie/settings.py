@@ -62,7 +62,9 @@ class Settings(BaseSettings):
         "127.0.0.1", min_length=1, description="address to listen on; any other than loopback needs api_token"
     )
     api_port: int = Field(8700, ge=0, le=65_535, description="port to listen on; 0: any free one")
-    api_token: SecretStr | None = Field(None, description="bearer token that every request must carry")
+    api_token: SecretStr | None = Field(
+        None, description="the operator's bearer token; with it, every request needs a token"
+    )
     max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body")
     body_seconds: Seconds = Field(
         60.0, description="time for a request body to arrive; for each part where it is a file"

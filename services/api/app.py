@@ -16,7 +16,20 @@ from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, drafts, explore, frames, functions, health, marks, results, runs, studies
+from services.api.roles import require_role
+from services.api.routers import (
+    catalog,
+    drafts,
+    explore,
+    frames,
+    functions,
+    health,
+    marks,
+    results,
+    runs,
+    studies,
+    tokens,
+)
 from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
@@ -85,12 +98,13 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, drafts, marks, studies, frames, results, explore, functions, catalog)]
+    modules = (runs, drafts, marks, studies, frames, results, explore, functions, catalog, tokens)
+    routers = [module.router for module in modules]
     openapi.install(app, [*routers, health.router])
     app.add_middleware(Protection, settings=settings)
     app.add_middleware(HeadAsGet)
     for router in routers:
-        app.include_router(router, dependencies=[Depends(only_declared_queries)])
+        app.include_router(router, dependencies=[Depends(require_role), Depends(only_declared_queries)])
     # Probes may add any query parameter.
     app.include_router(health.router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")

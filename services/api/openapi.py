@@ -16,11 +16,15 @@ from valerie.plain import Json, JsonObject, JsonSchema
 
 #: Status to description, title and example of a detail.
 _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
-    401: ("The bearer token is missing or wrong", "Unauthorized", "a bearer token is needed (Authorization header)"),
+    401: (
+        "The bearer token is missing, wrong, expired or revoked",
+        "Unauthorized",
+        "a valid bearer token is needed (Authorization header)",
+    ),
     403: (
-        "The request comes from a page of another site, or was sent to another host name",
+        "The token's role is too low; or, without a token, the request comes from a page of another site or names another host",
         "Forbidden",
-        "requests from pages of other sites, or to another host name, are refused",
+        "this needs the role runner; the token's role: viewer",
     ),
     404: ("Not found, or deleted", "Not found", "there is no run r1ng219w3v1ks"),
     408: ("The body did not arrive in time", "Request timeout", "the request body did not arrive in time; limit: 60 s"),
@@ -139,7 +143,8 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> JsonObject:
         "token": {
             "type": "http",
             "scheme": "bearer",
-            "description": "The value of VALERIE_API_TOKEN. A server that listens only on its own machine may have none.",
+            "description": "The value of VALERIE_API_TOKEN, or a token of /v1/tokens. A server that listens only on its own "
+            "machine may have none.",
         }
     }
     open_paths = ("/healthz", "/readyz")

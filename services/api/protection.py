@@ -8,12 +8,16 @@ import re
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from services.api.problems import INVALID_INPUT, problem
+from valerie.access import SECRET_PREFIX, Role
+from valerie.errors import TransientError
+from valerie.pipeline.control.tokens import role_of
 from valerie.settings import Settings
 
 #: Paths that need no token: probes of load balancers. The dashboard's files contain no data; its page asks for the token.
@@ -37,7 +41,7 @@ _HEADERS = (
 
 
 class Protection:
-    """ASGI middleware: bearer token (compared in constant time), limits of the body, safe headers."""
+    """ASGI middleware: the role of the bearer token, limits of the body, safe headers."""
 
     def __init__(self, app: ASGIApp, *, settings: Settings) -> None:
         self._app = app
@@ -63,9 +67,15 @@ class Protection:
 
     async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope)
-        if not self._authorized(request):
+        try:
+            role = await self._role(request)
+        except TransientError as error:
+            await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
+            return
+        request.state.role = role
+        if role is None and not _is_open(request.url.path):
             refusal = problem(
-                HTTPStatus.UNAUTHORIZED, "Unauthorized", "a bearer token is needed (Authorization header)"
+                HTTPStatus.UNAUTHORIZED, "Unauthorized", "a valid bearer token is needed (Authorization header)"
             )
             refusal.headers["WWW-Authenticate"] = "Bearer"
             await refusal(scope, receive, send)
@@ -115,12 +125,19 @@ class Protection:
             return max(_PREDICTION_BYTES, self._limit)
         return self._limit
 
-    def _authorized(self, request: Request) -> bool:
-        path = request.url.path
-        if self._token is None or path in _OPEN_PATHS or path == "/" or path.startswith(_OPEN_PREFIXES):
-            return True
-        scheme, _, token = request.headers.get("authorization", "").partition(" ")
-        return scheme.lower() == "bearer" and hmac.compare_digest(token.strip().encode(), self._token)
+    async def _role(self, request: Request) -> Role | None:
+        """Return the role of the request's token; None if it needs a valid token and has none."""
+        if self._token is None:
+            return Role.ADMIN
+        scheme, _, rest = request.headers.get("authorization", "").partition(" ")
+        if scheme.lower() != "bearer":
+            return None
+        secret = rest.strip()
+        if hmac.compare_digest(secret.encode(), self._token):
+            return Role.ADMIN
+        if not secret.startswith(SECRET_PREFIX) or _is_open(request.url.path):
+            return None
+        return await run_in_threadpool(role_of, request.app.state.context, secret)
 
     def _foreign(self, request: Request) -> bool:
         """Return True if the request comes from a page of another origin or was sent to a foreign host name.
@@ -156,6 +173,10 @@ class Protection:
                 return None
             if not message.get("more_body", False):
                 return b"".join(parts)
+
+
+def _is_open(path: str) -> bool:
+    return path in _OPEN_PATHS or path == "/" or path.startswith(_OPEN_PREFIXES)
 
 
 def _counted(receive: Receive, limit: int, seconds: float) -> Receive:

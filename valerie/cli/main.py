@@ -24,6 +24,7 @@ from valerie.cli import (
     slurm,
     specs,
     studies,
+    tokens,
     training,
 )
 from valerie.cli.shell import guarded
@@ -93,6 +94,7 @@ app.add_typer(predictions.predictions_app, name="predictions", rich_help_panel=_
 app.command(rich_help_panel=_PARTS)(machine.worker)
 app.add_typer(slurm.app, name="slurm", rich_help_panel=_PARTS)
 app.add_typer(training.app, name="train", rich_help_panel=_PARTS)
+app.add_typer(tokens.app, name="token", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.doctor)
 app.command(rich_help_panel=_PARTS)(machine.gc)
 app.command(rich_help_panel=_PARTS)(machine.backup)

@@ -29,6 +29,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeEngine
 
+from valerie.access import Role
 from valerie.db.documents import JsonDocument, words
 from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
@@ -81,6 +82,7 @@ class Base(DeclarativeBase):
         Stage: words(Stage, 16),
         StudyState: words(StudyState, 16),
         MarkKind: words(MarkKind, 16),
+        Role: words(Role, 16),
     }
 
 
@@ -454,6 +456,22 @@ class MarkTag(Base):
     tag: Mapped[str] = mapped_column(String(40), primary_key=True)
 
     __table_args__ = (Index("ix_tags_tag", "tag"),)
+
+
+class Token(Base):
+    """A token of the API. It is never deleted, so that its name keeps its meaning."""
+
+    __tablename__ = "tokens"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    #: SHA-256 of the secret; see `valerie.access.digest_of`.
+    digest: Mapped[str] = mapped_column(String(64), unique=True)
+    owner: Mapped[str] = mapped_column(String(200))
+    role: Mapped[Role]
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime]
+    revoked_at: Mapped[datetime | None]
+    used_at: Mapped[datetime | None]
 
 
 class Worker(Base):

@@ -1,0 +1,169 @@
+"""Tokens with roles: what each may do, and how one ends."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute
+
+from services.api.app import create_app
+from services.api.roles import ROLES, needed
+from tests.world.drawn import DrawnRuns
+from tests.world.serving import served
+from tests.world.world import settings_of
+
+TOKEN = "correct-horse-battery"
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """A server with VALERIE_API_TOKEN, the client of its operator, and its database."""
+
+    operator: httpx.Client
+    database: Path
+    run: str
+
+    def issue(self, name: str, role: str) -> dict[str, str]:
+        """Issue a token and return the headers that carry it."""
+        answer = self.operator.post("/v1/tokens", json={"name": name, "owner": "Ada", "role": role})
+        assert answer.status_code == 201, answer.text
+        return {"Authorization": f"Bearer {answer.json()['secret']}"}
+
+    def change(self, statement: str) -> None:
+        with sqlite3.connect(self.database) as connection:
+            connection.execute(statement)
+        connection.close()
+
+
+@pytest.fixture(scope="module")
+def guarded(drawn: DrawnRuns, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    folder = tmp_path_factory.mktemp("guarded") / "data"
+    shutil.copytree(drawn.folder, folder)
+    with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
+        run = client.get("/v1/runs").json()["items"][0]["id"]
+        yield Guarded(client, folder / "valerie.sqlite3", run)
+
+
+def walked(routes: Iterable[BaseRoute]) -> Iterator[BaseRoute]:
+    """Yield the routes of an application, with those of the routers that it includes."""
+    for route in routes:
+        included = getattr(route, "original_router", None)
+        if included is None:
+            yield route
+        else:
+            yield from walked(included.routes)
+
+
+def test_every_route_has_a_role(tmp_path: Path) -> None:
+    routes = list(walked(create_app(settings_of(tmp_path), control=False).routes))
+    endpoints = {
+        f"{method} {route.path}" for route in routes if isinstance(route, APIRoute) for method in route.methods
+    }
+    assert endpoints >= ROLES.keys()
+    assert {endpoint for endpoint in endpoints if not endpoint.startswith("GET ")} <= ROLES.keys()
+    others = {getattr(route, "path", "") for route in routes if not isinstance(route, APIRoute)}
+    assert others == {"/openapi.json", "/dashboard"}
+
+
+def test_a_role_may_do_what_its_endpoints_need_and_no_more(guarded: Guarded) -> None:
+    """Ask every endpoint of the table as every role, for things that do not exist and with bodies that say nothing."""
+    ranks = {"viewer": 0, "runner": 1, "admin": 2}
+    for role, rank in ranks.items():
+        headers = guarded.issue(f"{role}-of-all", role)
+        for endpoint in (*ROLES, "GET /v1/runs", "GET /v1/workers"):
+            method, path = endpoint.split()
+            address = path.replace("{", "").replace("}", "")
+            answer = guarded.operator.request(method, address, headers=headers, content=b"{}")
+            allowed = rank >= ranks[needed(method, path)]
+            assert (answer.status_code != 403) is allowed, (role, endpoint, answer.text)
+
+
+def test_a_viewer_reads_a_run_and_cannot_delete_it(guarded: Guarded) -> None:
+    headers = guarded.issue("reader", "viewer")
+    assert guarded.operator.get(f"/v1/runs/{guarded.run}", headers=headers).status_code == 200
+    refusal = guarded.operator.delete(f"/v1/runs/{guarded.run}", headers=headers)
+    assert (refusal.status_code, refusal.json()["detail"]) == (
+        403,
+        "this needs the role runner; the token's role: viewer",
+    )
+    assert guarded.operator.get(f"/v1/runs/{guarded.run}").status_code == 200
+
+
+def test_a_runner_cannot_issue_itself_an_admins_token(guarded: Guarded) -> None:
+    headers = guarded.issue("climber", "runner")
+    wish = {"name": "climbed", "owner": "Eve", "role": "admin"}
+    assert guarded.operator.post("/v1/tokens", json=wish, headers=headers).status_code == 403
+    assert "climbed" not in {token["name"] for token in guarded.operator.get("/v1/tokens").json()}
+
+
+def test_a_revoked_token_is_refused_at_once(guarded: Guarded) -> None:
+    headers = guarded.issue("lost", "admin")
+    assert guarded.operator.get("/v1/runs", headers=headers).status_code == 200
+    assert guarded.operator.delete("/v1/tokens/lost").status_code == 204
+    assert guarded.operator.get("/v1/runs", headers=headers).status_code == 401
+
+
+def test_an_expired_token_is_refused(guarded: Guarded) -> None:
+    headers = guarded.issue("old", "admin")
+    guarded.change("UPDATE tokens SET expires_at = '2020-01-01 00:00:00' WHERE name = 'old'")
+    assert guarded.operator.get("/v1/runs", headers=headers).status_code == 401
+
+
+def test_neither_the_database_nor_a_list_contains_a_secret(guarded: Guarded) -> None:
+    secret = guarded.issue("hidden", "viewer")["Authorization"].removeprefix("Bearer ")
+    files = guarded.database.parent.glob(f"{guarded.database.name}*")
+    assert not [file for file in files if secret.encode() in file.read_bytes()]
+    assert secret not in guarded.operator.get("/v1/tokens").text
+
+
+def test_the_digest_from_the_database_is_no_token(guarded: Guarded) -> None:
+    guarded.issue("copied", "admin")
+    with sqlite3.connect(guarded.database) as connection:
+        (digest,) = connection.execute("SELECT digest FROM tokens WHERE name = 'copied'").fetchone()
+    connection.close()
+    for secret in (digest, f"valerie_{digest}"):
+        headers = {"Authorization": f"Bearer {secret}"}
+        assert guarded.operator.get("/v1/runs", headers=headers).status_code == 401
+
+
+def test_a_name_is_never_used_again(guarded: Guarded) -> None:
+    guarded.issue("once", "viewer")
+    guarded.operator.delete("/v1/tokens/once")
+    again = guarded.operator.post("/v1/tokens", json={"name": "once", "owner": "Ada"})
+    assert (again.status_code, "once" in again.json()["detail"]) == (409, True)
+
+
+def test_the_last_use_is_shown(guarded: Guarded) -> None:
+    headers = guarded.issue("used", "viewer")
+    guarded.issue("idle", "viewer")
+    guarded.operator.get("/v1/runs", headers=headers)
+    shown = {token["name"]: token["used_at"] for token in guarded.operator.get("/v1/tokens").json()}
+    assert (shown["used"] is not None, shown["idle"]) == (True, None)
+
+
+def test_a_use_that_cannot_be_recorded_locks_nobody_out(guarded: Guarded) -> None:
+    headers = guarded.issue("unrecorded", "viewer")
+    guarded.change("CREATE TRIGGER unwritable BEFORE UPDATE ON tokens BEGIN INSERT INTO nowhere VALUES (1); END")
+    try:
+        assert guarded.operator.get("/v1/runs", headers=headers).status_code == 200
+    finally:
+        guarded.change("DROP TRIGGER unwritable")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("name", "No Name"), ("owner", ""), ("role", "owner"), ("days", 0), ("days", 3651)]
+)
+def test_a_bad_request_names_its_field(guarded: Guarded, field: str, value: object) -> None:
+    answer = guarded.operator.post("/v1/tokens", json={"name": "new", "owner": "Ada", field: value})
+    assert (answer.status_code, [error["field"] for error in answer.json()["errors"]]) == (422, [field])
+
+
+def test_an_unknown_token_cannot_be_revoked(guarded: Guarded) -> None:
+    assert guarded.operator.delete("/v1/tokens/nobody").status_code == 404

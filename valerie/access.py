@@ -1,0 +1,39 @@
+"""Roles and secrets of the API's tokens."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from enum import StrEnum
+from typing import Final
+
+#: Begins every secret, so that scanners for leaked secrets find it.
+SECRET_PREFIX: Final = "valerie_"  # noqa: S105
+_SECRET_BYTES: Final = 32
+
+
+class Role(StrEnum):
+    """Rights of a token; each role includes those before it."""
+
+    VIEWER = "viewer"
+    RUNNER = "runner"
+    ADMIN = "admin"
+
+    def includes(self, other: Role) -> bool:
+        """Return True if this role has all rights of the other."""
+        order = list(Role)
+        return order.index(self) >= order.index(other)
+
+
+def new_secret() -> str:
+    """Return a random secret of 256 bits."""
+    return SECRET_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+
+
+def digest_of(secret: str) -> str:
+    """Return the SHA-256 of a secret, in hexadecimal.
+
+    Slow hashes with a salt protect passwords, which can be guessed. Nobody guesses 256 random bits, and equal secrets do not
+    occur, so that one fast hash is enough and a secret can be looked up by it.
+    """
+    return hashlib.sha256(secret.encode()).hexdigest()

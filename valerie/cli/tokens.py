@@ -1,0 +1,72 @@
+"""Commands that issue, list and revoke tokens of the API, in the database of the deployment."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from datetime import datetime
+from typing import Annotated
+
+import typer
+
+from valerie.cli.shell import DataDir, Json
+from valerie.local.deployment import context_of
+
+app = typer.Typer(no_args_is_help=True, help="Tokens of the API, each with an owner and a role.")
+_Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the token.")]
+
+
+@app.command()
+def create(
+    name: _Name,
+    owner: Annotated[str, typer.Option("--owner", help="Person or service that holds it.")],
+    role: Annotated[str, typer.Option("--role", metavar="viewer|runner|admin", help="Its rights.")] = "viewer",
+    days: Annotated[int, typer.Option("--days", help="Days until it expires, at most 3650.")] = 90,
+    data_dir: DataDir = None,
+) -> None:
+    """Issue a token and print its secret, which is stored nowhere and cannot be shown again.
+
+    A server accepts it if VALERIE_API_TOKEN is set; without that, a server needs no token.
+    """
+    from pydantic import ValidationError
+
+    from valerie.pipeline.control.tokens import TokenRequest, issue
+    from valerie.validation import problems_of
+
+    try:
+        request = TokenRequest.model_validate({"name": name, "owner": owner, "role": role, "days": days})
+    except ValidationError as error:
+        raise problems_of(error) from None
+    with context_of(data_dir) as context:
+        _, secret = issue(context, request)
+    typer.echo(secret)
+
+
+@app.command("list")
+def list_tokens(as_json: Json = False, data_dir: DataDir = None) -> None:
+    """List all tokens, with those that expired or were revoked; without secrets."""
+    from valerie.db import tokens
+    from valerie.db.engine import reading
+    from valerie.runs.moments import moment_text
+
+    with context_of(data_dir) as context, reading(context.engine) as connection:
+        rows = tokens.listed(connection)
+    for row in rows:
+        if as_json:
+            typer.echo(json.dumps(asdict(row), default=datetime.isoformat, ensure_ascii=False))
+        else:
+            end = (
+                f"revoked {moment_text(row.revoked_at)}" if row.revoked_at else f"expires {moment_text(row.expires_at)}"
+            )
+            used = f"used {moment_text(row.used_at)}" if row.used_at else "never used"
+            typer.echo(f"{row.name:<24} {row.role:<7} {end}, {used}: {row.owner}")
+
+
+@app.command()
+def revoke(name: _Name, data_dir: DataDir = None) -> None:
+    """Revoke a token at once."""
+    from valerie.pipeline.control.tokens import revoke as revoke_token
+
+    with context_of(data_dir) as context:
+        revoke_token(context, name)
+    typer.echo(f"revoked: {name}")

@@ -1,0 +1,90 @@
+"""Queries about the API's tokens."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, insert, select, update
+from sqlalchemy.exc import IntegrityError
+
+from valerie.access import Role
+from valerie.db.models import Token
+from valerie.errors import Conflict, NotFound
+from valerie.runs.moments import in_utc
+
+
+@dataclass(frozen=True, slots=True)
+class TokenRow:
+    """A token without its secret; all times are in UTC.
+
+    Attributes:
+        name: identifies the token; never used again.
+        owner: person or service that holds it.
+        role: its rights.
+        created_at: when it was issued.
+        expires_at: from when it is refused.
+        revoked_at: when it was revoked; None: it was not.
+        used_at: last request, to the minute; None: never used.
+    """
+
+    name: str
+    owner: str
+    role: Role
+    created_at: datetime
+    expires_at: datetime
+    revoked_at: datetime | None = None
+    used_at: datetime | None = None
+
+
+def create(connection: Connection, token: TokenRow, digest: str) -> None:
+    """Insert a token with the digest of its secret.
+
+    Raises:
+        Conflict: a token has or had this name.
+    """
+    try:
+        connection.execute(insert(Token).values(digest=digest, **asdict(token)))
+    except IntegrityError as error:
+        raise Conflict(f"a token has or had the name {token.name}; choose another") from error
+
+
+def listed(connection: Connection) -> list[TokenRow]:
+    """Return all tokens by name, with those that expired or were revoked."""
+    return [_token(row) for row in connection.execute(select(Token.__table__).order_by(Token.name))]
+
+
+def revoke(connection: Connection, name: str, now: datetime) -> None:
+    """Revoke a token; one that was revoked before keeps its time.
+
+    Raises:
+        NotFound: no such token.
+    """
+    if connection.scalar(select(Token.name).where(Token.name == name)) is None:
+        raise NotFound("token", name)
+    connection.execute(update(Token).where(Token.name == name, Token.revoked_at.is_(None)).values(revoked_at=now))
+
+
+def valid(connection: Connection, digest: str, now: datetime) -> TokenRow | None:
+    """Return the token whose secret has this digest, unless it expired or was revoked."""
+    row = connection.execute(select(Token.__table__).where(Token.digest == digest)).one_or_none()
+    token = None if row is None else _token(row)
+    return None if token is None or token.revoked_at is not None or token.expires_at <= now else token
+
+
+def touch(connection: Connection, name: str, now: datetime) -> None:
+    """Record a use."""
+    connection.execute(update(Token).where(Token.name == name).values(used_at=now))
+
+
+def _token(row: Row[Any]) -> TokenRow:
+    return TokenRow(
+        name=row.name,
+        owner=row.owner,
+        role=row.role,
+        created_at=in_utc(row.created_at),
+        expires_at=in_utc(row.expires_at),
+        revoked_at=in_utc(row.revoked_at) if row.revoked_at else None,
+        used_at=in_utc(row.used_at) if row.used_at else None,
+    )

@@ -1,0 +1,87 @@
+"""Issue, revoke and check the API's tokens."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Annotated, Final
+
+import structlog
+from pydantic import Field
+from sqlalchemy import Connection
+
+from valerie.access import Role, digest_of, new_secret
+from valerie.db import tokens
+from valerie.db.engine import database_time, reading, writing
+from valerie.document import Document
+from valerie.errors import TransientError
+from valerie.pipeline.base.context import Context
+
+log = structlog.get_logger()
+
+NAME: Final = r"^[a-z0-9][a-z0-9._-]{0,63}$"
+#: A write per request would cost more than most requests.
+_USE_INTERVAL: Final = timedelta(minutes=1)
+
+
+class TokenRequest(Document):
+    """A token to be issued.
+
+    Attributes:
+        name: identifies the token.
+        owner: person or service that holds it.
+        role: its rights.
+        days: until it expires.
+    """
+
+    name: Annotated[str, Field(pattern=NAME, examples=["nightly"])]
+    owner: Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,200}$", examples=["Ada Lovelace"])]
+    role: Annotated[Role, Field(examples=["runner"])] = Role.VIEWER
+    days: Annotated[int, Field(ge=1, le=3650, examples=[90])] = 90
+
+
+def issue(context: Context, request: TokenRequest) -> tuple[tokens.TokenRow, str]:
+    """Store a new token; return it and its secret, which is stored nowhere.
+
+    Raises:
+        Conflict: a token has or had this name.
+    """
+    secret = new_secret()
+    with writing(context.engine) as connection:
+        now = _now(connection)
+        token = tokens.TokenRow(request.name, request.owner, request.role, now, now + timedelta(days=request.days))
+        tokens.create(connection, token, digest_of(secret))
+    return token, secret
+
+
+def revoke(context: Context, name: str) -> None:
+    """Revoke a token at once.
+
+    Raises:
+        NotFound: no such token.
+    """
+    with writing(context.engine) as connection:
+        tokens.revoke(connection, name, _now(connection))
+
+
+def role_of(context: Context, secret: str) -> Role | None:
+    """Return the role of the token with this secret; None if there is none, or it expired or was revoked.
+
+    Raises:
+        TransientError: the database does not answer.
+    """
+    with reading(context.engine) as connection:
+        now = _now(connection)
+        token = tokens.valid(connection, digest_of(secret), now)
+    if token is None:
+        return None
+    if token.used_at is None or now - token.used_at >= _USE_INTERVAL:
+        try:
+            with writing(context.engine) as connection:
+                tokens.touch(connection, token.name, now)
+        except TransientError as error:  # a full disk must not lock everybody out
+            log.warning("token.use_not_recorded", token=token.name, reason=str(error))
+    return token.role
+
+
+def _now(connection: Connection) -> datetime:
+    return datetime.fromtimestamp(database_time(connection), UTC)
