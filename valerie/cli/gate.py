@@ -52,7 +52,7 @@ def gate(
     ] = 0.05,
     before: Annotated[
         bool,
-        typer.Option("--before", help="Judge nothing: say how many places it will take, with RUN as the baseline."),
+        typer.Option("--before", help="Only say how many places a verdict will need, with RUN as the baseline."),
     ] = False,
     deviation: Annotated[
         float | None,

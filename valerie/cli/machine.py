@@ -28,7 +28,7 @@ IdleSeconds = Annotated[
         "--idle",
         min=0,
         max=86_400,
-        help="End after so many seconds without work. Such a worker asks the database and needs no broker.",
+        help="End after this many seconds without work. Such a worker asks the database and needs no broker.",
         show_default=False,
     ),
 ]
@@ -145,7 +145,7 @@ def migrate(data_dir: DataDir = None) -> None:
 
 
 def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Look for what is wrong with a deployment, and say what to do about it. Exits with 5 if anything is wrong."""
+    """Diagnose a deployment and say how to mend it. Exits with 5 if anything is wrong."""
     with context_of(data_dir) as context:
         from valerie.broker import Broker
         from valerie.pipeline.control.diagnosis import diagnose

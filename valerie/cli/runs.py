@@ -309,7 +309,7 @@ def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
             return
         run = source.run(run_id)
     if RunState(run.state).is_final and run.state != RunState.CANCELLED:
-        raise Conflict(f"run {run.id} is {run.state}; nothing of it is left to do")
+        raise Conflict(f"run {run.id} is {run.state}; it has nothing left to do")
     settings = settings_of(data_dir)
     with system_of(settings) as system:
         if run.state in (RunState.CANCELLED, RunState.PAUSED):

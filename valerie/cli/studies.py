@@ -92,7 +92,7 @@ def run(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Pursue a study on this machine to its end, and write its report.
+    """Run a study on this machine to its end, and write its report.
 
     Uses the server that runs on the data folder, or starts one that ends with this command. After Ctrl-C,
     `valerie study run STUDY` with the id of the study, or `valerie up`, continues it. With --retrain, the same
@@ -367,7 +367,7 @@ def refine(
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default="printed")
     ] = None,
     where: Annotated[
-        str | None, typer.Option("--where", metavar="EXPRESSION", help="Rows whose surroundings are refined.")
+        str | None, typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that meet this.")
     ] = None,
     finding: Annotated[
         int | None, typer.Option("--finding", min=1, metavar="N", help="A finding, numbered as in the report.")

@@ -288,7 +288,7 @@ def _cpu_hours(flow: Flow) -> float:
 
 
 def _studied(context: Context, document: StudyDocument, around: Surroundings) -> Studied:
-    """Pursue a study to its end, or find it where it was pursued already."""
+    """Run a study to its end, or find it where it has ended already."""
     study = _known(context, document)
     study_id = commands.begin(context, document) if study is None else study.id
     if study is not None and study.state is StudyState.PAUSED:

@@ -77,5 +77,5 @@ def test_an_answer_of_another_size_names_the_function_and_both_sizes() -> None:
         def predict(self, picture: Picture) -> Picture:
             return super().predict(picture)[1:]
 
-    with pytest.raises(InferenceError, match=r"threshold answered \(3, 6\) for a picture of \(4, 6\)"):
+    with pytest.raises(InferenceError, match=r"threshold returned labels of shape \(3, 6\) for a picture of \(4, 6\)"):
         list(predicted(Cropping(1), pictures(4)))

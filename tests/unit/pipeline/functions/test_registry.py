@@ -238,7 +238,7 @@ def test_documents_without_a_file_are_registered_too(pipeline: Pipeline) -> None
     text = "name: elsewhere\nkind: http\noptions: {url: 'http://models.example:8000/predict'}"
     version, new = registry.register(pipeline.context, parse_function(text), None)
     assert new
-    with pytest.raises(NotFound, match="payload"):
+    with pytest.raises(NotFound, match="file of the function"):
         registry.read_payload(pipeline.context, version.document)
 
 

@@ -267,7 +267,7 @@ def test_a_stored_run_outlives_what_was_installed(street: Manifest) -> None:
         ({"vary": [["person-1.heading", "CHOICE", 0, 360]]}, "vary.0.values.1", "listed twice"),
         ({"constants": {"sun-1.elevation": 90}}, "constants.sun-1.elevation", "limit: 3…75 deg"),
         ({"constants": {"sun-1.elevatio": 40}}, "constants.sun-1.elevatio", "did you mean sun-1.elevation"),
-        ({"constants": {"person-1.pos.x": 1, X: 2}}, f"constants.{X}", "given twice"),
+        ({"constants": {"person-1.pos.x": 1, X: 2}}, f"constants.{X}", "two values"),
         ({"design": "points", "points": [{"person-1.pos.x": 1}, {"person-1.pos.x": 99}]}, "points.1.person-1.pos.x",
          "outside"),
         ({"constraints": ["person-1.pos.x <"]}, "constraints.0", "ends too early"),
