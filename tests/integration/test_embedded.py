@@ -221,7 +221,7 @@ def test_an_interrupted_run_is_cancelled_and_the_next_makes_the_rest(start: Call
     assert "mean pACC" in third.output()
     assert third.process.returncode == 0
     again = start("resume", run_id)
-    assert f"run {run_id} is completed; nothing of it is left to do" in again.output()
+    assert f"run {run_id} is completed; it has nothing left to do" in again.output()
     assert again.process.returncode == 5
 
 
