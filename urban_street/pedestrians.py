@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.human.characters import CHARACTERS
+from urban_street.human.catalogue import CHARACTERS
 from urban_street.human.stances import CARRIED, DEFAULT, POSES
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition

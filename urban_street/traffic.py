@@ -51,12 +51,12 @@ class Traffic:
             self.materials[renamed] = replace(material, name=renamed)
         for part in content.parts:
             meshes = tuple(_owned(mesh, owner) for mesh in part.meshes)
-            yield Node(f"{path}.{only or part.name}", part.transform, meshes, joints=part.joints)
+            yield Node(f"{path}.{only or part.name}", part.transform, meshes, skeleton=part.skeleton)
 
 
 @lru_cache(maxsize=len(MOUNTS))
 def _rider(mount: str) -> VehicleContent:
-    """Return the rider of a vehicle. It is the same in every street. Cached, since dressing takes the longest."""
+    """Return the rider of a vehicle, whose shape is built on first use. It is the same in every street."""
     return build_rider(mount)
 
 
@@ -66,4 +66,4 @@ def _own_name(material: str, owner: str) -> str:
 
 
 def _owned(mesh: Mesh, owner: str) -> Mesh:
-    return replace(mesh, material=_own_name(mesh.material, owner))
+    return mesh.with_material(_own_name(mesh.material, owner))

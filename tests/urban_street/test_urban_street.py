@@ -230,8 +230,7 @@ def test_riders_are_riders_on_what_they_ride(asset: SceneAsset) -> None:
     assert set(riders) == {*cyclists, "scene.motorcycle-101.rider-102"}
     assert {node.instance_id for node in riders.values()} == {25100, 25101, 25102}
     assert asset.base.nodes["scene.bicycle-100.frame"].label_id == 33
-    assert {node.joints.shape for node in riders.values() if node.joints is not None} == {(len(JOINTS), 3)}
-    assert all(node.joints is not None for node in riders.values())
+    assert {node.skeleton and node.skeleton.joints.shape for node in riders.values()} == {(len(JOINTS), 3)}
 
 
 @pytest.mark.parametrize(

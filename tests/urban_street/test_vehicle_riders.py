@@ -76,7 +76,7 @@ def test_a_cyclist_is_a_rider_with_clothes_of_his_own(cyclist: VehicleContent) -
     assert cyclist.object_class == "rider"
     assert all(name.startswith("rider-bicycle/") for name in cyclist.materials)
     assert set(cyclist.materials) == {mesh.material for mesh in cyclist.parts[0].meshes}
-    assert 1.55 < cyclist.height_m < 2.0
+    assert 1.55 < max(mesh.positions[:, 2].max() for mesh in cyclist.parts[0].meshes) < 2.0
 
 
 def test_skin_touches_the_grips_and_shoes_the_pedals(cyclist: VehicleContent) -> None:
@@ -99,8 +99,8 @@ def test_joints_of_a_rider_lie_in_the_limbs_that_they_are_named_after(
     riders: dict[str, VehicleContent], mount: str
 ) -> None:
     (part,) = riders[mount].parts
-    assert part.joints is not None
-    at = dict(zip(JOINTS, part.joints, strict=True))
+    assert part.skeleton is not None
+    at = dict(zip(JOINTS, part.skeleton.joints, strict=True))
     meshes = {mesh.material.rpartition("/")[2]: mesh for mesh in part.meshes}
     for side, outwards in (("left", -1.0), ("right", 1.0)):
 
@@ -124,12 +124,12 @@ def test_joints_of_a_rider_lie_in_the_limbs_that_they_are_named_after(
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_joints_of_a_rider_are_surrounded_by_its_body(riders: dict[str, VehicleContent], mount: str) -> None:
     (part,) = riders[mount].parts
-    assert part.joints is not None
+    assert part.skeleton is not None
     soup = np.concatenate([mesh.positions[mesh.faces] for mesh in part.meshes]).astype(np.float64).reshape(-1, 3)
     body = trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False, validate=False)
     inside = [name for name in JOINTS if name != "head_top"]  # Hair or helmet covers the top of the skull.
     directions = np.concatenate([np.eye(3), -np.eye(3)])
-    origins = np.repeat([part.joints[JOINTS.index(name)] for name in inside], len(directions), axis=0)
+    origins = np.repeat([part.skeleton.joints[JOINTS.index(name)] for name in inside], len(directions), axis=0)
     hits, rays, _ = body.ray.intersects_location(origins, np.tile(directions, (len(inside), 1)), multiple_hits=False)
     near = np.linalg.norm(hits - origins[rays], axis=1) < 0.35
     met = np.bincount(rays[near] // len(directions), minlength=len(inside))

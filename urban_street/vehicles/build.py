@@ -69,8 +69,7 @@ def build_vehicle(
     materials = {name: m for name, m in {**common_materials(lights), coat.name: coat}.items() if name in used}
     images = {material.base_color_texture for material in materials.values()}
     textures = {texture.name: texture for texture in (plates(),) if texture.name in images}
-    footprint, height = size_of(kind)
-    return VehicleContent(kind, KINDS[kind], parts, materials, textures, footprint, height)
+    return VehicleContent(kind, KINDS[kind], parts, materials, textures, size_of(kind)[0])
 
 
 def picked_paint(kind: str, seed: int) -> str:

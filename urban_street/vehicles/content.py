@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from urban_street.solids.surfaces import Bag
-from valerie.scene.graph.model import Material, Matrix, Mesh, Texture
+from valerie.scene.graph.model import Material, Matrix, Mesh, Skeleton, Texture
 
 Polygon = tuple[tuple[float, float], ...]
 
@@ -32,14 +29,14 @@ class VehiclePart:
         transform: (4, 4), part to vehicle. A door's origin is on its hinge, a wheel's on its axle.
         meshes: one mesh per material, in the part's frame.
         moves: the rotation of the part: ``rot.z`` for a door, ``rot.x`` for a wheel; empty for a fixed part.
-        joints: (len(JOINTS), 3) joints of a human body, metres in the part's frame; None for other parts.
+        skeleton: the joints of a human body, in the part's frame; None for other parts.
     """
 
     name: str
     transform: Matrix
     meshes: tuple[Mesh, ...]
     moves: str = ""
-    joints: NDArray[np.float64] | None = None
+    skeleton: Skeleton | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +50,6 @@ class VehicleContent:
         parts: parts, whose parent is the vehicle's node.
         materials, textures: materials and textures by name. Those without the vehicle's prefix are shared by all vehicles.
         footprint: (x, y) corners of the ground that it occupies, counter-clockwise.
-        height_m: height of its highest point above the road.
     """
 
     kind: str
@@ -62,7 +58,6 @@ class VehicleContent:
     materials: dict[str, Material]
     textures: dict[str, Texture]
     footprint: Polygon
-    height_m: float
 
     @property
     def triangles(self) -> int:

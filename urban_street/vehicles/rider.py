@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
-from urban_street.human.characters import CHARACTERS, seat_character
+from urban_street.human.catalogue import CHARACTERS
+from urban_street.human.figure import SeatedFigure, figure
 from urban_street.solids.rounded import pillow, renormalled, rod
-from urban_street.solids.surfaces import Bag, Floats, sheet
+from urban_street.solids.surfaces import Surface, merge, sheet, to_mesh
 from urban_street.vehicles.bicycle import BICYCLE
 from urban_street.vehicles.build import size_of
 from urban_street.vehicles.content import VehicleContent, VehiclePart
 from urban_street.vehicles.materials import common_materials
 from urban_street.vehicles.motorcycle import MOTORCYCLE
 from valerie.errors import UnknownName
-from valerie.scene.graph.model import Material, Mesh
+from valerie.scene.graph.deferred import DeferredMesh
+from valerie.scene.graph.model import Material, Mesh, Texture
 
 #: Vehicles that can be ridden.
 MOUNTS: Final = {"bicycle": BICYCLE, "motorcycle": MOTORCYCLE}
@@ -31,7 +35,8 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         helmet: whether to wear a helmet; None for a helmet only on a motorcycle.
 
     Returns:
-        One part, ``body``, with the joints. The class is ``rider``, and the footprint is the vehicle's.
+        One part, ``body``, whose shape is computed when it is first read. The class is ``rider``, and the footprint is the
+        vehicle's.
 
     Raises:
         UnknownName: there is no such mount or character.
@@ -41,46 +46,51 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         raise UnknownName("mount", mount, MOUNTS)
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
-    person, seat = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
+    person = figure(character)
+    seated = person.seated(MOUNTS[mount])
+    hidden = ("hair-head", "cloth-hat") if covered and full_face else ()
     # The seated pose is another mesh, so its materials need other names than the walking character's.
     prefix = f"rider-{mount}/"
-    materials: dict[str, Material] = {
-        prefix + name: replace(material, name=prefix + name) for name, material in person.materials.items()
-    }
-    meshes: list[Mesh] = [replace(mesh, material=prefix + mesh.material) for mesh in person.meshes]
-    height = person.height_m
+    meshes: list[Mesh] = []
+    materials: dict[str, Material] = {}
+    textures: dict[str, Texture] = {}
+    for part, mesh in seated.meshes.items():
+        if part not in hidden:
+            material = person.materials[mesh.material]
+            meshes.append(mesh.with_material(prefix + mesh.material))
+            materials[prefix + mesh.material] = replace(material, name=prefix + mesh.material)
+            textures |= {name: person.textures[name] for name in material.textures}
     if covered:
-        bag = _full_face(seat.head) if full_face else _bicycle_helmet(seat.head)
-        parts = bag.meshes()
-        meshes += parts
         shared = common_materials(0.0)
-        materials |= {mesh.material: shared[mesh.material] for mesh in parts}
-        height = max(height, *(float(mesh.positions[:, 2].max()) for mesh in parts))
-    used = {mesh.material for mesh in meshes}
-    materials = {name: material for name, material in materials.items() if name in used}
-    images = {name for m in materials.values() for name in m.textures}
+        for name, build in (_FULL_FACE if full_face else _BICYCLE_HELMET).items():
+            meshes.append(DeferredMesh(partial(_worn, build, name, seated), name))
+            materials[name] = shared[name]
     return VehicleContent(
         kind=f"rider-{mount}",
         object_class="rider",
-        parts=(VehiclePart("body", np.eye(4), tuple(meshes), joints=seat.joints),),
+        parts=(VehiclePart("body", np.eye(4), tuple(meshes), skeleton=seated),),
         materials=materials,
-        textures={name: texture for name, texture in person.textures.items() if name in images},
+        textures=textures,
         footprint=size_of(mount)[0],
-        height_m=height,
     )
 
 
-def _full_face(head: Floats) -> Bag:
-    """Build a motorcycle helmet with a dark visor."""
+def _worn(build: Callable[[], Surface], material: str, seated: SeatedFigure) -> Mesh:
+    return to_mesh(build().moved(seated.head), material)
+
+
+def _full_face() -> Surface:
+    """Build the shell of a motorcycle helmet, in the frame of the head."""
     shell = pillow((0.128, 0.155, 0.150), squareness=0.9, sides=28, levels=15)
     points = shell.positions.copy()
     # The chin extends down and forward; the neck stays open.
     low = np.clip(-points[:, 2] / 0.15, 0.0, 1.0)
     points[:, 1] += 0.035 * low * np.clip(points[:, 1] / 0.1, 0.0, 1.0)
     points[:, 2] = np.maximum(points[:, 2], -0.140) - 0.005
-    whole = renormalled(replace(shell, positions=points + np.array([0.0, 0.005, 0.005])))
-    bag = Bag()
-    bag.add("vehicle-helmet", whole.moved(head))
+    return renormalled(replace(shell, positions=points + np.array([0.0, 0.005, 0.005])))
+
+
+def _visor() -> Surface:
     around, up = np.meshgrid(
         np.radians(np.linspace(-72.0, 72.0, 15)), np.radians(np.linspace(-21.0, 26.0, 5)), indexing="ij"
     )
@@ -93,22 +103,27 @@ def _full_face(head: Floats) -> Bag:
         ],
         -1,
     )
-    bag.add("vehicle-black-gloss", sheet(visor, flip=True).moved(head))
-    return bag
+    return sheet(visor, flip=True)
 
 
-def _bicycle_helmet(head: Floats) -> Bag:
-    """Build a grooved shell above the brows, and its strap."""
+def _grooved_shell() -> Surface:
+    """Build the shell of a bicycle helmet, above the brows, in the frame of the head."""
     shell = pillow((0.108, 0.138, 0.105), squareness=1.0, sides=36, levels=13)
     points = shell.positions.copy()
     around = np.arctan2(points[:, 0], points[:, 1])
     groove = np.cos(7.0 * around) > 0.55
     points *= np.where(groove & (points[:, 2] > 0.02) & (points[:, 2] < 0.095), 0.94, 1.0)[:, None]
     points[:, 2] = np.maximum(points[:, 2], -0.005) + 0.012
-    whole = renormalled(replace(shell, positions=points * np.array([1.0, 1.06, 1.0])))
-    bag = Bag()
-    bag.add("vehicle-helmet", whole.moved(head))
-    for side in (-1.0, 1.0):
-        strap = rod([(side * 0.085, 0.0, 0.01), (side * 0.078, 0.02, -0.09), (side * 0.02, 0.07, -0.135)], 0.005, 5)
-        bag.add("vehicle-plastic", strap.moved(head))
-    return bag
+    return renormalled(replace(shell, positions=points * np.array([1.0, 1.06, 1.0])))
+
+
+def _straps() -> Surface:
+    return merge(
+        rod([(side * 0.085, 0.0, 0.01), (side * 0.078, 0.02, -0.09), (side * 0.02, 0.07, -0.135)], 0.005, 5)
+        for side in (-1.0, 1.0)
+    )
+
+
+#: The parts of helmets by their material, each built in the frame of the head.
+_FULL_FACE: Final = {"vehicle-helmet": _full_face, "vehicle-black-gloss": _visor}
+_BICYCLE_HELMET: Final = {"vehicle-helmet": _grooved_shell, "vehicle-plastic": _straps}

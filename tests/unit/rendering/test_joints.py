@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from valerie.rendering.annotations.joints import (
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.objects import classified
-from valerie.scene.graph.model import JOINTS, Material, Node, Scene
+from valerie.scene.graph.model import JOINTS, Material, Node, Scene, Skeleton
 from valerie.scene.graph.transforms import camera_transform, place
 from valerie.testing.assets import box_mesh, simple_asset
 
@@ -149,10 +149,10 @@ def with_cyclist() -> Scene:
     """
     scene = with_joints(at((0.0, 0.0, 1.0)))
     path, low, high = "scene.bicycle-1", (-0.25, -0.3, 0.3), (0.25, 0.3, 1.7)
-    joints = np.random.default_rng(0).uniform(low, high, (len(JOINTS), 3))
+    skeleton = cast("Skeleton", SimpleNamespace(joints=np.random.default_rng(0).uniform(low, high, (len(JOINTS), 3))))
     nodes = [
         Node(path, place(0.2, 4.0, 0.0, 0.0), (box_mesh((-0.8, -0.5, 0.0), (0.8, -0.4, 0.9), "paint"),)),
-        Node(f"{path}.rider-1", np.eye(4), (box_mesh(low, high, "skin"),), joints=joints),
+        Node(f"{path}.rider-1", np.eye(4), (box_mesh(low, high, "skin"),), skeleton=skeleton),
     ]
     others = {name: node for name, node in scene.nodes.items() if not name.startswith("scene.person-")}
     return replace(scene, nodes=others | classified(nodes, {f"{path}.rider-1": "rider"}, ()))

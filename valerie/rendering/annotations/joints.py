@@ -110,9 +110,8 @@ def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
 
 def _in_the_world(item: DrawItem) -> NDArray[np.float64] | None:
     """Return the joints of a drawn item, (J, 3) metres in the world, or None without a skeleton."""
-    node = item.node
-    joints = node.joints if node.figure is None else node.figure.joints
-    return None if joints is None else np.asarray(joints @ item.world[:3, :3].T + item.world[:3, 3], np.float64)
+    body = item.node.figure or item.node.skeleton
+    return None if body is None else np.asarray(body.joints @ item.world[:3, :3].T + item.world[:3, 3], np.float64)
 
 
 def _pixels(places: NDArray[np.float64], camera: Camera, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -137,8 +137,17 @@ JOINTS: Final = (
 )  # fmt: skip
 
 
-class Figure(Protocol):
-    """A body that can take several stances. Its node has the meshes of the current stance."""
+class Skeleton(Protocol):
+    """The joints of a human body."""
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """Return the positions of `JOINTS`: (len(JOINTS), 3) metres in the node's frame."""
+        ...
+
+
+class Figure(Skeleton, Protocol):
+    """A body that can take several stances. Its node has the meshes and the joints of the current stance."""
 
     @property
     def stance(self) -> Stance: ...
@@ -146,11 +155,6 @@ class Figure(Protocol):
     @property
     def meshes(self) -> tuple[Mesh, ...]:
         """Return the meshes of this stance: the same objects each time, whose arrays are computed when first read."""
-        ...
-
-    @property
-    def joints(self) -> NDArray[np.float64]:
-        """Return the joints' positions in this stance: (len(JOINTS), 3) metres in the frame of ``meshes``."""
         ...
 
     def taking(self, stance: Stance) -> Figure:
@@ -209,8 +213,7 @@ class Node:
         movable: whether it belongs to the movable layer instead of the background. The manifest declares it; it is inherited.
         visible: False if neither the node nor anything below it is drawn, as for an absent person.
         figure: the source of ``meshes`` if the node can take several stances.
-        joints: (len(JOINTS), 3) metres in the node's frame, for a body with a fixed pose such as a rider; None for a figure or
-            without a skeleton.
+        skeleton: the joints of a body with a fixed pose, such as a rider; None for a figure and for nodes without a body.
         light: a lamp at the node's origin.
     """
 
@@ -222,7 +225,7 @@ class Node:
     movable: bool = False
     visible: bool = True
     figure: Figure | None = None
-    joints: NDArray[np.float64] | None = None
+    skeleton: Skeleton | None = None
     light: Light | None = None
 
     @property
