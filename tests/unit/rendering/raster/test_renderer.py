@@ -143,8 +143,8 @@ def test_open_ground_receives_the_whole_sky_however_far_it_reaches(
     share = (3 / 7) * (0.5 + 0.5 * up) + (4 / 7) * _moon_spencer(up)
     # The 32 directions give the light of the open sky within 0.4 % at this tilt. A cell of the map of the sky's visibility
     # whose centre lies below the tilted ground costs one direction: 3 % of the light at most, and 1.6 % between two places.
-    assert pixels.mean() == pytest.approx(0.04 * share * sky.sky_irradiance.mean(), rel=0.05)
-    assert pixels.std() < 0.02 * pixels.mean()
+    assert pixels.mean() == pytest.approx(0.04 * share * sky.sky_irradiance.mean(), rel=0.034)
+    assert pixels.std() < 0.016 * pixels.mean()
 
 
 def _moon_spencer(up: float) -> float:
@@ -178,8 +178,10 @@ MIRROR = Material("mirror", (1.0, 1.0, 1.0), roughness=0.04, metallic=1.0)
 CHALK = Material("chalk", (0.5, 0.4, 0.3), roughness=1.0, specular=0.0)
 
 
-def looking_into_a_mirror(raster: RasterRenderer, pitch: float, *, wall: bool) -> np.ndarray:
-    """Return the mean colours, under clouds, of a mirror and of the chalky ground and wall behind the camera.
+def looking_into_a_mirror(
+    raster: RasterRenderer, pitch: float, *, wall: bool
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Return, under clouds, the mean colour of a mirror, that of the chalky ground, and the extremes of all that is behind.
 
     In the mirror the camera sees ``pitch`` degrees above the horizon.
     """
@@ -193,29 +195,32 @@ def looking_into_a_mirror(raster: RasterRenderer, pitch: float, *, wall: bool) -
     cameras = {
         "mirror": Camera("scene.mirror", camera_transform((0, 0, 3), 0, 0, 0), focal_length_mm=120.0),
         "ground": Camera("scene.ground", camera_transform((0, 0, 3), 180, -60, 0), focal_length_mm=120.0),
-        "wall": Camera("scene.wall", camera_transform((0, 0, 3), 180, 0, 0), focal_length_mm=120.0),
+        "behind": Camera("scene.behind", camera_transform((0, 0, 3), 180, 0, 0), focal_length_mm=18.0),
     }
     scene = Scene(
         {node.path: node for node in nodes}, {"mirror": MIRROR, "chalk": CHALK}, {}, cameras, Sun(0.0, math.radians(50)),
         environment=Environment(cloud_cover=1.0),
     )  # fmt: skip
-    return np.array(
-        [raster.full(scene, View(name, 32, 18)).pixels.astype(np.float64).mean(axis=(0, 1)) for name in cameras]
+    mirror, ground, behind = (
+        raster.full(scene, View(name, 32, 18)).pixels.astype(np.float64).reshape(-1, 3) for name in cameras
     )
+    return mirror.mean(axis=0), ground.mean(axis=0), (behind.min(axis=0), behind.max(axis=0))
 
 
 def test_a_mirror_shows_the_sky_or_the_surfaces_that_hide_it_or_the_ground(raster: RasterRenderer) -> None:
     sky = sky_of(replace(simple_asset().base, environment=Environment(cloud_cover=1.0), sun=Sun(0.0, math.radians(50))))
     up = np.array([[0.0, -math.cos(math.radians(30)), math.sin(math.radians(30))]])
-    mirrored, _, _ = looking_into_a_mirror(raster, 30.0, wall=False)
+    mirrored, *_ = looking_into_a_mirror(raster, 30.0, wall=False)
     # The engine's reflectance of a smooth mirror (Karis 2014) at 15° from its normal. The sky of the table's nearest entry, 2.7°
     # high, differs from its mean by cos(30°) / (1 + sin(30°) + 1/2) of the 1.35° between.
     karis, entry = 0.978, math.radians(1.35) * 0.87
     assert mirrored == pytest.approx(karis * sky.radiance(up)[0], rel=entry)
-    mirrored, _, chalk = looking_into_a_mirror(raster, 30.0, wall=True)
-    # The mirror shows the mean of all surfaces that face it: the ground and the whole wall.
-    assert mirrored == pytest.approx(chalk, rel=0.25)
-    assert mirrored.max() < 0.5 * sky.radiance(up).max()
+    mirrored, _, (darkest, brightest) = looking_into_a_mirror(raster, 30.0, wall=True)
+    # The mirror shows the mean of all surfaces that face it, ground and wall, which lies between their extremes: to a ninth of
+    # a stop, a requirement of ours.
+    ninth = 2.0 ** (1 / 9)
+    assert (mirrored > karis * darkest / ninth).all()
+    assert (mirrored < karis * brightest * ninth).all()
     mirrored, ground, _ = looking_into_a_mirror(raster, -40.0, wall=False)
     assert mirrored == pytest.approx(karis * ground, rel=0.01)
 
@@ -287,6 +292,29 @@ def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, 
     assert (share[dark] <= reflected[dark]).all()
     assert (share[lit] >= 1).all()
     assert (share[lit] <= 1 + reflected[lit]).all()
+
+
+@pytest.mark.parametrize("movable", [False, True])
+@pytest.mark.parametrize("angle", [0.01, 0.03])
+def test_a_shadow_is_as_soft_as_the_suns_disc_makes_it(raster: RasterRenderer, angle: float, movable: bool) -> None:
+    # A roof ends at x = 0, 12 m above the ground. The sun stands almost at the zenith, and there is no sky.
+    roof = Node("scene.wall-1", np.eye(4), (box_mesh((-3, -3, 12), (0, 3, 12.1), "m"),), label_id=12, movable=movable)
+    ground = Node("scene.road-1", np.eye(4), (box_mesh((-3, -3, -1), (3, 3, 0), "m"),), label_id=7)
+    camera = Camera("scene.camera-1", camera_transform((0.0, 0.0, 10.0), 0, -90, 0), focal_length_mm=300.0)
+    scene = Scene(
+        {roof.path: roof, ground.path: ground}, {"m": Material("m", (0.02,) * 3, roughness=1.0, specular=0.0)}, {},
+        {"camera-1": camera}, Sun(0.0, math.radians(89.99), angular_diameter=angle), Environment(sky_strength=0.0),
+    )  # fmt: skip
+    columns = raster.full(scene, View("camera-1", 96, 54)).pixels[..., 1].astype(np.float64).mean(axis=0)
+    x, half = (np.arange(96) + 0.5 - 48) / 96 * 36 / 300 * 10, 12 * math.tan(angle / 2)
+    # The engine looks at ten places of the disc: half a tap.
+    np.testing.assert_allclose(columns / columns.max(), lit_by_a_disc(x / half), atol=0.05)
+
+
+def lit_by_a_disc(places: np.ndarray) -> np.ndarray:
+    """Return the visible share of a uniform disc behind a straight edge, ``places`` radii from the edge's own shadow."""
+    u = np.clip(places, -1.0, 1.0)
+    return 0.5 + (u * np.sqrt(1 - u * u) + np.arcsin(u)) / np.pi
 
 
 def test_the_first_row_of_a_texture_is_at_v_zero(raster: RasterRenderer) -> None:
@@ -524,8 +552,10 @@ def test_a_pane_casts_no_shadow(raster: RasterRenderer) -> None:
         scene = Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.0, math.radians(89.0)))
         return raster.full(scene, View("camera-1", 96, 64)).pixels[..., 1].astype(np.float64)
 
-    # At this height the sun gives most of the light, and an opaque pane takes all of it.
-    assert ground_under_a_pane(0.0)[32:].min() < 0.7 * ground_under_a_pane(0.5)[32:].min()
+    # An opaque pane leaves the light of the sky at most.
+    sky = sky_of(one_mesh(ground, Material("ground"), camera, 89.0))
+    share = sky.sky_irradiance[1] / (sky.sky_irradiance[1] + sky.sun[1] * math.sin(math.radians(89.0)))
+    assert ground_under_a_pane(0.0)[32:].min() < share * ground_under_a_pane(0.5)[32:].min()
 
 
 @pytest.mark.parametrize("y", [-3.0, 2.0])
