@@ -81,9 +81,9 @@ format: setup-dev ## Format the code
 	$(VENV)/bin/ruff check --fix-only --quiet .
 	$(VENV)/bin/ruff format .
 
-# One worker runs the tests of whole systems, the other all other tests (tests/conftest.py), in the order of the folders, so that
-# the long ones begin at once.
-TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
+# Three workers fill two cores: one runs the tests of whole systems, which often wait, the others all other tests
+# (tests/conftest.py), in the order of the folders, so that the long ones begin at once.
+TEST_WORKERS = --numprocesses 3 --dist loadscope --no-loadscope-reorder
 
 .PHONY: test
 test: setup-dev ## Run the tests but those of the browser (minutes)

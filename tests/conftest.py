@@ -30,6 +30,9 @@ settings.load_profile("valerie")
 #: A worker process keeps the bound of its functions until it ends; tests share one process.
 _MEMORY_LIMITS = resource.getrlimit(resource.RLIMIT_DATA)
 
+#: Folders whose tests run on one worker, and the name of what they share.
+_TOGETHER = {"tests/acceptance": "systems", "tests/integration": "systems", "tests/urban_street": "street"}
+
 _ALLOWED = Path(__file__).with_name("allowed_skips.txt")
 
 
@@ -63,15 +66,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """A file's tests stay together, and those that start whole systems stay on one worker: two systems at a time would only wait
-    for each other.
+    """A file's tests stay together. Those that start whole systems stay on one worker, since two systems at a time would only
+    wait for each other; and so do those of the street, which is built and painted once.
     """
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.partition("::")[0]
-            return "systems" if file.startswith(("tests/acceptance/", "tests/integration/")) else file
+            folder = "/".join(file.split("/")[:2])
+            return _TOGETHER.get(folder, file)
 
     return Scheduling(config, log)
 
