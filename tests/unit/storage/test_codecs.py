@@ -197,15 +197,23 @@ def test_counts_come_back(counts: NDArray[np.int64]) -> None:
     ],
 )
 def test_a_layer_whose_rectangle_does_not_fit_its_pixels_is_refused(meta: dict[str, object]) -> None:
-    data = envelope.pack("layer", {"pixels": np.zeros((3, 2, 3), np.float16)}, meta)
+    data = envelope.pack("layer", {"planes": np.zeros((2, 3, 2, 3), np.uint8)}, meta)
     with pytest.raises(CorruptArtifact):
         codecs.decode_layer(data)
 
 
 def test_an_image_of_another_type_is_refused_with_what_was_expected() -> None:
-    data = envelope.pack("image", {"pixels": np.zeros((3, 2, 3), np.float32)}, {})
-    with pytest.raises(CorruptArtifact, match=r"float32 \(3, 2, 3\), expected float16"):
+    data = envelope.pack("image", {"planes": np.zeros((3, 2, 3), np.float32)}, {})
+    with pytest.raises(CorruptArtifact, match=r"float32 \(3, 2, 3\), expected uint8"):
         codecs.decode_image(data)
+
+
+def test_images_and_layers_of_release_0_1_0_are_read() -> None:
+    pixels = np.arange(18, dtype=np.float16).reshape(3, 2, 3)
+    image = envelope.pack("image", {"pixels": pixels}, {})
+    layer = envelope.pack("layer", {"pixels": pixels}, {"rectangle": [5, 4, 2, 3]})
+    np.testing.assert_array_equal(codecs.decode_image(image).pixels, pixels)
+    np.testing.assert_array_equal(codecs.decode_layer(layer).pixels, pixels)
 
 
 def _truth_data(**changes: object) -> bytes:
