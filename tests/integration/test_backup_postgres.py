@@ -1,8 +1,9 @@
-"""A backup of a deployment on Postgres, restored into another database."""
+"""A backup of a deployment on Postgres, restored into another database, and a run copied to SQLite and back."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,11 @@ from sqlalchemy import inspect
 
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import write_box_street
-from valerie.db import runs
+from valerie.db import long_table, runs
 from valerie.db.engine import open_engine, reading
 from valerie.errors import Conflict
 from valerie.pipeline.control.backup import back_up, restore
+from valerie.pipeline.control.copying import copy_run
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -38,3 +40,28 @@ def test_a_backup_of_postgres_is_restored_into_an_empty_database(
         restore(other, tmp_path / "backup")
     engine.dispose()
     pipeline.context.engine.dispose()
+
+
+def test_a_run_is_copied_from_postgres_to_sqlite_and_to_another_postgres(
+    new_database: Callable[[], str], tmp_path: Path
+) -> None:
+    write_box_street(tmp_path / "assets" / "box-street")
+    worlds = [
+        Pipeline(tmp_path / name, tmp_path / "assets", workers=name == "first", **settings)
+        for name, settings in (
+            ("first", {"database_url": new_database()}),
+            ("second", {}),
+            ("third", {"database_url": new_database()}),
+        )
+    ]
+    run = worlds[0].submit(SMALL)
+    assert worlds[0].run(run) == "completed"
+    tables = []
+    for source, target in pairwise(worlds):
+        copy_run(source.context, target.context, run)
+    for world in worlds:
+        with reading(world.context.engine) as connection:
+            tables.append(sorted(long_table.rows(connection, run), key=repr))
+        world.context.engine.dispose()
+    assert len(tables[0]) > 0
+    assert tables[0] == tables[1] == tables[2]

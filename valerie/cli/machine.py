@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,7 @@ import typer
 
 from valerie.cli.shell import DataDir, Exit, Json
 from valerie.errors import InvalidInput, UnknownName
-from valerie.local.deployment import context_of, settings_of
+from valerie.local.deployment import context_of, folder_context, migrate_database, settings_of
 from valerie.local.terminal import console
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
@@ -131,17 +132,11 @@ def gc(
 
 def migrate(data_dir: DataDir = None) -> None:
     """Migrate the database to this version; `run`, `up` and the API do so themselves."""
-    from valerie.db.engine import open_engine
-    from valerie.db.migrate import migrate as migrate_database
+    from sqlalchemy.engine import make_url
 
     settings = settings_of(data_dir)
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    engine = open_engine(settings.database_url)
-    try:
-        migrate_database(engine)
-    finally:
-        engine.dispose()
-    typer.echo(f"up to date: {engine.url.render_as_string()}")
+    migrate_database(settings)
+    typer.echo(f"up to date: {make_url(settings.database_url).render_as_string()}")
 
 
 def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
@@ -185,6 +180,41 @@ def restore(folder: Annotated[Path, typer.Argument(help="A folder of `backup`.")
 
     contents = restore_backup(settings_of(data_dir), folder)
     typer.echo(f"restored {contents.database} and {contents.objects:,} objects of {contents.software}")
+
+
+def copy(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run that has ended.")],
+    to: Annotated[Path | None, typer.Option("--to", help="Data folder to copy it to, new or not.")] = None,
+    source: Annotated[Path | None, typer.Option("--from", help="Data folder to copy it from.")] = None,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Copy a run with its products, functions and results to a data folder, or from one into this deployment.
+
+    Every command works on the copy: `valerie up --data-dir FOLDER` shows it. Your own assets are not part of it.
+    """
+    from valerie.cli.datasets import Lines
+    from valerie.pipeline.control.copying import copy_run
+
+    if (to is None) == (source is None):
+        raise InvalidInput(
+            "a copy goes to one data folder or comes from one", field="--to, --from", limit="one of both"
+        )
+    lines = Lines("objects")
+    with ExitStack() as stack:
+        if source is not None:
+            first = stack.enter_context(folder_context(source, create=False))
+            migrate_database(settings_of(data_dir))
+            second = stack.enter_context(context_of(data_dir))
+        else:
+            assert to is not None
+            first = stack.enter_context(context_of(data_dir))
+            second = stack.enter_context(folder_context(to, create=True))
+        copied = copy_run(first, second, run, progress=lines.tell)
+    if as_json:
+        typer.echo(copied.model_dump_json())
+    else:
+        typer.echo(f"copied run {run} with {copied.objects:,} objects ({copied.bytes / 1e6:,.1f} MB)")
 
 
 def _document(product: Replayed) -> JsonObject:

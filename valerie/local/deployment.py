@@ -53,6 +53,29 @@ def context_of(data_dir: Path | None) -> Iterator[Context]:
 
 
 @contextmanager
+def folder_context(folder: Path, *, create: bool) -> Iterator[Context]:
+    """Open the database and the artifacts of a data folder, whatever deployment the environment describes.
+
+    Args:
+        folder: the data folder.
+        create: whether to create or migrate the database.
+
+    Raises:
+        NotFound: there is no database, and none is to be created.
+        ValerieError: the database is of another version.
+    """
+    from valerie.settings import load_settings
+
+    settings = load_settings(data_dir=folder, database_url="", artifacts_url="")
+    if create:
+        migrate_database(settings)
+    elif not has_database(settings):
+        raise NotFound("database", f"{folder}: not a data folder of VALERIE")
+    with _opened(settings) as context:
+        yield context
+
+
+@contextmanager
 def deployment_or_empty(settings: Settings) -> Iterator[Context]:
     """Open the deployment; if there is none, open an empty one that leaves no files.
 
@@ -76,6 +99,7 @@ def migrate_database(settings: Settings) -> None:
     from valerie.db.engine import open_engine
     from valerie.db.migrate import migrate
 
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = open_engine(settings.database_url)
     try:
         migrate(engine)

@@ -226,6 +226,26 @@ def open_store(url: str, *, s3_endpoint: str | None = None) -> ArtifactStore:
     return ArtifactStore(store, url=str(folder), folder=folder)
 
 
+def copy_objects(
+    source: ArtifactStore, target: ArtifactStore, keys: Iterable[str], *, replace: bool = False
+) -> Iterator[int]:
+    """Copy objects one by one, and yield the size of each in bytes; one that is missing is left out, and has size 0.
+
+    Args:
+        source, target: from and to.
+        keys: keys of the objects, the same in both.
+        replace: whether to replace objects that the target has.
+    """
+    for key in keys:
+        try:
+            data = source.get(key)
+        except NotFound:  # removed meanwhile
+            yield 0
+            continue
+        target.put(key, data, replace=replace)
+        yield len(data)
+
+
 def _open_bucket(url: str, bucket: str, prefix: str, endpoint: str | None) -> ArtifactStore:
     if not bucket:
         raise InvalidInput("names no bucket", field="VALERIE_ARTIFACTS_URL", value=url, limit="s3://bucket/prefix")

@@ -21,7 +21,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import software
 from valerie.settings import Settings
 from valerie.storage.keys import PRODUCTS
-from valerie.storage.store import ArtifactStore, open_store
+from valerie.storage.store import copy_objects, open_store
 
 _CONTENTS: Final = "backup.json"
 _SQLITE: Final = "database.sqlite3"
@@ -64,7 +64,7 @@ def back_up(context: Context, folder: Path, *, products: bool = False) -> Conten
     folder.mkdir(parents=True, exist_ok=True)
     database = _dump(context.settings.database_url, folder)
     keys = [info.key for info in context.store.list() if products or not info.key.startswith(PRODUCTS)]
-    copied = _copy(context.store, open_store(str(folder / _OBJECTS)), keys)
+    copied = sum(copy_objects(context.store, open_store(str(folder / _OBJECTS)), keys, replace=True))
     contents = Contents(software=software(), database=database, objects=len(keys), bytes=copied, products=products)
     (folder / _CONTENTS).write_text(contents.model_dump_json(indent=2), "utf-8")
     return contents
@@ -87,20 +87,8 @@ def restore(settings: Settings, folder: Path) -> Contents:
         open_store(str(folder / _OBJECTS)),
         open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
     )
-    _copy(source, target, [info.key for info in source.list()])
+    sum(copy_objects(source, target, [info.key for info in source.list()], replace=True))
     return contents
-
-
-def _copy(source: ArtifactStore, target: ArtifactStore, keys: list[str]) -> int:
-    copied = 0
-    for key in keys:
-        try:
-            data = source.get(key)
-        except NotFound:  # collected meanwhile
-            continue
-        target.put(key, data, replace=True)
-        copied += len(data)
-    return copied
 
 
 def _dump(url: str, folder: Path) -> str:

@@ -9,12 +9,9 @@ from valerie.db import functions, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
-from valerie.runs.products.states import ProductKind
 from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
 
 _BATCH = 500
-#: Kinds of products that have no object: their results are rows.
-_WITHOUT_OBJECT = (ProductKind.EVALUATION, ProductKind.LIGHT)
 #: An object is stored before its row says so; younger objects without a row are left untouched.
 _GRACE = timedelta(hours=1)
 
@@ -46,7 +43,7 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
                 sweeping.free(connection, [product.digest for product in batch])
         removed += len(batch)
         if not dry_run:
-            context.store.delete(product_key(kind, digest) for digest, kind in batch if kind not in _WITHOUT_OBJECT)
+            context.store.delete(product_key(kind, digest) for digest, kind in batch if kind.has_object)
         # One more round after the last products, since the statics under them have no links now.
         if dry_run or not batch:
             break

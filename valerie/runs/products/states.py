@@ -88,6 +88,11 @@ class ProductKind(StrEnum):
     EVALUATION = "evaluation"
 
     @property
+    def has_object(self) -> bool:
+        """Return False if its results are rows only."""
+        return self not in (ProductKind.EVALUATION, ProductKind.LIGHT)
+
+    @property
     def stage(self) -> Stage:
         """The stage that computes it."""
         if self is ProductKind.PREDICTION:
