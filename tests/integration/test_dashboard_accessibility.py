@@ -38,6 +38,7 @@ STUDY = {
     "batch": 10,
     "mode": "by hand",
 }
+NO_PICTURES = {"variants": [], "engine": "raster", "draft": {}, "problem": "there is no Blender environment"}
 Go = Callable[["Page"], None]
 
 
@@ -120,7 +121,7 @@ def test_a_page_is_accessible_and_fits(browser: Browser, addresses: dict[str, st
     context = browser.new_context(**LOOKS[look], reduced_motion="reduce")
     page = context.new_page()
     # Pictures of drafts have their own tests.
-    page.route("**/v1/preview?**", lambda route: route.fulfill(json=[]))
+    page.route("**/v1/preview?**", lambda route: route.fulfill(json=NO_PICTURES))
     page.goto(f"{addresses['url']}#{path.format(**addresses)}")
     page.wait_for_selector(drawn)
     if go is not None:

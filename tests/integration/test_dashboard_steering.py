@@ -28,7 +28,8 @@ PREVIEW_MS = 120_000
 @pytest.fixture(scope="module")
 def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """A server with a finished run and one with failures; what is submitted is worked off by a thread."""
-    settings = settings_of(tmp_path_factory.mktemp("steering"), log_level="error")
+    folder = tmp_path_factory.mktemp("steering")
+    settings = settings_of(folder, log_level="error", cycles_python=folder / "no-blender")
     world = DrawnWorld(settings)
     world.work(spec("finished"))
     world.work(spec("lost a layer", constants={"sun-1.elevation": 12}), broken=layer_of_variant_4)
@@ -202,6 +203,21 @@ def test_a_server_that_cannot_render_says_so_and_the_rest_works(page: Page) -> N
     begin(page, f"name: one\nasset: {ASSET}\n")
     page.wait_for_selector("text=cannot render previews: no moderngl")
     assert page.locator("button:has-text('Submit run')").is_enabled()
+
+
+@pytest.mark.parametrize("engine", ["pyrender", "cycles"])
+def test_the_spec_s_engine_renders_the_preview_or_the_page_names_the_one_that_does_and_why(
+    page: Page, engine: str
+) -> None:
+    begin(page, f"name: one\nasset: {ASSET}\nrenderer: {engine}\nresolution: {{width: 64, height: 36}}\n")
+    page.wait_for_selector(".previews[aria-busy=false] img", timeout=PREVIEW_MS)
+    section = page.get_by_role("region", name="Preview").inner_text()
+    if engine == "pyrender":
+        assert "by the engine pyrender" in section
+        assert "does not render here" not in section
+    else:
+        assert "The engine cycles does not render here: there is no Blender environment" in section
+        assert "by the engine raster" in section
 
 
 def test_an_edited_run_is_a_child_and_the_lineage_leads_from_one_to_the_other(page: Page, api: httpx.Client) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
@@ -52,12 +53,14 @@ class Engine:
             else no argument.
         settings: the model of its settings; the base class has none.
         shows: its abilities. A spec that needs another one is refused, or gets a warning if the image merely looks worse.
+        draft: settings of previews, which replace those of a spec: few seconds for a small image.
         install_hint: advice for users whose runs wait for the engine, for example how to install it.
     """
 
     renderer: str
     settings: type[EngineSettings] = EngineSettings
     shows: frozenset[Ability] = EVERYTHING
+    draft: Mapping[str, Value] = field(default_factory=dict)
     install_hint: str = ""
 
     @property

@@ -154,9 +154,10 @@ function planSection(plan) {
 function previewSection({ signal }) {
   const figures = h("div", { class: "previews", "aria-busy": "false" });
   const state = h("p", { class: "small soft", role: "status" });
+  const lack = h("div", { class: "slot" }); // why it is not the spec's engine
   const camera = h("select", { id: "preview-camera", on: { change: () => ask() } });
   const another = h("button", { type: "button", on: { click: () => { chance = Math.random(); ask(); } } }, "Another random variant");
-  const element = h("section", { class: "card", "aria-label": "Preview" }, h("div", { class: "head" }, h("h2", {}, "Preview"), h("label", { class: "inline", for: "preview-camera" }, "Camera ", camera), another), figures, state);
+  const element = h("section", { class: "card", "aria-label": "Preview" }, h("div", { class: "head" }, h("h2", {}, "Preview"), h("label", { class: "inline", for: "preview-camera" }, "Camera ", camera), another), figures, lack, state);
   let chance = Math.random();
   let timer = null;
   let wanted = null; // the document and its plan
@@ -167,16 +168,18 @@ function previewSection({ signal }) {
     clearTimeout(timer);
     if (!wanted || asking || signal.aborted) return; // the present request asks again when it ends
     asking = true;
-    const { text, plan, varied } = wanted;
+    const { text, plan, varied, engine } = wanted;
     const looked = `${text} ${camera.value} ${chance}`;
     const indexes = [...new Set([0, Math.floor(chance * plan.variants), plan.variants - 1])];
     figures.setAttribute("aria-busy", "true");
-    state.textContent = figures.children.length ? "Rendering …" : "Rendering … The first picture of an asset takes some seconds.";
+    state.textContent = figures.children.length ? `Rendering by ${engine} …` : `Rendering by ${engine} … The first picture of an asset takes longest.`;
     try {
       const query = new URLSearchParams([...indexes.map((one) => ["variant", one]), ["accepted", true], ...(camera.value ? [["camera", camera.value]] : [])]);
       const answer = await postSpec(`/v1/preview?${query}`, text, { signal });
-      figures.replaceChildren(...answer.map((one) => figure(one, plan.units, varied)));
-      state.textContent = "Rendered by the engine raster at a small size, through the first sensor.";
+      figures.replaceChildren(...answer.variants.map((one) => figure(one, plan.units, varied)));
+      put(lack, [answer.problem, engine], answer.problem ? h("p", { class: "note wait small" }, `The engine ${engine} does not render here: ${answer.problem}. These pictures are by ${answer.engine}, so light and materials differ from those of the run.`) : null);
+      const drafted = Object.entries(answer.draft).map(([name, one]) => `${name} ${one}`).join(", ");
+      state.textContent = `Rendered small by the engine ${answer.engine}${drafted ? ` (${drafted})` : ""}, through the first sensor.`;
     } catch (error) {
       if (error.name === "AbortError") return;
       state.textContent = error.message;
@@ -188,8 +191,8 @@ function previewSection({ signal }) {
   };
   return {
     element,
-    soon({ text, vary, several_blocks: several }, plan) {
-      wanted = { text, plan, varied: several ? null : new Set(vary.map((one) => one.document.parameter)) };
+    soon({ text, fields, vary, several_blocks: several }, plan) {
+      wanted = { text, plan, engine: fields.renderer?.name ?? fields.renderer ?? "raster", varied: several ? null : new Set(vary.map((one) => one.document.parameter)) };
       const names = plan.cameras.join(" ");
       if (names !== cameras) {
         cameras = names;

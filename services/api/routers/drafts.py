@@ -12,7 +12,7 @@ from pydantic import JsonValue
 from services.api.dependencies import ContextDependency, RunId
 from services.api.openapi import example, problems
 from services.api.routers.runs import SPEC_BODY, Spec
-from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewRead
+from services.api.schemas.drafts import DraftChanges, DraftRead, PreviewPicture, PreviewRead
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.control.preview import Previews
@@ -76,12 +76,17 @@ def preview(
         str | None, Query(max_length=200, description="by default the first of the spec", examples=["camera-1"])
     ] = None,
     accepted: Annotated[bool, Query(description="take the nearest accepted variant for a rejected one")] = False,
-) -> list[PreviewRead]:
+) -> PreviewRead:
     previews: Previews = request.app.state.previews
-    return [
-        PreviewRead(
-            variant=shown.variant,
-            picture=None if shown.picture is None else base64.b64encode(shown.picture).decode(),
-        )
-        for shown in previews.render(spec, variant, camera=camera, accepted=accepted)
-    ]
+    shown = previews.render(spec, variant, camera=camera, accepted=accepted)
+    return PreviewRead(
+        variants=[
+            PreviewPicture(
+                variant=one.variant, picture=None if one.picture is None else base64.b64encode(one.picture).decode()
+            )
+            for one in shown.variants
+        ],
+        engine=shown.engine,
+        draft=shown.draft,
+        problem=shown.problem,
+    )

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from services.api.schemas.base import Read
 from valerie.loading import MAX_BYTES
+from valerie.parameters.definitions import Value
 from valerie.runs.document.draft import Change
 from valerie.runs.forecasting.forecast import PlannedVariant
 
@@ -46,8 +47,20 @@ class DraftRead(Read):
     )
 
 
-class PreviewRead(Read):
+class PreviewPicture(Read):
     variant: PlannedVariant = Field(
         examples=[{"index": 0, "values": {"person-1.pos.x": 1.0}, "sun": None, "rejection": None}]
     )
     picture: str | None = Field(description="PNG in base 64; null for a rejected variant", examples=["iVBORw0KGgo="])
+
+
+class PreviewRead(Read):
+    variants: list[PreviewPicture] = Field(description="in the order of the request")
+    engine: str = Field(description="that rendered", examples=["raster"])
+    draft: dict[str, Value] = Field(
+        description="its settings that replace those of the spec", examples=[{"samples": 8, "denoise": True}]
+    )
+    problem: str | None = Field(
+        description="why another engine than the spec's rendered; null if none did",
+        examples=["there is no Blender environment"],
+    )

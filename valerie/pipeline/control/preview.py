@@ -7,12 +7,14 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
-from typing import Final
+from typing import Final, NamedTuple
 
 from pydantic import ValidationError
 
+from valerie import plugins
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, MissingDependency, RenderingError, TransientError, UnknownName
+from valerie.parameters.definitions import Value
 from valerie.parent import Wire, module_command, module_environment
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -22,14 +24,21 @@ from valerie.runs.forecasting.forecast import PlannedVariant, planned_variants
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
 
+#: The engine that renders where the spec's cannot: it is installed with VALERIE and needs less than a second for a frame.
+FALLBACK: Final = "raster"
 #: Longer side of a picture, pixels.
 SIDE: Final = 480
 #: Distance from an index up to which an accepted variant is looked for.
 _NEAR: Final = 500
-#: Longest time for all pictures of a request: loading an asset takes ten seconds on a busy machine.
+#: Longest time for all pictures of a request by one engine. A street takes ten seconds to load on a busy machine, and half a
+#: minute more until Cycles has it.
 _SECONDS: Final = 90.0
 #: Longest time that a request waits for another one.
-_PATIENCE_SECONDS: Final = 20.0
+_PATIENCE_SECONDS: Final = 60.0
+#: Settings that the child reads.
+_ENGINE_SETTINGS: Final = frozenset(
+    {"cycles_python", "cycles_device", "cycles_threads", "cycles_silence_seconds", "cycles_max_memory_mb"}
+)
 _COMMAND: Final = tuple(module_command("valerie.pipeline.work.preview"))
 
 
@@ -46,6 +55,29 @@ class Preview:
     picture: bytes | None
 
 
+@dataclass(frozen=True, slots=True)
+class Previewed:
+    """Variants before they are run.
+
+    Attributes:
+        variants: in the order of the request.
+        engine: the one that rendered.
+        draft: its settings that differ from the spec's.
+        problem: why it is not the spec's engine; None if it is.
+    """
+
+    variants: tuple[Preview, ...]
+    engine: str
+    draft: dict[str, Value]
+    problem: str | None
+
+
+class _Rendered(NamedTuple):
+    answer: PreviewAnswer
+    engine: str
+    problem: str | None
+
+
 class Previews:
     """Renders previews one after the other. The child process is started when it is needed, and again after its end."""
 
@@ -55,7 +87,7 @@ class Previews:
         Args:
             context: of this process.
             command: of the child.
-            seconds: longest time of one request.
+            seconds: longest time of one request for one engine.
         """
         self._context, self._command, self._seconds = context, command, seconds
         self._child: subprocess.Popen[bytes] | None = None
@@ -63,8 +95,11 @@ class Previews:
 
     def render(
         self, spec: RunSpec, variants: Sequence[int], *, camera: str | None = None, accepted: bool = False
-    ) -> list[Preview]:
+    ) -> Previewed:
         """Return pictures of variants by the first sensor of a spec, at the first moment of a sequence.
+
+        The engine of the spec renders them, with its draft settings. Where it is missing, ends or takes too long, `FALLBACK`
+        renders them.
 
         Args:
             spec: of a run; nothing is stored.
@@ -75,7 +110,7 @@ class Previews:
         Raises:
             InvalidInput: the spec, an index or the camera, with field, value and limit.
             MissingDependency: this machine cannot render.
-            TransientError: another request takes long, or the child ended.
+            TransientError: another request takes long, the child ended, or no engine was fast enough.
             RenderingError: the engine refuses the scene.
         """
         with reading(self._context.engine) as connection:
@@ -94,28 +129,47 @@ class Previews:
             variants = list(dict.fromkeys(_nearest_accepted(resolved, index) for index in variants))
         planned = planned_variants(resolved, variants)
         legal = [variant.index for variant in planned if variant.rejection is None]
-        pictures = dict(zip(legal, self._pictures(_job(self._context, resolved, camera, legal)), strict=True))
-        return [Preview(variant, pictures.get(variant.index)) for variant in planned]
+        rendered = self._rendered(_job(self._context, resolved, camera, legal))
+        pictures = dict(zip(legal, map(base64.b64decode, rendered.answer.pictures), strict=True))
+        return Previewed(
+            variants=tuple(Preview(variant, pictures.get(variant.index)) for variant in planned),
+            engine=rendered.engine,
+            draft=_draft(rendered.engine),
+            problem=rendered.problem,
+        )
 
     def close(self) -> None:
         """End the child."""
         with self._lock:
             self._end()
 
-    def _pictures(self, job: PreviewJob) -> list[bytes]:
+    def _rendered(self, job: PreviewJob) -> _Rendered:
         if not job.frames:
-            return []
+            return _Rendered(PreviewAnswer(), job.renderer, None)
         if not self._lock.acquire(timeout=_PATIENCE_SECONDS):
             raise TransientError("another preview is being rendered; try again in a moment")
         try:
-            answer = self._asked(job)
+            answer, problem = self._first_answer(job)
+            if problem is not None:
+                job = job.model_copy(update={"renderer": FALLBACK, "settings": {}})
+                answer = self._asked(job)
         finally:
             self._lock.release()
         if answer.engine_missing:
             raise MissingDependency(f"this server cannot render previews: {answer.error}")
         if answer.error is not None:
             raise RenderingError(f"preview: {answer.error}")
-        return [base64.b64decode(picture) for picture in answer.pictures]
+        return _Rendered(answer, job.renderer, problem)
+
+    def _first_answer(self, job: PreviewJob) -> tuple[PreviewAnswer, str | None]:
+        """Return the answer by the spec's engine, and why `FALLBACK` is to render instead; None if it is not."""
+        try:
+            answer = self._asked(job)
+        except TransientError as error:
+            if job.renderer == FALLBACK:
+                raise
+            return PreviewAnswer(), str(error)
+        return answer, answer.error if answer.engine_missing and job.renderer != FALLBACK else None
 
     def _asked(self, job: PreviewJob) -> PreviewAnswer:
         """Return the child's answer; a child that had ended for want of work is started again."""
@@ -127,7 +181,7 @@ class Previews:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env=module_environment("VALERIE_PLUGINS"),
+                env=self._environment(),
             )
         assert self._child.stdin is not None
         wire = Wire(self._child.stdin, self._child.stdout, lambda: None, self._seconds)
@@ -141,11 +195,24 @@ class Previews:
             self._end()
             raise TransientError("the process that renders previews ended; try again") from None
 
+    def _environment(self) -> dict[str, str]:
+        """Return the child's environment: without secrets, but with what engines need to know of the settings."""
+        settings = self._context.settings.model_dump(mode="json", include=set(_ENGINE_SETTINGS))
+        return {
+            **module_environment("VALERIE_PLUGINS"),
+            **{f"VALERIE_{name.upper()}": str(value) for name, value in settings.items()},
+        }
+
     def _end(self) -> None:
         child, self._child = self._child, None
         if child is not None:
             child.kill()
             child.communicate()
+
+
+def _draft(name: str) -> dict[str, Value]:
+    engine = plugins.known_engine(name)
+    return {} if engine is None else dict(engine.draft)
 
 
 def _nearest_accepted(resolved: ResolvedRun, index: int) -> int:
@@ -166,6 +233,8 @@ def _job(context: Context, resolved: ResolvedRun, camera: str, variants: Sequenc
     width, height = spec.resolution.width, spec.resolution.height
     scale = SIDE / max(width, height)
     return PreviewJob(
+        renderer=spec.engine,
+        settings={**spec.engine_settings, **_draft(spec.engine)},
         asset=spec.asset,
         asset_dir=context.settings.asset_dir,
         camera=camera,

@@ -17,7 +17,7 @@ from typing import Final
 
 from valerie import plugins
 from valerie.document import Document
-from valerie.errors import ValerieError
+from valerie.errors import MissingDependency, TransientError, ValerieError
 from valerie.parameters.definitions import Value
 from valerie.parent import end_with_parent, read_message, write_message
 from valerie.perception.running.limits import limit_memory
@@ -29,8 +29,6 @@ from valerie.sensing.metering import metered_ev
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 
-#: The engine of previews: it needs less than a second for a frame.
-ENGINE: Final = "raster"
 _IDLE_SECONDS: Final = 180.0
 _MEMORY_MB: Final = 6_144
 
@@ -53,6 +51,8 @@ class PreviewJob(Document):
     """Frames of one asset to render.
 
     Attributes:
+        renderer: engine.
+        settings: of the engine.
         asset: name, or name and arguments.
         asset_dir: folder of users' assets.
         camera: name.
@@ -61,6 +61,8 @@ class PreviewJob(Document):
         frames: to render, in order.
     """
 
+    renderer: str
+    settings: dict[str, Value]
     asset: str | dict[str, Value]
     asset_dir: Path
     camera: str
@@ -76,7 +78,7 @@ class PreviewAnswer(Document):
     Attributes:
         pictures: PNG files in base 64, one for each frame; empty with an error.
         error: why there are none.
-        engine_missing: True if this machine cannot render at all.
+        engine_missing: True if this machine lacks the engine, or the engine ended.
     """
 
     pictures: tuple[str, ...] = ()
@@ -100,22 +102,33 @@ def main() -> None:
 
 
 class _Studio:
-    """Engine, truth pass and the latest asset, opened when they are needed."""
+    """Engines, truth pass and the latest asset, opened when they are needed."""
 
     def __init__(self) -> None:
-        self._engine: Renderer | None = None
+        self._engines: dict[str, tuple[dict[str, Value], Renderer]] = {}
         self._truth: TruthMaker | None = None
         self._asset: tuple[object, SceneAsset] | None = None
 
     def answer(self, job: PreviewJob) -> PreviewAnswer:
         try:
-            engine = self._engine = self._engine or plugins.create_renderer(ENGINE)
-        except ValerieError as error:
-            return PreviewAnswer(error=str(error), engine_missing=True)
-        try:
+            engine = self._opened(job.renderer, job.settings)
             return PreviewAnswer(pictures=tuple(self._picture(engine, job, frame) for frame in job.frames))
+        except (MissingDependency, TransientError) as error:
+            return PreviewAnswer(error=str(error), engine_missing=True)
         except (ValerieError, MemoryError) as error:
             return PreviewAnswer(error=str(error) or f"more than {_MEMORY_MB} MB are needed")
+
+    def _opened(self, name: str, settings: dict[str, Value]) -> Renderer:
+        """Return the engine; another one is opened where the settings differ from those of the last job."""
+        known = self._engines.get(name)
+        if known is not None and known[0] == settings:
+            return known[1]
+        if known is not None:
+            del self._engines[name]
+            known[1].close()
+        engine = plugins.create_renderer(name, settings)
+        self._engines[name] = (settings, engine)
+        return engine
 
     def _picture(self, engine: Renderer, job: PreviewJob, frame: PreviewFrame) -> str:
         from PIL import Image

@@ -10,5 +10,6 @@ from valerie.rendering.engine import Engine
 ENGINE: Final = Engine(
     "valerie.rendering.cycles.renderer:CyclesRenderer",
     settings=CyclesSettings,
+    draft={"samples": 8, "denoise": True},
     install_hint="`make cycles` installs it",
 )

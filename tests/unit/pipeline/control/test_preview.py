@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import struct
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,9 +14,10 @@ import pytest
 from tests.world.drawn import DrawnWorld, spec
 from tests.world.world import settings_of
 from valerie.errors import MissingDependency, RenderingError, TransientError
-from valerie.pipeline.control.preview import Previews
+from valerie.pipeline.control.preview import Previewed, Previews
 from valerie.runs.resolving.spec import parse
 
+PICTURE = base64.b64encode(b"picture").decode()
 #: Reads a job.
 READ = "import struct, sys, time; sys.stdin.buffer.read(struct.unpack('<I', sys.stdin.buffer.read(4))[0]);"
 
@@ -24,11 +27,19 @@ def previews(tmp_path: Path, program: str, *, seconds: float = 60.0) -> Previews
     return Previews(world.context, command=[sys.executable, "-c", program], seconds=seconds)
 
 
-def answering(document: dict[str, object]) -> str:
-    data = json.dumps(document).encode()
-    return (
-        f"{READ} sys.stdout.buffer.write({struct.pack('<I', len(data)) + data!r}); sys.stdout.flush(); time.sleep(600)"
-    )
+def previewed(tmp_path: Path, program: str, renderer: object, *, seconds: float = 60.0) -> Previewed:
+    with closing(previews(tmp_path, program, seconds=seconds)) as rendering:
+        return rendering.render(parse(spec("n", renderer=renderer)), [0])
+
+
+def answering(*documents: dict[str, object]) -> str:
+    """A program that answers one job after the other."""
+    answers = [json.dumps(document).encode() for document in documents]
+    steps = [
+        f"{READ} sys.stdout.buffer.write({struct.pack('<I', len(data)) + data!r}); sys.stdout.flush();"
+        for data in answers
+    ]
+    return f"{' '.join(steps)} time.sleep(600)"
 
 
 def test_a_child_that_hangs_is_ended(tmp_path: Path) -> None:
@@ -63,6 +74,45 @@ def test_no_child_is_started_for_rejected_variants(tmp_path: Path) -> None:
     never = previews(tmp_path, "raise SystemExit(1)")
     document = spec("n")
     rejected = 23
-    (answer,) = never.render(parse(document), [rejected])
+    (answer,) = never.render(parse(document), [rejected]).variants
     assert answer.picture is None
     assert answer.variant.rejection
+
+
+def test_another_engine_renders_where_the_spec_s_is_missing_and_the_reason_is_passed_on(tmp_path: Path) -> None:
+    program = answering({"error": "no Blender here", "engine_missing": True}, {"pictures": [PICTURE]})
+    shown = previewed(tmp_path, program, "cycles")
+    assert (shown.engine, shown.problem, shown.draft) == ("raster", "no Blender here", {})
+    assert [one.picture for one in shown.variants] == [b"picture"]
+
+
+def test_another_engine_renders_where_the_spec_s_takes_too_long(tmp_path: Path) -> None:
+    program = f"""
+import json, struct, sys, time
+job = json.loads(sys.stdin.buffer.read(struct.unpack('<I', sys.stdin.buffer.read(4))[0]))
+if job["renderer"] == "cycles":
+    time.sleep(600)
+data = json.dumps({{"pictures": ["{PICTURE}"]}}).encode()
+sys.stdout.buffer.write(struct.pack('<I', len(data)) + data)
+sys.stdout.flush()
+time.sleep(600)
+"""
+    shown = previewed(tmp_path, program, "cycles", seconds=2.0)
+    assert shown.engine == "raster"
+    assert shown.problem == "the preview took longer than 2 s"
+
+
+def test_the_spec_s_engine_renders_with_its_settings_but_for_those_of_drafts(tmp_path: Path) -> None:
+    program = """
+import base64, json, struct, sys
+job = sys.stdin.buffer.read(struct.unpack('<I', sys.stdin.buffer.read(4))[0])
+data = json.dumps({"pictures": [base64.b64encode(job).decode()]}).encode()
+sys.stdout.buffer.write(struct.pack('<I', len(data)) + data)
+sys.stdout.flush()
+sys.stdin.buffer.read()
+"""
+    shown = previewed(tmp_path, program, {"name": "cycles", "samples": 1024, "max_bounces": 3})
+    job = json.loads(shown.variants[0].picture or b"")
+    assert job["renderer"] == shown.engine == "cycles"
+    assert job["settings"] == {"max_bounces": 3, "samples": 8, "denoise": True}
+    assert shown.problem is None

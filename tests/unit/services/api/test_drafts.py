@@ -66,7 +66,7 @@ def test_a_preview_of_nothing_is_refused_before_anything_is_rendered(
 def test_a_rejected_variant_has_a_reason_and_no_picture(api: httpx.Client) -> None:
     plan = api.post("/v1/plan", json=spec("n")).json()
     rejected = next(one for one in plan["last"] if one["rejection"])
-    (answer,) = api.post("/v1/preview", params={"variant": rejected["index"]}, json=spec("n")).json()
+    (answer,) = api.post("/v1/preview", params={"variant": rejected["index"]}, json=spec("n")).json()["variants"]
     assert answer == {"variant": rejected, "picture": None}
 
 
@@ -74,7 +74,7 @@ def test_a_rejected_variant_has_a_reason_and_no_picture(api: httpx.Client) -> No
 def test_the_nearest_accepted_variant_is_taken_once(api: httpx.Client) -> None:
     document = spec("n")
     variants = {"variant": [23, 22], "accepted": True}
-    (answer,) = api.post("/v1/preview", params=variants, json=document, timeout=120).json()
+    (answer,) = api.post("/v1/preview", params=variants, json=document, timeout=120).json()["variants"]
     legal = {one["index"] for one in (api.post("/v1/plan", json=document).json()["first"])}
     assert answer["picture"]
     assert answer["variant"]["rejection"] is None
@@ -86,7 +86,9 @@ def test_a_preview_is_the_small_picture_of_its_variant(api: httpx.Client, drawn:
     document = spec("n", width=960, height=540)
     answer = api.post("/v1/preview", params={"variant": [0, 1], "camera": "camera-2"}, json=document, timeout=120)
     assert answer.status_code == 200, answer.text
-    pictures = [np.asarray(Image.open(io.BytesIO(base64.b64decode(one["picture"])))) for one in answer.json()]
+    pictures = [
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(one["picture"])))) for one in answer.json()["variants"]
+    ]
     folder = drawn.folder / "assets"
     manifest, digest = asset_manifest(ASSET, asset_dir=folder)
     resolved = resolve(parse(document), manifest, asset_digest=digest, max_variants=None)
