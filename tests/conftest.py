@@ -30,8 +30,12 @@ settings.load_profile("valerie")
 #: A worker process keeps the bound of its functions until it ends; tests share one process.
 _MEMORY_LIMITS = resource.getrlimit(resource.RLIMIT_DATA)
 
-#: Folders whose tests run on one worker, and the name of what they share.
-_TOGETHER = {"tests/acceptance": "systems", "tests/integration": "systems", "tests/urban_street": "street"}
+#: Files and folders whose tests run on one worker, and the name of what they share. They begin first, since they take longest.
+_TOGETHER = {
+    "tests/acceptance/test_kills.py": "systems",
+    "tests/integration/": "systems",
+    "tests/urban_street/": "street",
+}
 
 _ALLOWED = Path(__file__).with_name("allowed_skips.txt")
 
@@ -64,6 +68,12 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order the tests as `_TOGETHER` is, and all others after them."""
+    places = [*_TOGETHER, ""]
+    items.sort(key=lambda item: next(i for i, path in enumerate(places) if item.nodeid.startswith(path)))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """A file's tests stay together. Those that start whole systems stay on one worker, since two systems at a time would only
@@ -74,8 +84,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.partition("::")[0]
-            folder = "/".join(file.split("/")[:2])
-            return _TOGETHER.get(folder, file)
+            return next((name for path, name in _TOGETHER.items() if file.startswith(path)), file)
 
     return Scheduling(config, log)
 
