@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
@@ -23,6 +24,25 @@ class Role(StrEnum):
         """Return True if this role has all rights of the other."""
         order = list(Role)
         return order.index(self) >= order.index(other)
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Someone who sends a request.
+
+    Attributes:
+        name: name of the token; `OPERATOR` for that of the settings, and where no token is needed.
+        owner: person or service that holds the token; empty for the operator.
+        role: its rights.
+    """
+
+    name: str
+    owner: str
+    role: Role
+
+
+#: The caller with the token of the settings. No token can have this name, since names have no capitals.
+OPERATOR: Final = Caller("OPERATOR", "", Role.ADMIN)
 
 
 def new_secret() -> str:

@@ -14,10 +14,11 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from services.api.audit import Audit
 from services.api.problems import INVALID_INPUT, problem
-from valerie.access import SECRET_PREFIX, Role
+from valerie.access import OPERATOR, SECRET_PREFIX, Caller
 from valerie.errors import TransientError
-from valerie.pipeline.control.tokens import role_of
+from valerie.pipeline.control.tokens import caller_of
 from valerie.settings import Settings
 
 #: Paths that need no token: probes of load balancers. The dashboard's files contain no data; its page asks for the token.
@@ -48,6 +49,7 @@ class Protection:
         self._token = settings.api_token.get_secret_value().encode() if settings.api_token else None
         self._limit = settings.max_body_bytes
         self._seconds = settings.body_seconds
+        self._audit = Audit()
         self._function_limit = (settings.max_function_mb << 20) + self._limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -68,12 +70,13 @@ class Protection:
     async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope)
         try:
-            role = await self._role(request)
+            caller = await self._caller(request)
         except TransientError as error:
             await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
             return
-        request.state.role = role
-        if role is None and not _is_open(request.url.path):
+        request.state.caller = caller
+        if caller is None and not _is_open(request.url.path):
+            await run_in_threadpool(self._audit.refused, request, None, HTTPStatus.UNAUTHORIZED)
             refusal = problem(
                 HTTPStatus.UNAUTHORIZED, "Unauthorized", "a valid bearer token is needed (Authorization header)"
             )
@@ -81,6 +84,7 @@ class Protection:
             await refusal(scope, receive, send)
             return
         if self._foreign(request):
+            await run_in_threadpool(self._audit.refused, request, caller, HTTPStatus.FORBIDDEN)
             refusal = problem(
                 HTTPStatus.FORBIDDEN,
                 "Forbidden",
@@ -94,7 +98,7 @@ class Protection:
             await _too_large(declared, limit)(scope, receive, send)
             return
         if limit > self._limit:
-            await self._app(scope, _counted(receive, limit, self._seconds), send)
+            await self._passed_on(scope, _counted(receive, limit, self._seconds), send, caller)
             return
         try:
             async with asyncio.timeout(self._seconds):
@@ -115,7 +119,13 @@ class Protection:
             sent = True
             return {"type": "http.request", "body": body, "more_body": False}
 
-        await self._app(scope, replay, send)
+        await self._passed_on(scope, replay, send, caller)
+
+    async def _passed_on(self, scope: Scope, receive: Receive, send: Send, caller: Caller | None) -> None:
+        try:
+            await self._audit.watched(self._app, scope, receive, send, caller)
+        except TransientError as error:
+            await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
 
     def _limit_of(self, request: Request) -> int:
         """Return the limit of this request's body in bytes, which is higher for files of functions and label maps."""
@@ -125,19 +135,19 @@ class Protection:
             return max(_PREDICTION_BYTES, self._limit)
         return self._limit
 
-    async def _role(self, request: Request) -> Role | None:
-        """Return the role of the request's token; None if it needs a valid token and has none."""
+    async def _caller(self, request: Request) -> Caller | None:
+        """Return the caller by the request's token; None if it needs a valid token and has none."""
         if self._token is None:
-            return Role.ADMIN
+            return OPERATOR
         scheme, _, rest = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             return None
         secret = rest.strip()
         if hmac.compare_digest(secret.encode(), self._token):
-            return Role.ADMIN
+            return OPERATOR
         if not secret.startswith(SECRET_PREFIX) or _is_open(request.url.path):
             return None
-        return await run_in_threadpool(role_of, request.app.state.context, secret)
+        return await run_in_threadpool(caller_of, request.app.state.context, secret)
 
     def _foreign(self, request: Request) -> bool:
         """Return True if the request comes from a page of another origin or was sent to a foreign host name.

@@ -32,6 +32,7 @@ ROLES: Final = {
     "POST /v1/functions": Role.RUNNER,
     "DELETE /v1/functions/{reference}": Role.RUNNER,
     "PUT /v1/frames/{frame_id}/prediction": Role.RUNNER,
+    "GET /v1/audit": Role.ADMIN,
     "GET /v1/tokens": Role.ADMIN,
     "POST /v1/tokens": Role.ADMIN,
     "DELETE /v1/tokens/{name}": Role.ADMIN,
@@ -48,12 +49,17 @@ def needed(method: str, path: str) -> Role:
     return ROLES.get(endpoint, Role.VIEWER) if method == "GET" else ROLES[endpoint]
 
 
+def changes_nothing(method: str, path: str) -> bool:
+    """Return True if a request only reads or computes."""
+    return method in ("GET", "HEAD", "OPTIONS") or ROLES.get(f"{method} {path}") is Role.VIEWER
+
+
 def require_role(request: Request) -> None:
     """Refuse a request whose token lacks the role of the endpoint.
 
     Raises:
         HTTPException: 403, with both roles.
     """
-    role, least = request.state.role, needed(request.method, request.scope["route"].path)
+    role, least = request.state.caller.role, needed(request.method, request.scope["route"].path)
     if not role.includes(least):
         raise HTTPException(HTTPStatus.FORBIDDEN, f"this needs the role {least}; the token's role: {role}")

@@ -1,4 +1,4 @@
-"""Tokens on Postgres."""
+"""Tokens and the audit log on Postgres."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from sqlalchemy import Engine
+from sqlalchemy import Engine, text
+from sqlalchemy.exc import DatabaseError
 
 from valerie.access import Role
-from valerie.db import tokens
+from valerie.db import audit, tokens
 from valerie.db.engine import open_engine, reading, writing
 from valerie.db.migrate import migrate
 from valerie.errors import Conflict
@@ -46,3 +47,14 @@ def test_a_name_is_never_used_again(engine: Engine) -> None:
         tokens.create(connection, TOKEN, "d" * 64)
     with pytest.raises(Conflict, match="nightly"), writing(engine) as connection:
         tokens.create(connection, TOKEN, "e" * 64)
+
+
+@pytest.mark.parametrize("statement", ["UPDATE audit SET caller = 'x'", "DELETE FROM audit", "TRUNCATE audit"])
+def test_rows_of_the_audit_log_can_only_be_added(engine: Engine, statement: str) -> None:
+    entry = audit.Entry("ab", NOW, "nightly", "Ada", Role.RUNNER, "127.0.0.1", "DELETE", "/v1/runs/r0", None)
+    with writing(engine) as connection:
+        audit.append(connection, entry)
+    with pytest.raises(DatabaseError, match="append-only"), engine.begin() as connection:
+        connection.execute(text(statement))
+    with reading(engine) as connection:
+        assert list(audit.entries(connection)) == [(1, entry)]

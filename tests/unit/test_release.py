@@ -62,7 +62,7 @@ def engine(tmp_path: Path) -> Iterator[Engine]:
     rows = read("rows")
     with writing(engine) as connection:
         for table in Base.metadata.sorted_tables:
-            for row in rows[table.name]:
+            for row in rows.get(table.name, ()):  # a later release has further tables
                 names = ", ".join(f'"{name}"' for name in row)
                 marks = ", ".join("?" for _ in row)
                 values = [
@@ -98,7 +98,8 @@ def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path
     written = {}
     with reading(engine) as source, writing(copy) as target:
         for table in Base.metadata.sorted_tables:
-            target.execute(insert(table), [dict(row) for row in source.execute(select(table)).mappings()])
+            if stored := [dict(row) for row in source.execute(select(table)).mappings()]:
+                target.execute(insert(table), stored)
             rows = target.execute(text(f'SELECT * FROM "{table.name}"')).mappings()
             written[table.name] = [readable(dict(row)) for row in rows]
     copy.dispose()

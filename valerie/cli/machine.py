@@ -14,7 +14,7 @@ import typer
 
 from valerie.cli.shell import DataDir, Exit, Json
 from valerie.errors import InvalidInput, UnknownName
-from valerie.local.deployment import context_of, folder_context, migrate_database, settings_of
+from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
 from valerie.plain import JsonObject
 from valerie.runs.products.frames import FrameKey
@@ -135,7 +135,7 @@ def migrate(data_dir: DataDir = None) -> None:
     from sqlalchemy.engine import make_url
 
     settings = settings_of(data_dir)
-    migrate_database(settings)
+    create_or_migrate(settings)
     typer.echo(f"up to date: {make_url(settings.database_url).render_as_string()}")
 
 
@@ -182,6 +182,30 @@ def restore(folder: Annotated[Path, typer.Argument(help="A folder of `backup`.")
     typer.echo(f"restored {contents.database} and {contents.objects:,} objects of {contents.software}")
 
 
+def audit(as_json: Json = False, data_dir: DataDir = None) -> None:
+    """Print the audit log of the API: who asked for which change, when, and the status of the answer.
+
+    Nobody can change or delete its rows. With `--json`, each line is one row.
+    """
+    from valerie.db.audit import entries
+    from valerie.db.engine import reading
+    from valerie.runs.moments import moment_text
+
+    with context_of(data_dir) as context, reading(context.engine) as connection:
+        for number, entry in entries(connection):
+            if as_json:
+                document = {"number": number, **asdict(entry), "at": entry.at.isoformat()}
+                typer.echo(json.dumps(document, ensure_ascii=False))
+                continue
+            who = entry.caller or "nobody"
+            outcome = "…" if entry.status is None else entry.status
+            more = f" ({entry.left_out:,} refusals before it were left out)" if entry.left_out else ""
+            typer.echo(
+                f"{moment_text(entry.at)} {entry.request} {outcome!s:<3} {who} from {entry.address}: "
+                f"{entry.method} {entry.path}{more}"
+            )
+
+
 def copy(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run that has ended.")],
     to: Annotated[Path | None, typer.Option("--to", help="Data folder to copy it to, new or not.")] = None,
@@ -204,7 +228,7 @@ def copy(
     with ExitStack() as stack:
         if source is not None:
             first = stack.enter_context(folder_context(source, create=False))
-            migrate_database(settings_of(data_dir))
+            create_or_migrate(settings_of(data_dir))
             second = stack.enter_context(context_of(data_dir))
         else:
             assert to is not None

@@ -474,6 +474,28 @@ class Token(Base):
     used_at: Mapped[datetime | None]
 
 
+class AuditEntry(Base):
+    """A change that a caller asked for: one row before it, and one with its outcome. Rows are neither changed nor deleted."""
+
+    __tablename__ = "audit"
+
+    id: Mapped[int] = mapped_column(BigInteger().with_variant(Integer(), "sqlite"), primary_key=True)
+    #: The same in both rows of a request.
+    request: Mapped[str] = mapped_column(String(16))
+    at: Mapped[datetime]
+    #: See `valerie.access.Caller`; None: the request had no valid token.
+    caller: Mapped[str | None] = mapped_column(String(64))
+    owner: Mapped[str | None] = mapped_column(String(200))
+    role: Mapped[Role | None]
+    address: Mapped[str] = mapped_column(String(64))
+    method: Mapped[str] = mapped_column(String(16))
+    path: Mapped[str] = mapped_column(String(1000))
+    #: Status of the answer; None in the row before the change.
+    status: Mapped[int | None]
+    #: Refusals before this one that were too many to be kept.
+    left_out: Mapped[int] = mapped_column(default=0)
+
+
 class Worker(Base):
     """A worker process and its offers."""
 

@@ -68,7 +68,7 @@ def folder_context(folder: Path, *, create: bool) -> Iterator[Context]:
 
     settings = load_settings(data_dir=folder, database_url="", artifacts_url="")
     if create:
-        migrate_database(settings)
+        create_or_migrate(settings)
     elif not has_database(settings):
         raise NotFound("database", f"{folder}: not a data folder of VALERIE")
     with _opened(settings) as context:
@@ -94,12 +94,17 @@ def deployment_or_empty(settings: Settings) -> Iterator[Context]:
             yield context
 
 
+def create_or_migrate(settings: Settings) -> None:
+    """Create the data folder and the database, or migrate it to this version."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    migrate_database(settings)
+
+
 def migrate_database(settings: Settings) -> None:
     """Create the tables, or migrate them to this version."""
     from valerie.db.engine import open_engine
     from valerie.db.migrate import migrate
 
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
     engine = open_engine(settings.database_url)
     try:
         migrate(engine)

@@ -1,16 +1,16 @@
-"""Tokens of the API, for admins."""
+"""Tokens of the API and the audit log, for admins."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Query
 
-from services.api.dependencies import ContextDependency
+from services.api.dependencies import ContextDependency, Limit
 from services.api.openapi import problems
-from services.api.schemas.tokens import TokenIssued, TokenRead
-from valerie.db import tokens
+from services.api.schemas.tokens import AuditRead, TokenIssued, TokenRead
+from valerie.db import audit, tokens
 from valerie.db.engine import reading
 from valerie.pipeline.control.tokens import NAME, TokenRequest, issue, revoke
 
@@ -40,3 +40,14 @@ def remove(
     context: ContextDependency,
 ) -> None:
     revoke(context, name)
+
+
+@router.get("/audit", responses=problems(422), summary="The audit log, oldest rows first")
+def read_audit(
+    context: ContextDependency,
+    after: Annotated[int, Query(ge=0, le=2**53, description="number of the last row that was read")] = 0,
+    limit: Limit = 100,
+) -> list[AuditRead]:
+    with reading(context.engine) as connection:
+        rows = audit.entries(connection, after=after, limit=limit)
+        return [AuditRead.model_validate({"number": number, **asdict(entry)}) for number, entry in rows]

@@ -9,7 +9,7 @@ import structlog
 from pydantic import Field
 from sqlalchemy import Connection
 
-from valerie.access import Role, digest_of, new_secret
+from valerie.access import Caller, Role, digest_of, new_secret
 from valerie.db import tokens
 from valerie.db.engine import database_time, reading, writing
 from valerie.document import Document
@@ -63,8 +63,8 @@ def revoke(context: Context, name: str) -> None:
         tokens.revoke(connection, name, _now(connection))
 
 
-def role_of(context: Context, secret: str) -> Role | None:
-    """Return the role of the token with this secret; None if there is none, or it expired or was revoked.
+def caller_of(context: Context, secret: str) -> Caller | None:
+    """Return the caller whose token has this secret; None if there is none, or it expired or was revoked.
 
     Raises:
         TransientError: the database does not answer.
@@ -80,7 +80,7 @@ def role_of(context: Context, secret: str) -> Role | None:
                 tokens.touch(connection, token.name, now)
         except TransientError as error:  # a full disk must not lock everybody out
             log.warning("token.use_not_recorded", token=token.name, reason=str(error))
-    return token.role
+    return Caller(token.name, token.owner, token.role)
 
 
 def _now(connection: Connection) -> datetime:
