@@ -61,6 +61,14 @@ def _problem(page: Page) -> None:
     page.wait_for_selector("#proposals:visible")
 
 
+def _demands(page: Page) -> None:
+    page.wait_for_selector(".facts.plan")
+    sensors = "sensors: [{name: one, gain_db: 60, noise: {shot: true}}]\n"
+    requirements = "requirements: [{id: A, statistic: share(pacc >= 0.5) >= 95 %}, {id: B, statistic: median(pacc)}]\n"
+    page.fill("#spec", f"name: one\nasset: {ASSET}\n{sensors}{requirements}")
+    page.wait_for_selector("[id='f-sensors.0.gain_db-problem']")
+
+
 def _dialog(page: Page) -> None:
     page.click(".mark button >> nth=0")
     page.wait_for_selector("dialog[open]")
@@ -87,6 +95,7 @@ PAGES: dict[str, tuple[str, str, Go | None]] = {
     "workers": ("/workers", ".costs figure", None),
     "new": ("/new", ".facts.plan", None),
     "problem": ("/new", ".facts.plan", _problem),
+    "demands": ("/new", ".facts.plan", _demands),
     "cloned": ("/new?run={finished}", ".parameter", None),
     "nothing": ("/nothing", "text=Page not found", None),
 }

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 import httpx
 import pytest
 import structlog
+import yaml
 
 from services.api.app import create_app
 from tests.world.drawn import ASSET, CHARACTERS, DrawnWorld, layer_of_variant_4, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
+from valerie.runs.resolving.spec import parse
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -84,6 +86,11 @@ def write(page: Page, text: str) -> None:
     page.wait_for_selector("button.primary:not([disabled]), .problems")
 
 
+def fill(page: Page, name: str, text: str) -> None:
+    page.fill(f"[id='{name}']", text)
+    page.keyboard.press("Tab")
+
+
 def test_a_run_is_submitted_from_the_form_watched_zoomed_and_reported(page: Page, api: httpx.Client) -> None:
     page.click("a:has-text('New run')")
     page.wait_for_selector(".facts.plan")
@@ -144,6 +151,72 @@ def test_text_and_form_are_one_document_and_comments_stay(page: Page) -> None:
     page.reload()
     page.wait_for_selector(".facts.plan")
     assert page.input_value("#spec").startswith("name: one  # mine"), "a reload loses nothing"
+
+
+def test_sensors_and_requirements_are_written_by_the_form_and_read_from_the_text_and_posted_as_shown(
+    page: Page, api: httpx.Client
+) -> None:
+    text = f"name: with demands  # mine\nasset: {ASSET}\nresolution: {{width: 64, height: 36}}\n"
+    begin(page, text)
+    page.select_option("#f-sensors", "own")
+    page.wait_for_selector("[id='f-sensors.0.name']")
+    fill(page, "f-sensors.0.exposure_ev", "-1.5")
+    page.click("text=Add a sensor")
+    page.wait_for_selector("[id='f-sensors.1.name']")
+    fill(page, "f-sensors.1.name", "cheap")
+    page.select_option("[id='f-sensors.1.auto_exposure']", "false")
+    page.click("text=Add a requirement")
+    page.wait_for_selector("[id='f-requirements.0.id']")
+    fill(page, "f-requirements.0.id", "SYS-214")
+    fill(page, "f-requirements.0.where", "distance_m <= 30")
+    fill(page, "f-requirements.0.confidence", "0.9")
+    page.select_option("[id='f-requirements.0.statistic.kind']", "quantile")
+    page.wait_for_selector("[aria-label='Order of the quantile']")
+    page.select_option("[id='f-requirements.0.statistic.score']", "iou")
+    fill(page, "f-requirements.0.statistic.bound", "0.25")
+    page.wait_for_function("() => document.querySelector('#spec').value.includes('0.25')")
+    page.wait_for_selector("button.primary:not([disabled])")
+    shown = page.input_value("#spec")
+    assert shown.startswith("name: with demands  # mine\n")
+    document = yaml.safe_load(shown)
+    noise = {"shot": True, "read_electrons": 3, "full_well_electrons": 100_000}
+    assert document["sensors"] == [
+        {"name": "metering", "auto_exposure": True, "noise": noise, "exposure_ev": -1.5},
+        {"name": "cheap", "auto_exposure": False, "noise": noise},
+    ]
+    requirement = {"id": "SYS-214", "statistic": "quantile(iou, 0.05) >= 0.25", "where": "distance_m <= 30"}
+    assert document["requirements"] == [{**requirement, "confidence": 0.9}]
+    page.click("text=Submit run")
+    page.wait_for_url("**#/runs/*")
+    submitted = parse(api.get(f"/v1/runs/{run_named(api, 'with demands')}").json()["spec"])
+    assert submitted == parse(document)
+
+
+def test_what_the_text_says_of_sensors_and_requirements_is_in_the_form_and_a_problem_stands_at_its_field(
+    page: Page,
+) -> None:
+    text = (
+        f"name: one\nasset: {ASSET}\n"
+        "sensors:\n- name: wide\n  lens: {vignetting: 1}\n  gain_db: 6\n"
+        "requirements:\n- {id: R-1, statistic: share(pacc ≥ 0.4) >= 90 %}\n- {id: R-2, statistic: median(pacc)}\n"
+    )
+    begin(page, text)
+    page.wait_for_selector("[id='f-requirements.1.statistic-problem']")
+    assert page.input_value("#f-sensors") == "own"
+    assert page.input_value("[id='f-sensors.0.gain_db']") == "6"
+    assert page.input_value("[id='f-sensors.0.auto_exposure']") == "false"
+    assert page.input_value("[id='f-requirements.0.statistic.of']") == "0.4"
+    assert page.input_value("[id='f-requirements.0.statistic.bound']") == "90 %"
+    assert page.input_value("[id='f-requirements.1.statistic']") == "median(pacc)"
+    page.click("[aria-label='Remove the requirement R-2']")
+    page.wait_for_selector("button.primary:not([disabled])")
+    page.select_option("#f-sensors", "fixed")
+    page.wait_for_selector("[id='f-sensors.0.gain_db']", state="detached")
+    document = yaml.safe_load(page.input_value("#spec"))
+    assert document["sensors"] == [{"auto_exposure": False}]
+    assert [one["id"] for one in document["requirements"]] == ["R-1"]
+    page.select_option("#f-sensors", "usual")
+    page.wait_for_function("() => !document.querySelector('#spec').value.includes('sensors')")
 
 
 def test_constraints_are_written_one_to_a_line_and_a_wrong_one_is_named(page: Page) -> None:

@@ -1,7 +1,10 @@
 // A spec as a form: general fields, and each of the asset's parameters varied, constant or left alone.
 import { limits, reach } from "./completion.js";
 import { h, put } from "./dom.js";
+import { fieldChange, labelled, problemsAt, read } from "./fields.js";
 import { short } from "./format.js";
+import { requirementFields } from "./requirements.js";
+import { sensorFields } from "./sensors.js";
 
 const DESIGNS = ["grid", "sobol", "latin_hypercube", "halton", "random"];
 const DRAWN = new Set(["sobol", "latin_hypercube", "halton", "random"]);
@@ -12,9 +15,6 @@ const INPUTS = {
   GAUSSIAN: [["mean", "mean"], ["standard_deviation", "sigma"], ["count", "count"]],
 };
 
-// What somebody typed: a number where it is one, else text such as "5 m".
-const read = (text) => (text.trim() === "" ? null : Number.isFinite(Number(text)) ? Number(text) : text.trim());
-const fieldChange = (field, value) => ({ kind: "field", field, value });
 const names = (parameter) => new Set([parameter.name, parameter.path]);
 
 export function specForm({ change, catalog }) {
@@ -24,9 +24,13 @@ export function specForm({ change, catalog }) {
   const search = h("input", { type: "search", id: "parameter-search", placeholder: "person-1, sun, rain …", on: { input: () => offer() } });
   const blocks = h("p", { class: "note", hidden: true }, "This spec has several blocks. Its parameters are edited as text.");
   const adding = h("div", { class: "stack adding" }, h("label", { for: "parameter-search" }, "Add a parameter"), search, found);
+  const sensors = h("div", { class: "fields" });
+  const requirements = h("div", { class: "fields" });
   const element = h("div", { class: "spec-form" },
     h("section", { class: "card" }, h("h2", {}, "Run"), general),
-    h("section", { class: "card" }, h("h2", {}, "Parameters"), blocks, rows, adding));
+    h("section", { class: "card" }, h("h2", {}, "Parameters"), blocks, rows, adding),
+    h("section", { class: "card" }, h("h2", {}, "Sensors"), sensors),
+    h("section", { class: "card" }, h("h2", {}, "Requirements"), requirements));
   let shown = null; // the draft and the asset
   let edited = null; // the field in which somebody types; it must not be replaced meanwhile
   let later = null; // what is to be shown when that ends
@@ -59,6 +63,8 @@ export function specForm({ change, catalog }) {
       const focused = document.activeElement?.id;
       const { fields } = draft;
       put(general, [fields, asset?.digest, catalog, [...problems]], generalFields(fields, asset, catalog, change, problems));
+      put(sensors, [fields.sensors, [...problems]], sensorFields(fields.sensors, catalog.sensor, change, problems));
+      put(requirements, [fields.requirements, [...problems]], requirementFields(fields.requirements, catalog.scores, change, problems));
       const entries = draft.several_blocks ? [] : entriesOf(draft, asset);
       used = new Set(entries.map((one) => one.parameter?.path));
       put(rows, [entries, [...problems]], entries.map((one) => parameterRow(one, change, problems)));
@@ -96,7 +102,7 @@ function parameterRow({ name, place, way, document: entry, parameter }, change, 
   const set = (treatment) => change([{ kind: "parameter", parameter: name, ...treatment }]);
   // Kept in the entry, too: the next change may come before the answer to this one.
   const vary = (more) => set({ vary: { ...Object.assign(entry, more), parameter: undefined } });
-  const wrong = [...problems].filter(([field]) => field === place || field.startsWith(`${place}.`)).map(([, text]) => text);
+  const wrong = problemsAt(problems, place);
   const mark = wrong.length ? { "aria-invalid": "true", "aria-describedby": id("problem") } : {};
   const input = (key, label, value, take, more = {}) => h("label", { for: id(key) }, label,
     h("input", { type: "text", id: id(key), value: value ?? "", ...mark, ...more, on: { change: (event) => take(read(event.target.value)) } }));
@@ -120,12 +126,7 @@ function parameterRow({ name, place, way, document: entry, parameter }, change, 
 }
 
 function generalFields(fields, asset, catalog, change, problems) {
-  const problem = (name) => [...problems].filter(([field]) => field === name || field.startsWith(`${name}.`)).map(([, text]) => text);
-  const field = (name, label, control) => {
-    const wrong = problem(name);
-    if (wrong.length) { control.setAttribute("aria-invalid", "true"); control.setAttribute("aria-describedby", `f-${name}-problem`); }
-    return h("div", { class: `field${wrong.length ? " wrong" : ""}` }, h("label", { for: `f-${name}` }, label), control, wrong.length ? h("p", { class: "problem small", id: `f-${name}-problem` }, wrong.join("; ")) : null);
-  };
+  const field = (name, label, control) => labelled(name, label, control, problemsAt(problems, name));
   const text = (name, more = {}) => h("input", { type: "text", id: `f-${name}`, value: fields[name] ?? "", ...more, on: { change: (event) => change([fieldChange(name, more.inputmode ? read(event.target.value) : event.target.value || null)]) } });
   const select = (name, options, usual) => {
     const value = typeof fields[name] === "object" && fields[name] ? fields[name].name : fields[name] ?? usual;
@@ -138,7 +139,7 @@ function generalFields(fields, asset, catalog, change, problems) {
       const next = options.filter((other) => (other === one ? event.target.checked : chosen.includes(other)));
       chosen = next;
       change([fieldChange(name, whole && next.length === options.length ? null : next)]);
-    } } }), one)), problem(name).map((wrong) => h("p", { class: "problem small" }, wrong)));
+    } } }), one)), problemsAt(problems, name).map((wrong) => h("p", { class: "problem small" }, wrong)));
   const lines = (name, more) => h("textarea", { id: `f-${name}`, rows: 2, spellcheck: "false", ...more, on: { change: (event) => {
     const written = event.target.value.split("\n").map((one) => one.trim()).filter(Boolean);
     change([fieldChange(name, written.length ? written : null)]);

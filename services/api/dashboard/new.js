@@ -7,11 +7,12 @@ import { specForm } from "./form.js";
 
 const TYPING = 350; // a pause in typing, milliseconds
 const LOOKING = 700; // a longer one, before pictures are rendered
+const SCORES = new Set(["person score", "frame score"]); // sources of what a requirement may bound
 const KEPT = "valerie-draft"; // of this tab, so that a look at another page loses nothing
 
 export async function newView({ main, parameters, signal }) {
-  const [schema, assets, engines, functions] = await Promise.all(["/v1/schema", "/v1/assets", "/v1/renderers", "/v1/functions"].map((path) => get(path, { signal })));
-  const catalog = { assets: assets.filter((one) => !one.problem).map((one) => one.name), engines: engines.map((one) => one.name), functions: [...new Set(functions.map((one) => one.name))] };
+  const [schema, assets, engines, functions, measures] = await Promise.all(["/v1/schema", "/v1/assets", "/v1/renderers", "/v1/functions", "/v1/measures"].map((path) => get(path, { signal })));
+  const catalog = { assets: assets.filter((one) => !one.problem).map((one) => one.name), engines: engines.map((one) => one.name), functions: [...new Set(functions.map((one) => one.name))], scores: measures.filter((one) => SCORES.has(one.source)), sensor: schema.properties.sensors.default[0] };
   const details = new Map(); // of assets, by name
   const assetOf = async (reference) => {
     const name = typeof reference === "string" ? reference : reference?.name;
