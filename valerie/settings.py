@@ -65,6 +65,9 @@ class Settings(BaseSettings):
     api_token: SecretStr | None = Field(
         None, description="the operator's bearer token; with it, every request needs a token"
     )
+    requests_per_minute: int = Field(
+        0, ge=0, description="requests of a token, or of an address without one; then 429; 0: no limit"
+    )
     max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body")
     body_seconds: Seconds = Field(
         60.0, description="time for a request body to arrive; for each part where it is a file"

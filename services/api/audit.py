@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import secrets
 import threading
-import time
 from datetime import UTC, datetime
+from time import monotonic
 from typing import Final
 
 import structlog
@@ -63,7 +63,7 @@ class Audit:
     def refused(self, request: Request, caller: Caller | None, status: int) -> None:
         """Write the row of a request that was refused, unless too many were."""
         with self._lock:
-            minute = int(time.monotonic() // 60)
+            minute = int(monotonic() // 60)
             if minute != self._minute:
                 self._minute, self._kept = minute, 0
             self._kept += 1

@@ -16,6 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from services.api.audit import Audit
 from services.api.problems import INVALID_INPUT, problem
+from services.api.rates import Rates
 from valerie.access import OPERATOR, SECRET_PREFIX, Caller
 from valerie.errors import TransientError
 from valerie.pipeline.control.tokens import caller_of
@@ -50,6 +51,7 @@ class Protection:
         self._limit = settings.max_body_bytes
         self._seconds = settings.body_seconds
         self._audit = Audit()
+        self._rates = Rates(settings.requests_per_minute)
         self._function_limit = (settings.max_function_mb << 20) + self._limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -75,6 +77,14 @@ class Protection:
             await problem(HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable", str(error))(scope, receive, send)
             return
         request.state.caller = caller
+        address = request.client.host if request.client else ""
+        if seconds := self._rates.wait_for(f"address {address}" if caller is None else caller.name):
+            refusal = problem(
+                HTTPStatus.TOO_MANY_REQUESTS, "Too many requests", f"the limit is reached; again in {seconds} s"
+            )
+            refusal.headers["Retry-After"] = str(seconds)
+            await refusal(scope, receive, send)
+            return
         if caller is None and not _is_open(request.url.path):
             await run_in_threadpool(self._audit.refused, request, None, HTTPStatus.UNAUTHORIZED)
             refusal = problem(

@@ -10,11 +10,12 @@ from pathlib import Path
 import httpx
 import pytest
 
+from services.api import protection
 from services.api.app import create_app
 from tests.world.drawn import DrawnRuns
 from tests.world.serving import served
 from tests.world.world import settings_of
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, TransientError
 
 TOKEN = "correct-horse-battery"
 
@@ -176,3 +177,16 @@ def test_a_body_that_does_not_arrive_is_given_up(drawn: DrawnRuns, path: bytes) 
         answer = raw(client, head + b"Content-Type: multipart/form-data; boundary=b\r\n\r\n--b")
     assert status_of(answer) == 408
     assert b"limit: 0.2 s" in answer
+
+
+def test_a_database_that_does_not_answer_is_said_when_it_should_know_the_token(
+    drawn: DrawnRuns, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def silent(_context: object, _secret: str) -> None:
+        raise TransientError("the database does not answer")
+
+    monkeypatch.setattr(protection, "caller_of", silent)
+    with served(create_app(settings_of(drawn.folder, api_token=TOKEN), control=False)) as client:
+        answer = client.get("/v1/runs", headers={"Authorization": "Bearer valerie_secret"})
+        assert (answer.status_code, answer.json()["detail"]) == (503, "the database does not answer")
+        assert client.get("/healthz").status_code == 200
