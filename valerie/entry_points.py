@@ -7,6 +7,7 @@ names it in ``VALERIE_PLUGINS``. Those of this distribution always count.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from importlib.metadata import entry_points
 from typing import Any, Final, NamedTuple
 
 from valerie.errors import InvalidInput, MissingDependency, UnknownName
-from valerie.settings import load_settings
+from valerie.settings import PREFIX, load_settings
 from valerie.spelling import package_name
 
 #: This distribution.
@@ -56,6 +57,11 @@ def named_packages() -> frozenset[str]:
 
     The environment of this process provides them, since the code that looks up names has no settings.
     """
+    return _named(os.environ.get(f"{PREFIX}PLUGINS", ""))
+
+
+@lru_cache
+def _named(_plugins: str) -> frozenset[str]:
     return frozenset(load_settings().plugin_packages)
 
 

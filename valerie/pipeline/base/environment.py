@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
 
 from valerie.plain import JsonObject
@@ -19,11 +20,15 @@ def software() -> str:
 
 def environment() -> JsonObject:
     """Return the versions of this program, Python and all installed packages, and the kind of machine, as JSON values."""
-    packages = {package_name(package.name): package.version for package in distributions()}
     return {
         "software": software(),
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "system": platform.system(),
         "machine": platform.machine(),
-        "packages": dict(sorted(packages.items())),
+        "packages": dict(_packages()),
     }
+
+
+@cache
+def _packages() -> tuple[tuple[str, str], ...]:
+    return tuple(sorted((package_name(package.name), package.version) for package in distributions()))
