@@ -117,8 +117,11 @@ def fit(
         typer.Option("--keep-norm-statistics", help="Keep batch normalisation's statistics; use with --start-from."),
     ] = False,
     precision: Annotated[
-        str, typer.Option("--precision", metavar="bf16|fp32", help="Precision of the passes; weights are always fp32.")
-    ] = "bf16",
+        str,
+        typer.Option(
+            "--precision", metavar="auto|bf16|fp32", help="Precision of the passes; auto is bf16 where it is fast."
+        ),
+    ] = "auto",
     device: Annotated[
         str, typer.Option("--device", metavar="auto|cpu|cuda", help="auto is cuda if available.")
     ] = "auto",

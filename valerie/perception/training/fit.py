@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import torch
 from torch import Tensor, nn
@@ -18,6 +18,7 @@ from valerie.perception.importing.function_file import compact, function_file_by
 from valerie.perception.importing.network_weights import load_network
 from valerie.perception.networks.architectures import Network, build_network
 from valerie.perception.running.engines.labelling import in_channels_last, normalised
+from valerie.perception.running.engines.processor import multiplies_bf16
 from valerie.perception.training.checkpoint import CheckpointFile, Position
 from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.loss import pixel_loss
@@ -131,6 +132,7 @@ def train(
     if threads is not None:
         torch.set_num_threads(threads)
     device = _device(settings)
+    settings = settings.model_copy(update={"precision": _precision(settings, device)})
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
         network = build_network(settings.architecture)
@@ -262,6 +264,13 @@ def _device(settings: TrainingSettings) -> torch.device:
     if settings.device == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     return torch.device(settings.device)
+
+
+def _precision(settings: TrainingSettings, device: torch.device) -> Literal["bf16", "fp32"]:
+    if settings.precision != "auto":
+        return settings.precision
+    fast = torch.cuda.is_bf16_supported() if device.type == "cuda" else multiplies_bf16()
+    return "bf16" if fast else "fp32"
 
 
 def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingFrame]) -> None:

@@ -65,7 +65,8 @@ class TrainingSettings(Document):
         weight_decay: AdamW's decoupled weight decay.
         keep_norm_statistics: batch normalisation keeps its means and variances in training. For training that starts from a
             trained network: statistics of a few small batches would be worse.
-        precision: precision of the forward and backward pass: ``bf16`` autocast or ``fp32``. Weights are always fp32.
+        precision: precision of the forward and backward pass: ``bf16`` autocast, ``fp32``, or ``auto``: bf16 on devices that
+            multiply it, otherwise fp32, since emulated bf16 is ten times slower. Weights are always fp32.
         device: ``cpu``, ``cuda``, or ``auto``: cuda if there is one.
         loader_threads: threads that cut samples; no effect on the result.
         checkpoint_every: steps between checkpoints.
@@ -86,7 +87,7 @@ class TrainingSettings(Document):
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-2
     warmup_steps: Annotated[int, Field(ge=0)] = 100
     keep_norm_statistics: bool = False
-    precision: Literal["bf16", "fp32"] = "bf16"
+    precision: Literal["auto", "bf16", "fp32"] = "auto"
     device: Literal["auto", "cpu", "cuda"] = "auto"
     loader_threads: Annotated[int, Field(ge=1, le=64)] = 4
     checkpoint_every: Annotated[int, Field(ge=1)] = 500

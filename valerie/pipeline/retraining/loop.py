@@ -267,7 +267,12 @@ def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, pr
 def _training_settings(document: FunctionDocument, settings: RetrainSettings) -> TrainingSettings:
     """Return the settings of the previous training, with fewer steps and a lower learning rate."""
     before = json.loads(document.provenance.get("training-settings", "{}"))
-    known = {name: value for name, value in before.items() if name in TrainingSettings.model_fields}
+    # The precision and the device are those of this machine.
+    known = {
+        name: value
+        for name, value in before.items()
+        if name in TrainingSettings.model_fields and name not in ("precision", "device")
+    }
     return TrainingSettings.model_validate(
         {
             **known,

@@ -8,6 +8,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.importing.function_file import function_file_bytes
 from valerie.perception.importing.network_weights import load_network
 from valerie.perception.shipped import function_card, load_function
+from valerie.perception.training import fit
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 
@@ -111,6 +112,14 @@ def test_half_precision_on_the_way_trains_too(make_frames) -> None:
     losses: list[float] = []
     train(settings(precision="bf16", steps=12), make_frames(2), progress=lambda p: losses.append(p.loss))
     assert sum(losses[-3:]) < sum(losses[:3])
+
+
+@pytest.mark.parametrize(("multiplies", "precision"), [(True, "bf16"), (False, "fp32")])
+def test_bf16_is_chosen_on_processors_that_multiply_it(
+    make_frames, monkeypatch: pytest.MonkeyPatch, multiplies: bool, precision: str
+) -> None:
+    monkeypatch.setattr(fit, "multiplies_bf16", lambda: multiplies)
+    assert train(settings(precision="auto", steps=1), make_frames(2)).settings.precision == precision
 
 
 def test_figures_are_reported_on_the_way_when_asked(make_frames) -> None:
