@@ -118,12 +118,13 @@ def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
         UnknownName, InvalidInput: as `complete`; or the scene lacks something that the manifest declares.
     """
     manifest = asset.manifest
-    defaults = _prepare(manifest).complete_defaults
+    prepared = _prepare(manifest)
+    defaults = prepared.complete_defaults
     values = complete(assignment, manifest)
     if values == defaults:
         return _default_scene(asset)
     things = {
-        _prepare(manifest).attributes[path][0]
+        prepared.attributes[path][0]
         for path in values.keys() | defaults.keys()
         if values.get(path) != defaults.get(path)
     }
@@ -140,9 +141,9 @@ def _default_scene(asset: SceneAsset) -> Scene:
 
 def _written(scene: Scene, values: Mapping[str, Value], things: set[str], manifest: Manifest) -> Scene:
     """Write *all* values of ``things``, so that the result depends only on these values, not on the previous scene."""
-    draft = Draft(scene)
+    draft, attributes = Draft(scene), _prepare(manifest).attributes
     for path, value in values.items():
-        thing, attribute = _prepare(manifest).attributes[path]
+        thing, attribute = attributes[path]
         if thing in things:
             attribute.write(draft, thing, value)
     for path in manifest.grounded:
