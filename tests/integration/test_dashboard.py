@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import is_zipfile
 
+import httpx
 import pytest
 import structlog
 
@@ -79,6 +80,37 @@ def test_a_wrong_token_is_rejected_and_asked_for_again(browser: Browser, url: st
     page.keyboard.press("Enter")
     page.wait_for_selector("dialog[open] >> text=was not accepted")
     page.close()
+
+
+def test_a_viewer_is_offered_only_what_its_role_may_do(browser: Browser, url: str) -> None:
+    answer = httpx.post(
+        f"{url}/v1/tokens",
+        json={"name": "reader", "owner": "Ada", "role": "viewer"},
+        headers={"Authorization": f"Bearer {TOKEN}"},
+    )
+    page = browser.new_page()
+    refused: list[str] = []
+    page.on("response", lambda response: refused.append(response.url) if response.status == 403 else None)
+    page.goto(f"{url}/dashboard/")
+    page.fill("#token", answer.json()["secret"])
+    page.keyboard.press("Enter")
+    page.wait_for_selector("button:text-is('Forget token (viewer)')")
+    for name in ("finished", "lost a layer", "running"):
+        page.goto(f"{url}/dashboard/#/")
+        open_run(page, name)
+        page.wait_for_selector("main a:text-is('Explore')")
+        for text in ("Clone", "Edit and rerun", "Cancel", "Retry failures", "Delete", "Add tag or note"):
+            assert page.get_by_text(text, exact=True).count() == 0, text
+    page.click("main a:text-is('Explore')")
+    page.wait_for_selector("button:text-is('Saved')")
+    assert page.locator("button:text-is('Save selection')").count() == 0
+    page.goto(f"{url}/dashboard/#/")
+    page.click("text=Plan a run")
+    page.wait_for_selector(".facts.plan")
+    assert page.locator("button:has-text('Submit')").count() == 0
+    assert page.get_by_role("region", name="Preview").count() == 0
+    page.close()
+    assert refused == []
 
 
 def test_a_lost_connection_is_told_and_taken_back(browser: Browser, url: str) -> None:

@@ -6,6 +6,7 @@ import { command, h, put, table, toast } from "./dom.js";
 import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
+import { may } from "./role.js";
 import { Brushes } from "./selection.js";
 import { thumbnails } from "./thumbnails.js";
 
@@ -113,7 +114,7 @@ export async function exploreView({ main, parameters, signal }) {
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", documents.map((run, k) => [k ? ", " : "", h("a", { href: `#/runs/${run.id}` }, run.name)])),
       h("div", { class: "spread" }, h("h1", {}, `Explore ${title}`),
         h("div", { class: "row" },
-          h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection"),
+          may("POST /v1/selections") ? h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection") : null,
           h("button", { type: "button", on: { click: () => savedDialog() } }, "Saved"),
           runs.length === 1 ? [
             h("button", { type: "button", on: { click: () => specDialog("range") } }, "Refine here"),
@@ -321,7 +322,7 @@ function savedList(list, opened) {
     const line = h("tr", {},
       h("td", {}, h("a", { href: `#/explore?${one.view}`, on: { click: opened } }, one.name)),
       h("td", { class: "small mono" }, one.expression || "all rows"), h("td", { class: "small soft" }, ago(one.created_at)),
-      h("td", { class: "right" }, h("button", { type: "button", class: "quiet close", "aria-label": `Delete ${one.name}`, on: { click: async () => { await remove(`/v1/selections/${encodeURIComponent(one.name)}`); line.remove(); } } }, "×")));
+      h("td", { class: "right" }, may("DELETE /v1/selections/{name}") && h("button", { type: "button", class: "quiet close", "aria-label": `Delete ${one.name}`, on: { click: async () => { await remove(`/v1/selections/${encodeURIComponent(one.name)}`); line.remove(); } } }, "×")));
     return line;
   }), { caption: "Saved selections" });
 }
