@@ -77,7 +77,7 @@ export async function runView({ main, key, parameters, signal }) {
     put(chip, state, h("span", { class: `chip ${look(state)}` }, words(state)));
     const offered = ACTIONS.filter((one) => one.states.includes(state) && (!one.needs || one.needs(failed)) && may(one.verb === "delete" ? "DELETE /v1/runs/{run_id}" : `POST /v1/runs/{run_id}/${one.verb}`));
     put(actions, [offered.map((one) => one.verb), Boolean(run.finished_at)],
-      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore") : null, resultLinks(run, key),
+      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? [h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore"), run.spec.functions.length > 1 ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=compare&show=rows` }, "Compare functions") : null] : null, resultLinks(run, key),
       may("POST /v1/runs") ? [h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun")] : null, offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants],
