@@ -54,6 +54,11 @@ def changes_nothing(method: str, path: str) -> bool:
     return method in ("GET", "HEAD", "OPTIONS") or ROLES.get(f"{method} {path}") is Role.VIEWER
 
 
+def refused(role: Role) -> list[str]:
+    """Return the endpoints that a role may not use, as `ROLES` names them."""
+    return [endpoint for endpoint, least in ROLES.items() if not role.includes(least)]
+
+
 def require_role(request: Request) -> None:
     """Refuse a request whose token lacks the role of the endpoint.
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 from zipfile import is_zipfile
 
+import httpx
 import pytest
 import structlog
 
@@ -40,6 +42,8 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
     world.work(spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
+    lights = [["sun-1.elevation", "CHOICE", -3.0, 35.0], ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
+    world.work(spec("day and dusk", vary=lights, cameras=["camera-1"]))
     world.work(spec("running", constants={"sun-1.elevation": 25}), products=100)
     for provenance in ({**SECOND, "source": "first.onnx"}, SECOND):
         registry.register(world.context, *small_onnx(folder, provenance=provenance))
@@ -81,6 +85,37 @@ def test_a_wrong_token_is_rejected_and_asked_for_again(browser: Browser, url: st
     page.close()
 
 
+def test_a_viewer_is_offered_only_what_its_role_may_do(browser: Browser, url: str) -> None:
+    answer = httpx.post(
+        f"{url}/v1/tokens",
+        json={"name": "reader", "owner": "Ada", "role": "viewer"},
+        headers={"Authorization": f"Bearer {TOKEN}"},
+    )
+    page = browser.new_page()
+    refused: list[str] = []
+    page.on("response", lambda response: refused.append(response.url) if response.status == 403 else None)
+    page.goto(f"{url}/dashboard/")
+    page.fill("#token", answer.json()["secret"])
+    page.keyboard.press("Enter")
+    page.wait_for_selector("button:text-is('Forget token (viewer)')")
+    for name in ("finished", "lost a layer", "running"):
+        page.goto(f"{url}/dashboard/#/")
+        open_run(page, name)
+        page.wait_for_selector("main a:text-is('Explore')")
+        for text in ("Clone", "Edit and rerun", "Cancel", "Retry failures", "Delete", "Add tag or note"):
+            assert page.get_by_text(text, exact=True).count() == 0, text
+    page.click("main a:text-is('Explore')")
+    page.wait_for_selector("button:text-is('Saved')")
+    assert page.locator("button:text-is('Save selection')").count() == 0
+    page.goto(f"{url}/dashboard/#/")
+    page.click("text=Plan a run")
+    page.wait_for_selector(".facts.plan")
+    assert page.locator("button:has-text('Submit')").count() == 0
+    assert page.get_by_role("region", name="Preview").count() == 0
+    page.close()
+    assert refused == []
+
+
 def test_a_lost_connection_is_told_and_taken_back(browser: Browser, url: str) -> None:
     page = browser.new_page()  # of its own, since the browser logs every request that fails
     page.goto(f"{url}/dashboard/")
@@ -104,7 +139,7 @@ def test_the_view_in_an_address_is_shown_also_when_nothing_else_changes(page: Pa
 
 def test_the_list_shows_every_run_with_its_state(page: Page) -> None:
     rows = page.locator("tbody tr")
-    assert rows.count() == 4
+    assert rows.count() == 5
     states = {row.locator("a").inner_text(): row.locator(".chip").inner_text() for row in rows.all()}
     assert states["finished"] == "completed"
     assert "failures" in states["lost a layer"]
@@ -235,6 +270,40 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
     page.click("[data-tab=table]")
     page.click("tbody td a.mono")
     page.wait_for_selector(".viewer img[src]")
+
+
+def test_which_of_two_networks_is_worse_at_dusk_is_answered_with_pictures_four_clicks_after_the_list_of_runs(
+    page: Page, url: str
+) -> None:
+    clicks = 0
+
+    def click(selector: str) -> None:
+        nonlocal clicks
+        clicks += 1
+        page.locator(selector).first.click()
+
+    click("tr:has-text('day and dusk') a")
+    page.wait_for_selector("a:text-is('Compare functions')")
+    run = page.url.rsplit("/", 1)[1]
+    click("a:text-is('Compare functions')")
+    page.wait_for_selector(".pair .thumbnail:not(.waiting)")
+    click("button:text-is('Dusk')")
+    page.wait_for_selector(".brush:has-text('Sun elevation')")
+    worse = page.locator("p strong:has-text(' than ')").inner_text().split()[0]
+    page.wait_for_selector(f"[aria-label=Outcome] [aria-pressed=true]:has-text('Only {worse} misses')")
+    click(".pair a")
+    page.wait_for_selector(".viewer img[src]")
+    assert clicks == 4
+    rows = httpx.get(
+        f"{url}/v1/explore/rows",
+        params={"run": run, "where": "sun_elevation_deg < 3", "limit": 1000},
+        headers={"Authorization": f"Bearer {TOKEN}"},
+    ).json()["items"]
+    means = {
+        name: fmean(row["pacc"] for row in rows if row["function"] == name and row["pacc"] is not None)
+        for name in ("deeplabv3plus-small", "semantic-fpn-small")
+    }
+    assert worse == min(means, key=means.__getitem__)
 
 
 def test_a_cell_of_the_confusion_matrix_opens_the_frames_with_its_pixels(page: Page) -> None:

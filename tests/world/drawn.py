@@ -97,7 +97,11 @@ def write_drawn_street(folder: Path) -> None:
             angle(f"{path}.yaw", yaw, Affects.GEOMETRY),
             number(f"{path}.focal_length_mm", 20, 100, 50.0, Affects.GEOMETRY, "mm"),
         ]
-    own = [parameter for parameter in manifest.parameters if ".camera-" not in parameter.path]
+    own = [
+        number(parameter.path, -12, 85, 45.0, parameter.affects, "deg") if "elevation" in parameter.path else parameter
+        for parameter in manifest.parameters
+        if ".camera-" not in parameter.path
+    ]
     houses = Footprint(path="scene.building-1", polygon=((5, -5), (12, -5), (12, 55), (5, 55)))
     write_box_street(
         folder,

@@ -4,7 +4,8 @@ import { askToken } from "./dom.js";
 const KEY = "valerie-token";
 let asking = null;
 
-export const hasToken = () => sessionStorage.getItem(KEY) !== null;
+export const token = () => sessionStorage.getItem(KEY);
+export const hasToken = () => token() !== null;
 export const forgetToken = () => sessionStorage.removeItem(KEY);
 
 export class Problem extends Error {
@@ -18,8 +19,8 @@ export class Problem extends Error {
 
 async function send(path, options = {}) {
   for (;;) {
-    const token = sessionStorage.getItem(KEY);
-    const headers = { ...options.headers, ...(token ? { Authorization: `Bearer ${token}` } : {}) };
+    const used = token();
+    const headers = { ...options.headers, ...(used ? { Authorization: `Bearer ${used}` } : {}) };
     let response;
     try {
       response = await fetch(path, { ...options, headers });
@@ -30,7 +31,7 @@ async function send(path, options = {}) {
     if (response.ok) return response;
     if (response.status === 401) {
       // Several requests may be refused at once; ask for the token once.
-      asking ??= askToken(token !== null).then((given) => { if (given) sessionStorage.setItem(KEY, given); return given; }).finally(() => { asking = null; });
+      asking ??= askToken(used !== null).then((given) => { if (given) sessionStorage.setItem(KEY, given); return given; }).finally(() => { asking = null; });
       if (await asking) {
         document.getElementById("forget").hidden = false;
         continue;

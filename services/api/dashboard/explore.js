@@ -6,6 +6,7 @@ import { command, h, put, table, toast } from "./dom.js";
 import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
+import { may } from "./role.js";
 import { Brushes } from "./selection.js";
 import { thumbnails } from "./thumbnails.js";
 
@@ -107,13 +108,14 @@ export async function exploreView({ main, parameters, signal }) {
     return h("label", {}, h("span", { class: "visually-hidden" }, label), element);
   };
   const parallelColumns = h("div", { class: "row chips" });
+  const below = h("section", { class: "card below", "aria-label": "Rows" }, h("div", { class: "head" }, tabs, tools), panel);
   const title = documents.length === 1 ? documents[0].name : plural(documents.length, "run");
   main.replaceChildren(
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", documents.map((run, k) => [k ? ", " : "", h("a", { href: `#/runs/${run.id}` }, run.name)])),
       h("div", { class: "spread" }, h("h1", {}, `Explore ${title}`),
         h("div", { class: "row" },
-          h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection"),
+          may("POST /v1/selections") ? h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection") : null,
           h("button", { type: "button", on: { click: () => savedDialog() } }, "Saved"),
           runs.length === 1 ? [
             h("button", { type: "button", on: { click: () => specDialog("range") } }, "Refine here"),
@@ -129,7 +131,7 @@ export async function exploreView({ main, parameters, signal }) {
       h("section", { class: "card", "aria-label": "Rates" }, h("h2", {}, "Selection and rest"), rates)),
     h("section", { class: "card", "aria-label": "Histograms" }, h("div", { class: "head" }, h("h2", {}, "Histograms"), add("add-histogram", "Add a histogram…", () => state.h)), histograms),
     h("section", { class: "card", "aria-label": "Parallel coordinates" }, h("div", { class: "head" }, h("h2", {}, "Parallel coordinates"), add("add-axis", "Add an axis…", () => state.p)), parallel.element, parallelColumns),
-    h("section", { class: "card", "aria-label": "Rows" }, h("div", { class: "head" }, tabs, tools), panel));
+    below);
   main.classList.add("wide");
 
   // Drawing.
@@ -192,6 +194,7 @@ export async function exploreView({ main, parameters, signal }) {
     const axes = [...new Set([...state.h, ...state.p])];
     const whole = !where();
     const shownRows = loadRows();
+    shownRows.catch(() => {}); // it is awaited below, unless another request fails first
     const [bins, links, some, [all, every]] = await Promise.all([
       get(`/v1/explore/histograms?${query({ column: axes })}`, { signal }),
       state.p.length > 1 ? get(`/v1/explore/links?${query({ column: state.p })}`, { signal }) : { links: [] },
@@ -237,7 +240,7 @@ export async function exploreView({ main, parameters, signal }) {
   };
 
   // Pictures, table, pairs.
-  const parts = { get, signal, query, columns, state, runs, about, remember };
+  const parts = { get, signal, query, columns, state, runs, about, remember, refresh };
   const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts), confusion: confusionPanel(parts) };
   const loadRows = () => panels[state.tab].load();
   const showPanel = () => {
@@ -296,6 +299,7 @@ export async function exploreView({ main, parameters, signal }) {
     ], { caption: "Downloads of the selection" }), h("p", { class: "soft small" }, "Frames as a zip archive: up to 500. ", h("code", {}, "valerie dataset export"), " has no limit."));
   };
   await refresh();
+  if (parameters.has("show")) setTimeout(() => below.scrollIntoView({ block: "start" })); // a link that asks for this part of the page
   return `Explore ${title}`;
 }
 
@@ -321,7 +325,7 @@ function savedList(list, opened) {
     const line = h("tr", {},
       h("td", {}, h("a", { href: `#/explore?${one.view}`, on: { click: opened } }, one.name)),
       h("td", { class: "small mono" }, one.expression || "all rows"), h("td", { class: "small soft" }, ago(one.created_at)),
-      h("td", { class: "right" }, h("button", { type: "button", class: "quiet close", "aria-label": `Delete ${one.name}`, on: { click: async () => { await remove(`/v1/selections/${encodeURIComponent(one.name)}`); line.remove(); } } }, "×")));
+      h("td", { class: "right" }, may("DELETE /v1/selections/{name}") && h("button", { type: "button", class: "quiet close", "aria-label": `Delete ${one.name}`, on: { click: async () => { await remove(`/v1/selections/${encodeURIComponent(one.name)}`); line.remove(); } } }, "×")));
     return line;
   }), { caption: "Saved selections" });
 }

@@ -6,6 +6,7 @@ import { exploreView } from "./explore.js";
 import { frameView } from "./frame.js";
 import { functionsView } from "./functions.js";
 import { newView } from "./new.js";
+import { learnRole, role } from "./role.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
 import { studiesView } from "./studies.js";
@@ -25,6 +26,7 @@ const ROUTES = [
 ];
 
 const main = document.getElementById("view");
+const forget = document.getElementById("forget");
 let current = null;
 
 function address() {
@@ -49,6 +51,8 @@ async function show() {
   }
   try {
     const key = route[0].exec(path)[1];
+    await learnRole();
+    forget.textContent = role() === "admin" ? "Forget token" : `Forget token (${role()})`;
     const title = await route[2]()({ main, key, parameters, signal: end.signal });
     if (current !== mine) return;
     document.title = title ? `${title} · VALERIE` : "VALERIE";
@@ -63,7 +67,6 @@ async function show() {
   }
 }
 
-const forget = document.getElementById("forget");
 forget.hidden = !hasToken();
 forget.addEventListener("click", () => { forgetToken(); location.reload(); });
 addEventListener("hashchange", show);

@@ -1,6 +1,7 @@
 // Tags and a note on a run, a frame or a finding: shown, and edited in a dialog.
 import { get, replace } from "./api.js";
 import { h, put, toast } from "./dom.js";
+import { may } from "./role.js";
 
 const NOTHING = { tags: [], note: "" };
 
@@ -32,7 +33,7 @@ export function marksOf(run, signal) {
         const { tags, note } = of();
         const focused = slot.contains(document.activeElement);
         put(slot, [tags, note, marks === null], tagList(tags), note ? h("span", { class: "mark-note" }, note) : null,
-          marks === null ? null : h("button", { type: "button", class: "quiet small", "aria-label": `Tags and note of ${what}`, on: { click: edit } }, tags.length || note ? "Edit" : "Add tag or note"));
+          marks === null || !may("PUT /v1/runs/{run_id}/marks") ? null : h("button", { type: "button", class: "quiet small", "aria-label": `Tags and note of ${what}`, on: { click: edit } }, tags.length || note ? "Edit" : "Add tag or note"));
         if (focused) slot.querySelector("button")?.focus();
       };
       shown.add(draw);

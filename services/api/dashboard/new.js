@@ -4,6 +4,7 @@ import { confirm, h, put, toast } from "./dom.js";
 import { bytes, count, duration, plural, value } from "./format.js";
 import { editor } from "./editor.js";
 import { specForm } from "./form.js";
+import { may, role } from "./role.js";
 
 const TYPING = 350; // a pause in typing, milliseconds
 const LOOKING = 700; // a longer one, before pictures are rendered
@@ -34,6 +35,7 @@ export async function newView({ main, parameters, signal }) {
   const planned = h("div", { "aria-live": "polite" });
   const pictures = previewSection({ signal });
   const submit = h("button", { type: "button", class: "primary", disabled: true, on: { click: () => send() } }, "Submit run");
+  const submits = may("POST /v1/runs");
   const priority = h("select", { id: "priority" }, ["low", "normal", "high"].map((one) => h("option", { selected: one === "normal" }, one)));
   const text = editor({
     label: "Spec as YAML",
@@ -104,17 +106,18 @@ export async function newView({ main, parameters, signal }) {
   };
 
   text.text = origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
-  const title = parent ? "Edit and rerun" : origin ? "Clone a run" : "New run";
+  const title = parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
-      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit)),
+      h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit] : null)),
+      submits ? null : h("p", { class: "note" }, `The token's role is ${role()}: it plans runs, and a runner submits them.`),
       parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null),
     h("div", { class: "draft" },
       form.element,
       h("div", { class: "drafted" },
         h("section", { class: "card" }, h("div", { class: "head" }, h("h2", {}, h("label", { for: "spec" }, "Document")), h("span", { class: "soft small" }, "Ctrl + Space completes")), text.element, problems),
         h("section", { class: "card", "aria-label": "Plan" }, h("h2", {}, "Plan"), planned),
-        pictures.element)));
+        may("POST /v1/preview") ? pictures.element : null)));
   await refresh(parent ? [{ kind: "field", field: "parent_run", value: parent }, { kind: "field", field: "iteration", value: await roundOf(parent, signal) }] : []);
   return title;
 }
@@ -167,7 +170,7 @@ function previewSection({ signal }) {
 
   const ask = async () => {
     clearTimeout(timer);
-    if (!wanted || asking || signal.aborted) return; // the present request asks again when it ends
+    if (!wanted || asking || signal.aborted || !may("POST /v1/preview")) return; // the present request asks again when it ends
     asking = true;
     const { text, plan, varied, engine } = wanted;
     const looked = `${text} ${camera.value} ${chance}`;

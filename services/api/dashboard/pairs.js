@@ -5,6 +5,9 @@ import { textOf, titleOf } from "./plots.js";
 import { sheet } from "./thumbnails.js";
 
 const OUTCOMES = { broken: "Broken", fixed: "Fixed", "both missed": "Both missed", "both found": "Both found" };
+// Kinds of light by the sun's elevation in degrees: from the lowest sun of the day's model, and to the end of civil twilight.
+const SUN = "sun_elevation_deg";
+const LIGHTS = { Day: [3, 90], Dusk: [-6, 3], Night: [-90, -6] };
 const SHEET = 16;
 
 function pairCards(pairs, rows, caption) {
@@ -22,42 +25,74 @@ function pairCards(pairs, rows, caption) {
   return h("div", { class: "pairs" }, cards);
 }
 
-export function comparisonPanel({ get, signal, query, state, about, remember }) {
+export function comparisonPanel({ get, signal, query, state, about, columns, remember, refresh }) {
   const sides = Object.entries(about.functions).flatMap(([run, functions]) => functions.map((name) => `${run}:${name}`));
   const several = Object.keys(about.functions).length > 1;
   const text = (side) => { const at = side.indexOf(":"); return several ? `${side.slice(at + 1)} · ${side.slice(0, at)}` : side.slice(at + 1); };
   if (!sides.includes(state.before)) state.before = sides[0];
   if (!sides.includes(state.after)) state.after = sides[1] ?? sides[0];
   let chosen = Boolean(OUTCOMES[state.outcome]);
-  if (!chosen) state.outcome = "broken";
+  // Sides of one run are named by their functions; of two runs, the second is the newer one.
+  const labels = () => (sameRun(state) ? { ...OUTCOMES, broken: `Only ${text(state.after)} misses`, fixed: `Only ${text(state.before)} misses` } : OUTCOMES);
   const element = h("div", { class: "stack wide-gap" });
   const choice = (name, label) => {
     const field = h("select", { id: `side-${name}`, on: { change: () => { state[name] = field.value; remember(); load(); } } }, sides.map((side) => h("option", { value: side }, text(side))));
     field.value = state[name];
     return h("label", { class: "inline", for: `side-${name}` }, label, field);
   };
+  const light = lightChoice(columns.get(SUN), state, refresh);
   const load = async () => {
+    light.draw();
+    if (!chosen) state.outcome = "broken";
     if (state.before === state.after) {
       put(element, "same", h("p", { class: "soft" }, sides.length < 2 ? "There is one function only. Explore two runs together, or a run of two functions, to compare them." : "Choose two different sides."));
       return;
     }
-    const { comparison: one, rows } = await get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome })}`, { signal });
-    const most = Object.keys(OUTCOMES).find((name) => one.outcomes[name]);
-    if (!chosen && most && !one.outcomes[state.outcome]) { // the first outcome that shows something
-      state.outcome = most;
-      await load();
-      return;
+    const ask = () => get(`/v1/explore/comparison?${query({ before: state.before, after: state.after, outcome: state.outcome })}`, { signal });
+    let { comparison: one, rows } = await ask();
+    // Until somebody chooses: what the worse side misses alone, or the first outcome that shows something.
+    const shown = chosen ? state.outcome : [one.difference > 0 ? "fixed" : "broken", ...Object.keys(OUTCOMES)].find((name) => one.outcomes[name]) ?? state.outcome;
+    if (shown !== state.outcome) {
+      state.outcome = shown;
+      ({ comparison: one, rows } = await ask());
     }
-    const points = (value) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${fixed(Math.abs(100 * value))}`;
-    const change = one.difference === null ? "" : `Mean pACC ${points(one.difference)} points${one.low === null ? "" : `, 95 % interval ${points(one.low)} to ${points(one.high)}`}, over ${plural(one.places, "place")}.`;
-    const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(OUTCOMES).map(([name, label]) =>
+    const outcomes = h("div", { class: "segments", role: "group", "aria-label": "Outcome" }, Object.entries(labels()).map(([name, label]) =>
       h("button", { type: "button", "aria-pressed": String(name === state.outcome), on: { click: () => { chosen = true; state.outcome = name; remember(); load(); } } }, `${label} `, h("span", { class: "number" }, count(one.outcomes[name])))));
     const unmatched = one.rows[0] - one.matched;
-    put(element, [one, state.outcome], outcomes,
-      h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. ${change} Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
-      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: (row) => row.function, after: (row) => (several ? row.run_id : row.function) })) : h("p", { class: "soft" }, `Nothing is ${OUTCOMES[state.outcome].toLowerCase()}.`));
+    put(element, [one, state.outcome], verdict(one, text(state.before), text(state.after)), outcomes,
+      h("p", { class: "small soft" }, `${plural(one.matched, "person")} matched${unmatched > 0 ? `; ${count(unmatched)} of the first side have no partner with a pACC` : ""}. Found means pACC ≥ ${fixed(about.threshold, 2)}.`),
+      one.pairs.length ? pairCards(one.pairs.map((pair) => ({ pair })), rows, ({ pair }) => ({ title: `Variant ${rows[pair.before].variant_index}, ${rows[pair.before].camera}`, before: (row) => row.function, after: (row) => (several ? row.run_id : row.function) })) : h("p", { class: "soft" }, `No person: ${labels()[state.outcome].toLowerCase()}.`));
   };
-  return { element, tools: [choice("before", "From"), choice("after", "to")], load };
+  return { element, tools: [light.element, choice("before", "From"), choice("after", "to")].filter(Boolean), load };
+}
+
+const sameRun = ({ before, after }) => before.slice(0, before.indexOf(":")) === after.slice(0, after.indexOf(":"));
+
+// Which side is worse, by how much and how surely.
+function verdict({ difference, low, high, places }, before, after) {
+  if (difference === null) return null;
+  const points = (value) => fixed(Math.abs(100 * value));
+  const signed = (value) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${points(value)}`;
+  if (!difference) return h("p", {}, `${before} and ${after} have the same mean pACC, over ${plural(places, "place")}.`);
+  const [worse, better, ends] = difference < 0 ? [after, before, [low, high]] : [before, after, [-high, -low]];
+  const sure = low !== null && (low > 0 || high < 0);
+  return h("p", {}, h("strong", {}, `${worse} ${sure ? "is worse" : "scores lower"} than ${better}`), `: mean pACC is ${points(difference)} points lower`,
+    low === null ? `, over ${plural(places, "place")}.` : ` (95 % interval of the change ${signed(ends[0])} to ${signed(ends[1])}), over ${plural(places, "place")}.`,
+    low === null ? " There is no interval." : sure ? "" : " The interval contains 0, so the order may be chance.");
+}
+
+// Buttons that select by the kind of light, if the rows have several; they brush the sun's elevation.
+function lightChoice(sun, state, refresh) {
+  const fits = sun?.numeric ? Object.entries(LIGHTS).filter(([, [low, high]]) => sun.low < high && sun.high >= low) : [];
+  if (fits.length < 2) return { element: null, draw: () => {} };
+  const element = h("div", { class: "segments", role: "group", "aria-label": "Light" });
+  const draw = () => {
+    const brush = state.brushes.of.get(SUN);
+    const button = (label, range) => h("button", { type: "button", "aria-pressed": String(range ? brush?.low === range[0] && brush?.high === range[1] : !brush),
+      on: { click: () => { state.brushes.set(SUN, range && { low: range[0], high: range[1], closed: false }); refresh(); } } }, label);
+    put(element, [brush ?? null], button("Any light", null), fits.map(([label, range]) => button(label, range)));
+  };
+  return { element, draw };
 }
 
 export function swingsPanel({ get, signal, query, columns }) {

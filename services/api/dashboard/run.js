@@ -5,6 +5,7 @@ import { ACTIVE, ago, clock, count, duration, look, plural, rate, words } from "
 import { lineageSection } from "./lineage.js";
 import { marksOf } from "./marks.js";
 import { poll } from "./poll.js";
+import { may } from "./role.js";
 import { bar } from "./runs.js";
 import { scatterSection } from "./scatter.js";
 import { summarySection } from "./summary.js";
@@ -74,10 +75,10 @@ export async function runView({ main, key, parameters, signal }) {
     const state = progress.state;
     const failed = Object.values(progress.stages).reduce((sum, stage) => sum + stage.failed, 0);
     put(chip, state, h("span", { class: `chip ${look(state)}` }, words(state)));
-    const offered = ACTIONS.filter((one) => one.states.includes(state) && (!one.needs || one.needs(failed)));
+    const offered = ACTIONS.filter((one) => one.states.includes(state) && (!one.needs || one.needs(failed)) && may(one.verb === "delete" ? "DELETE /v1/runs/{run_id}" : `POST /v1/runs/{run_id}/${one.verb}`));
     put(actions, [offered.map((one) => one.verb), Boolean(run.finished_at)],
-      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore") : null, resultLinks(run, key),
-      h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun"), offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
+      h("button", { type: "button", on: { click: () => browse().catch((error) => toast(error.message)) } }, "Frames"), run.started_at ? [h("a", { class: "button", href: `#/explore?runs=${key}` }, "Explore"), run.spec.functions.length > 1 ? h("a", { class: "button", href: `#/explore?runs=${key}&tab=compare&show=rows` }, "Compare functions") : null] : null, resultLinks(run, key),
+      may("POST /v1/runs") ? [h("a", { class: "button", href: `#/new?run=${key}` }, "Clone"), h("a", { class: "button", href: `#/new?parent=${key}` }, "Edit and rerun")] : null, offered.map((one) => h("button", { type: "button", class: one.danger ? "danger" : null, on: { click: () => act(one) } }, one.text)));
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants],
       `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",

@@ -4,6 +4,7 @@ import { command, h, put } from "./dom.js";
 import { ACTIVE, ago, clock, count, duration, look, percent, plural, words } from "./format.js";
 import { tagList } from "./marks.js";
 import { poll } from "./poll.js";
+import { may } from "./role.js";
 
 const PAGE = 50;
 
@@ -31,10 +32,12 @@ export async function runsView({ main, parameters, signal }) {
     return items.some((run) => ACTIVE.has(run.state)) ? 2000 : 10_000;
   };
   await draw();
-  main.replaceChildren(h("div", { class: "spread" }, h("h1", {}, "Runs"), h("a", { class: "button primary", href: "#/new" }, "New run")), filter, list, h("div", { class: "row" }, more));
+  main.replaceChildren(h("div", { class: "spread" }, h("h1", {}, "Runs"), h("a", { class: "button primary", href: "#/new" }, submits() ? "New run" : "Plan a run")), filter, list, h("div", { class: "row" }, more));
   const again = poll(signal, draw);
   return "Runs";
 }
+
+const submits = () => may("POST /v1/runs");
 
 function tagLinks(known, chosen) {
   const tags = [...new Set([...Object.keys(known), ...(chosen ? [chosen] : [])])];
@@ -45,9 +48,9 @@ function tagLinks(known, chosen) {
 function nothing() {
   return h("section", { class: "card empty" },
     h("h2", {}, "No run yet"),
-    h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians. Start the first one:"),
-    command("valerie run examples/first-run.yaml"),
-    h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
+    h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians.", submits() ? " Start the first one:" : ""),
+    submits() && command("valerie run examples/first-run.yaml"),
+    submits() && h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
 }
 
 function runsTable(items) {

@@ -3,6 +3,7 @@ import { get, post } from "./api.js";
 import { confirm, h, put, table, toast } from "./dom.js";
 import { NONE, ago, bytes, clock, count, duration, heading, plural, words } from "./format.js";
 import { poll } from "./poll.js";
+import { may, role } from "./role.js";
 import { fileLink } from "./run.js";
 import { bar } from "./runs.js";
 import { measured, stateChip } from "./studies.js";
@@ -51,10 +52,10 @@ export async function studyView({ main, key, signal }) {
         h("p", {}, h("strong", {}, study.question), " ", measured(study)),
         h("p", { class: "soft small", title: clock(study.created_at) }, `Begun ${ago(study.created_at)}`, study.finished_at ? ` · ended ${ago(study.finished_at)}` : "")),
       h("div", { class: "row" },
-        going ? modes(study, setMode) : null,
-        study.state === "paused" ? h("button", { type: "button", class: "primary", on: { click: () => act(`${path}/resume`, "The study goes on.") } }, "Resume") : null,
+        going && may("POST /v1/studies/{study_id}/mode") ? modes(study, setMode) : null,
+        study.state === "paused" && may("POST /v1/studies/{study_id}/resume") ? h("button", { type: "button", class: "primary", on: { click: () => act(`${path}/resume`, "The study goes on.") } }, "Resume") : null,
         explored(study), fileLink("Report", `${path}/report`, `${key}-study.html`, true),
-        going ? h("button", { type: "button", class: "danger", on: { click: stop } }, "Stop") : null)));
+        going && may("POST /v1/studies/{study_id}/stop") ? h("button", { type: "button", class: "danger", on: { click: stop } }, "Stop") : null)));
     put(reason, [study.state, study.reason], study.reason && !waiting ? h("p", { class: `note ${study.state === "paused" ? "wait" : ""}` }, `${heading(words(study.state))}: ${study.reason}`) : null);
     put(result, [study.result, study.batches.length], known(study));
     put(budget, [study.left, study.batches.map((batch) => batch.cpu_seconds)], spent(study));
@@ -124,9 +125,9 @@ function proposed(study, batch, { reason, legal, rejected, plan }, accept) {
       ["CPU time", `about ${duration(Math.round(plan.cpu_seconds))}`], ["Disk", `about ${bytes(plan.bytes)}`],
     ].map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "number" }, text)))),
     plan.warnings.map((sentence) => h("p", { class: "note bad under" }, sentence)),
-    h("form", { class: "row under", on: { submit } },
+    may("POST /v1/studies/{study_id}/accept") ? h("form", { class: "row under", on: { submit } },
       h("label", { class: "inline", for: "count" }, "Variants", number), h("button", { type: "submit", class: "primary" }, "Accept"),
-      h("span", { class: "small soft" }, `1 to ${count(most)}; for another number, the strategy proposes other variants.`)));
+      h("span", { class: "small soft" }, `1 to ${count(most)}; for another number, the strategy proposes other variants.`)) : h("p", { class: "small soft under" }, `The token's role is ${role()}: a runner accepts the batch.`));
 }
 
 function history({ batches }, progress) {

@@ -1,20 +1,27 @@
-"""Tokens of the API and the audit log, for admins."""
+"""Rights of the caller; tokens of the API and the audit log, for admins."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Request
 
 from services.api.dependencies import ContextDependency, Limit
 from services.api.openapi import problems
-from services.api.schemas.tokens import AuditRead, TokenIssued, TokenRead
+from services.api.roles import refused
+from services.api.schemas.tokens import AccessRead, AuditRead, TokenIssued, TokenRead
 from valerie.db import audit, tokens
 from valerie.db.engine import reading
 from valerie.pipeline.control.tokens import NAME, TokenRequest, issue, revoke
 
 router = APIRouter(prefix="/v1", tags=["tokens"])
+
+
+@router.get("/access", responses=problems(422), summary="The role of the caller, and what it may not do")
+def access(request: Request) -> AccessRead:
+    role = request.state.caller.role
+    return AccessRead(role=role, refused=refused(role))
 
 
 @router.get("/tokens", responses=problems(422), summary="All tokens without their secrets")

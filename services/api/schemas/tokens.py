@@ -9,6 +9,13 @@ from valerie.access import Role
 from valerie.runs.moments import Moment
 
 
+class AccessRead(Read):
+    """The rights of a caller."""
+
+    role: Role = Field(examples=["viewer"])
+    refused: list[str] = Field(description="endpoints that need another role", examples=[["POST /v1/runs"]])
+
+
 class TokenRead(Read):
     """A token without its secret."""
 

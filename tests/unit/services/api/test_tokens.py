@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -13,6 +14,7 @@ import pytest
 from fastapi.routing import APIRoute
 from starlette.routing import BaseRoute
 
+import services.api
 from services.api.app import create_app
 from services.api.roles import ROLES, needed
 from tests.world.drawn import DrawnRuns
@@ -83,6 +85,24 @@ def test_a_role_may_do_what_its_endpoints_need_and_no_more(guarded: Guarded) -> 
             answer = guarded.operator.request(method, address, headers=headers, content=b"{}")
             allowed = rank >= ranks[needed(method, path)]
             assert (answer.status_code != 403) is allowed, (role, endpoint, answer.text)
+
+
+def test_a_caller_learns_what_its_role_may_not_do(guarded: Guarded) -> None:
+    answers = {
+        role: guarded.operator.get("/v1/access", headers=guarded.issue(f"{role}-asks", role)).json()
+        for role in ("viewer", "runner", "admin")
+    }
+    assert {role: answer["role"] for role, answer in answers.items()} == {role: role for role in answers}
+    assert {one.split("/")[2] for one in answers["runner"]["refused"]} == {"audit", "tokens"}
+    assert {"POST /v1/runs", "POST /v1/preview", "PUT /v1/runs/{run_id}/marks"} < set(answers["viewer"]["refused"])
+    assert answers["admin"]["refused"] == []
+
+
+def test_the_dashboard_asks_for_the_role_of_endpoints_that_exist() -> None:
+    scripts = (Path(services.api.__file__).parent / "dashboard").glob("*.js")
+    asked = {name for script in scripts for name in re.findall(r'may\("([^"]+)"\)', script.read_text())}
+    assert asked
+    assert asked <= ROLES.keys()
 
 
 def test_a_viewer_reads_a_run_and_cannot_delete_it(guarded: Guarded) -> None:
