@@ -10,6 +10,7 @@ import threading
 import uvicorn
 
 from services.api.app import create_app
+from services.api.connections import HEAD_SECONDS, Connection
 from valerie.db.migrate import migrate
 from valerie.errors import ValerieError
 from valerie.logs import configure_logging
@@ -51,7 +52,15 @@ def _run(arguments: argparse.Namespace) -> None:
         return
     context.engine.dispose()  # the application opens its own engine
     app = create_app(settings, control=not arguments.no_control)
-    uvicorn.run(app, host=settings.api_host, port=settings.api_port, log_config=None, access_log=False)
+    uvicorn.run(
+        app,
+        host=settings.api_host,
+        port=settings.api_port,
+        http=Connection,
+        timeout_keep_alive=HEAD_SECONDS,
+        log_config=None,
+        access_log=False,
+    )
 
 
 if __name__ == "__main__":

@@ -12,13 +12,23 @@ import httpx
 import uvicorn
 from starlette.types import ASGIApp
 
+from services.api.connections import HEAD_SECONDS, Connection
+
 
 @contextmanager
-def served(app: ASGIApp, *, token: str | None = None) -> Iterator[httpx.Client]:
+def served(app: ASGIApp, *, token: str | None = None, head_seconds: int = HEAD_SECONDS) -> Iterator[httpx.Client]:
     """A client of the application; start-up errors are raised here."""
     listener = socket.create_server(("127.0.0.1", 0))
     server = uvicorn.Server(
-        uvicorn.Config(app, log_config=None, access_log=False, lifespan="on", timeout_graceful_shutdown=5)
+        uvicorn.Config(
+            app,
+            http=Connection,
+            timeout_keep_alive=head_seconds,
+            log_config=None,
+            access_log=False,
+            lifespan="on",
+            timeout_graceful_shutdown=5,
+        )
     )
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
     thread.start()

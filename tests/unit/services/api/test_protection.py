@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import socket
 from collections.abc import Iterator
@@ -9,6 +10,10 @@ from pathlib import Path
 
 import httpx
 import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
 
 from services.api import protection
 from services.api.app import create_app
@@ -177,6 +182,56 @@ def test_a_body_that_does_not_arrive_is_given_up(drawn: DrawnRuns, path: bytes) 
         answer = raw(client, head + b"Content-Type: multipart/form-data; boundary=b\r\n\r\n--b")
     assert status_of(answer) == 408
     assert b"limit: 0.2 s" in answer
+
+
+def trickled(client: httpx.Client, begin: bytes) -> tuple[int, bytes]:
+    """Send a byte every tenth of a second behind ``begin``; return the number of bytes until the end, and the answer."""
+    answer = b""
+    with socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=0.1) as connection:
+        connection.sendall(begin)
+        for sent in range(200):
+            try:
+                part = connection.recv(65536)
+                if not part:
+                    return sent, answer
+                answer += part
+            except TimeoutError:
+                connection.sendall(b"x")
+            except ConnectionError:
+                return sent, answer
+    return 200, answer
+
+
+@pytest.mark.parametrize(
+    ("begin", "status"),
+    [
+        (b"", b""),
+        (b"GET /v1/runs HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ", b""),
+        (b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET /healthz HTTP/1.1\r\nX-Slow: ", b"HTTP/1.1 200"),
+        (b"POST /v1/runs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9999\r\n\r\n", b"HTTP/1.1 401"),
+    ],
+    ids=["first byte", "head", "second head", "body of a refused request"],
+)
+def test_a_stranger_who_sends_slowly_loses_the_connection(drawn: DrawnRuns, begin: bytes, status: bytes) -> None:
+    with served(create_app(settings_of(drawn.folder, api_token=TOKEN), control=False), head_seconds=1) as client:
+        sent, answer = trickled(client, begin)
+        assert sent < 200
+        assert answer.startswith(status)
+        assert client.get("/healthz").status_code == 200
+
+
+def test_a_stranger_who_sends_nothing_loses_the_connection(drawn: DrawnRuns) -> None:
+    with served(create_app(settings_of(drawn.folder), control=False), head_seconds=1) as client:
+        assert raw(client, b"") == b""
+
+
+def test_an_answer_may_take_longer_than_a_request() -> None:
+    async def late(_request: Request) -> PlainTextResponse:
+        await asyncio.sleep(1.5)
+        return PlainTextResponse("late")
+
+    with served(Starlette(routes=[Route("/", late)]), head_seconds=1) as client:
+        assert client.get("/").text == "late"
 
 
 def test_a_database_that_does_not_answer_is_said_when_it_should_know_the_token(
