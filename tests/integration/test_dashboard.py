@@ -389,6 +389,16 @@ def test_functions_show_their_cards_and_every_version(page: Page, tmp_path: Path
     assert "first.onnx" in rows.nth(1).inner_text()
 
 
+def test_a_link_of_the_list_survives_the_polls_while_the_mouse_is_down(page: Page) -> None:
+    page.locator("a", has_text="running").hover()
+    page.mouse.down()
+    for _ in range(2):
+        page.wait_for_event("response", lambda response: "/v1/tags" in response.url)
+    page.wait_for_timeout(200)
+    page.mouse.up()
+    page.wait_for_selector("main a:text-is('Explore')")
+
+
 def test_a_run_is_cancelled_and_deleted_only_after_confirmation(page: Page) -> None:
     open_run(page, "running")
     page.click("button:has-text('Cancel')")
@@ -397,4 +407,5 @@ def test_a_run_is_cancelled_and_deleted_only_after_confirmation(page: Page) -> N
     page.click("button:has-text('Delete')")
     page.click("text=Delete for good")
     page.wait_for_url("**#/")
-    page.wait_for_function("() => document.querySelectorAll('tbody tr').length === 3")
+    page.wait_for_selector("tr:has-text('running')", state="detached")
+    page.wait_for_selector("tr:has-text('day and dusk')")

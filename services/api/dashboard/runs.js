@@ -13,6 +13,10 @@ export async function runsView({ main, parameters, signal }) {
   const tag = parameters.get("tag");
   const filter = h("div", { class: "slot row tags" });
   const list = h("div", { class: "stack" });
+  const body = h("tbody", {});
+  const table = runsTable(body);
+  const rows = new Map(); // of the table; a poll changes cells, and a link being clicked stays
+  const keep = (id) => rows.set(id, emptyRow()).get(id);
   const more = h("button", { type: "button", hidden: true, on: { click: () => { pages += 1; again(); } } }, "Show earlier runs");
   const draw = async () => {
     const items = [];
@@ -26,9 +30,9 @@ export async function runsView({ main, parameters, signal }) {
     more.hidden = !next;
     const known = await get("/v1/tags", { signal });
     put(filter, known, Object.keys(known).length || tag ? [h("span", { class: "small soft" }, "Tags"), tagLinks(known, tag)] : null);
-    const focused = document.activeElement?.getAttribute?.("href");
-    list.replaceChildren(items.length ? runsTable(items) : tag ? h("p", { class: "card empty" }, "No run carries this tag.") : nothing());
-    if (focused) list.querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    for (const run of items) fillRow(rows.get(run.id) ?? keep(run.id), run);
+    put(body, items.map((run) => run.id), items.map((run) => rows.get(run.id)));
+    put(list, [items.length > 0], items.length ? table : tag ? h("p", { class: "card empty" }, "No run carries this tag.") : nothing());
     return items.some((run) => ACTIVE.has(run.state)) ? 2000 : 10_000;
   };
   await draw();
@@ -53,28 +57,36 @@ function nothing() {
     submits() && h("p", { class: "small" }, "or ", h("a", { href: "#/new" }, "write a new one here"), ", or submit a file with ", h("code", {}, "valerie submit SPEC"), "."));
 }
 
-function runsTable(items) {
-  const head = ["Run", "State", "Progress", "Variants", "Submitted", "Took"];
+const HEAD = ["Run", "State", "Progress", "Variants", "Submitted", "Took"];
+const RIGHT = new Set(["Variants", "Took"]);
+
+function runsTable(body) {
   return h("section", { class: "card runs" },
     h("table", {},
-      h("thead", {}, h("tr", {}, head.map((text, i) => h("th", { scope: "col", class: i === 3 || i === 5 ? "right" : null }, text)))),
-      h("tbody", {}, items.map(row))));
+      h("thead", {}, h("tr", {}, HEAD.map((text) => h("th", { scope: "col", class: RIGHT.has(text) ? "right" : null }, text)))),
+      body));
 }
 
-function row(run) {
+function emptyRow() {
+  return h("tr", {}, HEAD.map((text) => h("td", text === "Run" ? { class: "name" } : { class: text === "Progress" ? "progress-cell" : RIGHT.has(text) ? "right" : null, "data-label": text })));
+}
+
+function fillRow(row, run) {
+  const [name, state, progress, variants, submitted, took] = row.children;
   const { done, failed, total } = run.stages.eval ?? { done: 0, failed: 0, total: 0 };
   const share = total ? (done + failed) / total : run.state === "completed" ? 1 : 0;
-  const took = run.started_at ? (new Date(run.finished_at ?? Date.now()) - new Date(run.started_at)) / 1000 : null;
-  return h("tr", {},
-    h("td", { class: "name" }, h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id), run.tags.length ? h("div", { class: "row tags" }, tagList(run.tags)) : null,
-      run.reason && ACTIVE.has(run.state) ? h("div", { class: "small soft" }, run.reason) : null),
-    h("td", { "data-label": "State" }, h("span", { class: `chip ${look(run.state)}` }, words(run.state))),
-    h("td", { class: "progress-cell", "data-label": "Progress" }, total
-      ? h("div", { class: "stack" }, bar(done, failed, total), h("div", { class: "small soft number" }, `${percent(share, share < 1 ? 1 : 0)} of ${plural(total, "evaluation")}`))
-      : h("span", { class: "soft" }, "not started")),
-    h("td", { class: "right", "data-label": "Variants" }, count(run.variant_count), run.rejected_count ? h("div", { class: "small soft" }, `${count(run.rejected_count)} rejected`) : null),
-    h("td", { "data-label": "Submitted", title: clock(run.created_at) }, ago(run.created_at)),
-    h("td", { class: "right", "data-label": "Took" }, duration(took === null ? null : Math.round(took))));
+  const seconds = run.started_at ? Math.round((new Date(run.finished_at ?? Date.now()) - new Date(run.started_at)) / 1000) : null;
+  const reason = ACTIVE.has(run.state) ? run.reason : null;
+  put(name, [run.name, run.tags, reason], h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id), run.tags.length ? h("div", { class: "row tags" }, tagList(run.tags)) : null,
+    reason ? h("div", { class: "small soft" }, reason) : null);
+  put(state, run.state, h("span", { class: `chip ${look(run.state)}` }, words(run.state)));
+  put(progress, [done, failed, total, share], total
+    ? h("div", { class: "stack" }, bar(done, failed, total), h("div", { class: "small soft number" }, `${percent(share, share < 1 ? 1 : 0)} of ${plural(total, "evaluation")}`))
+    : h("span", { class: "soft" }, "not started"));
+  put(variants, [run.variant_count, run.rejected_count], count(run.variant_count), run.rejected_count ? h("div", { class: "small soft" }, `${count(run.rejected_count)} rejected`) : null);
+  submitted.title = clock(run.created_at);
+  put(submitted, ago(run.created_at), ago(run.created_at));
+  put(took, seconds, duration(seconds));
 }
 
 export function bar(done, failed, total, label) {
