@@ -50,13 +50,14 @@ def memory_limit_of_no_function() -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """Collect without looking for garbage, and leave the tests out of later searches: they live to the end."""
+    """Collect without looking for garbage, leave the tests out of later searches, which they outlive, and search seldom."""
     gc.disable()
     try:
         return (yield)
     finally:
-        gc.enable()
         gc.freeze()
+        gc.set_threshold(10_000, 10, 50)
+        gc.enable()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

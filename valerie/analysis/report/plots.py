@@ -65,8 +65,8 @@ def static_figure(panel: Panel, *, image_format: Literal["png", "svg"] = "png") 
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingDependency("plots need matplotlib: install valerie[report]") from error
-    figure = Figure(figsize=(6.0, 3.9), dpi=150, layout="constrained")
-    axes = figure.add_subplot()
+    figure = Figure(figsize=(6.0, 3.9), dpi=150)
+    axes = figure.add_axes((0.1, 0.13, 0.88, 0.85))
     for points in panel.points:
         marker = _MATPLOTLIB_MARKERS[points.style.symbol]
         axes.scatter(

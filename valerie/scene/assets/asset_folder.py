@@ -31,15 +31,7 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         InvalidInput: the manifest is missing or invalid; a file is missing, too large or outside the folder.
     """
     path = _inside(folder, MANIFEST_FILE, limit=MAX_MANIFEST_BYTES, field=MANIFEST_FILE)
-    try:
-        data = load_document(path.read_bytes(), max_bytes=MAX_MANIFEST_BYTES)
-    except InvalidInput as error:
-        place = f"{MANIFEST_FILE}.{error.field}" if error.field else MANIFEST_FILE
-        raise InvalidInput(error.message, field=place, value=error.value, limit=error.limit) from None
-    data.setdefault("name", folder.resolve().name)
-    manifest = parse_manifest(data, source=MANIFEST_FILE)
-    if not manifest.all_files:
-        raise InvalidInput("an asset needs at least one glTF file", field=f"{MANIFEST_FILE}.files")
+    manifest = _parsed(path.read_bytes(), folder.resolve().name)
     files: dict[str, Path] = {}
     hashes: dict[str, str] = {}
     problems: list[InvalidInput] = []
@@ -58,6 +50,21 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
     # Attributes of an operational design domain and sources of ranges do not affect the scene.
     document = manifest.model_dump(mode="json", exclude={"parameters": {"__all__": {"odd", "source"}}})
     return manifest, digest("asset-files", document, hashes, REVISION), files
+
+
+@lru_cache(maxsize=64)
+def _parsed(data: bytes, name: str) -> Manifest:
+    """Return the manifest of a file. Equal files give one object, by whose identity others find what they cache for it."""
+    try:
+        document = load_document(data, max_bytes=MAX_MANIFEST_BYTES)
+    except InvalidInput as error:
+        place = f"{MANIFEST_FILE}.{error.field}" if error.field else MANIFEST_FILE
+        raise InvalidInput(error.message, field=place, value=error.value, limit=error.limit) from None
+    document.setdefault("name", name)
+    manifest = parse_manifest(document, source=MANIFEST_FILE)
+    if not manifest.all_files:
+        raise InvalidInput("an asset needs at least one glTF file", field=f"{MANIFEST_FILE}.files")
+    return manifest
 
 
 def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:

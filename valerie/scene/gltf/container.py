@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import cattrs
 import numpy as np
 import pygltflib
 from numpy.typing import NDArray
@@ -25,6 +24,9 @@ _COMPONENTS: Final[dict[int, np.dtype[Any]]] = {
     pygltflib.UNSIGNED_INT: np.dtype("<u4"),
     pygltflib.FLOAT: np.dtype("<f4"),
 }
+#: Reads JSON into the library's classes several times faster than the library itself.
+_CONVERTER: Final = cattrs.Converter(detailed_validation=False)
+_CONVERTER.register_structure_hook(pygltflib.Attributes, lambda plain, _: pygltflib.Attributes(**plain))
 _WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 Item = TypeVar("Item")
@@ -132,13 +134,10 @@ def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
         nodes = len(_list(plain, "nodes"))
         if nodes > MAX_NODES:
             raise InvalidInput("too many nodes", field=f"{name}: nodes", value=nodes, limit=MAX_NODES)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the library warns about nulls that the format allows
-            document = pygltflib.GLTF2.gltf_from_json(json.dumps(plain))
+        stated = {key: value for key, value in plain.items() if value is not None}
+        return _CONVERTER.structure(stated, pygltflib.GLTF2)
     except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidInput(f"the JSON is not glTF: {error}", field=name) from None
-    assert isinstance(document, pygltflib.GLTF2)
-    return document
 
 
 def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str, resources: Resources) -> list[bytes]:
