@@ -73,11 +73,11 @@ def test_the_digest_changes_with_a_byte_of_a_file_and_not_with_where_it_lies(fol
     assert asset_manifest(str(moved))[1] != before
 
 
-def test_an_unchanged_manifest_is_the_same_object(folder: Path) -> None:
-    assert read_manifest(folder)[0] is read_manifest(folder)[0]
-    file = folder / MANIFEST_FILE
-    file.write_text(file.read_text() + "\n# changed\n")
-    assert read_manifest(folder)[0] == read_manifest(folder)[0]
+def test_a_manifest_is_one_object_until_its_file_changes(folder: Path) -> None:
+    first, _ = asset_manifest(str(folder))
+    assert asset_manifest(str(folder))[0] is first
+    write_manifest(folder, person_radius_m=0.4)
+    assert asset_manifest(str(folder))[0].person_radius_m == 0.4
 
 
 def test_a_file_outside_the_folder_is_refused(folder: Path) -> None:
