@@ -79,6 +79,10 @@ class Conflict(ValerieError):
     """The state of an existing object does not allow the request."""
 
 
+class QuotaExceeded(Conflict):
+    """The owner of a token has too much unfinished; the request can succeed later."""
+
+
 class MissingDependency(ValerieError):
     """A library or program is not installed. The message tells how to install it."""
 

@@ -98,6 +98,10 @@ class Settings(BaseSettings):
 
     # Runs
     max_variants: int = Field(1_000_000, ge=1, description="largest run")
+    max_owner_runs: int = Field(0, ge=0, description="unfinished runs of a token's owner; 0: no limit")
+    max_owner_variants: int = Field(
+        0, ge=0, description="variants in the unfinished runs of a token's owner; 0: no limit"
+    )
     feed_window: int = Field(4_000, ge=1, description="unfinished products written ahead of the workers")
     sweep_seconds: Seconds = Field(2.0, description="pause between two sweeps of the control loop")
     resend_seconds: Seconds = Field(

@@ -14,6 +14,7 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 
 from services.api.schemas.base import FRAME_ID, RUN_ID
+from valerie.access import OPERATOR, Caller
 from valerie.db.statements import Seen
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
@@ -53,7 +54,14 @@ def _declared(dependant: Dependant) -> Iterator[str]:
         yield from _declared(inner)
 
 
+def _owner(request: Request) -> str | None:
+    caller: Caller = request.state.caller
+    return None if caller is OPERATOR else caller.owner
+
+
 ContextDependency = Annotated[Context, Depends(_context)]
+#: Owner of the request's token; None: the operator.
+OwnerDependency = Annotated[str | None, Depends(_owner)]
 RunId = Annotated[str, Path(pattern=ID, description="id of a run", examples=[RUN_ID])]
 
 

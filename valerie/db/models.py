@@ -124,6 +124,8 @@ class Run(Base):
     #: At the latest count of the control loop; None before the first.
     progress: Mapped[Progress | None] = mapped_column(JsonDocument(Progress))
     idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
+    #: Owner of the token that submitted it; None: the operator.
+    owner: Mapped[str | None] = mapped_column(String(200))
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
@@ -359,6 +361,8 @@ class Study(Base):
     by_hand: Mapped[bool]
     #: Result of the batches that have ended; None before the first.
     result: Mapped[StudyResult | None] = mapped_column(JsonDocument(StudyResult))
+    #: Owner of the token that began it; None: the operator. It is also the owner of its runs.
+    owner: Mapped[str | None] = mapped_column(String(200))
     created_at: Mapped[datetime]
     finished_at: Mapped[datetime | None]
 

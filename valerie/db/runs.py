@@ -40,6 +40,7 @@ class SubmittedRun:
     iteration: int
     variant_count: int
     priority: Priority
+    owner: str | None
     created_at: datetime
 
 
@@ -66,6 +67,18 @@ class RunValues(TypedDict, total=False):
     progress: Progress
     started_at: datetime
     finished_at: datetime | None
+
+
+class Unfinished(NamedTuple):
+    """The unfinished runs of an owner.
+
+    Attributes:
+        runs: their number.
+        variants: number of their variants.
+    """
+
+    runs: int
+    variants: int
 
 
 class Fed(NamedTuple):
@@ -126,7 +139,7 @@ def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | 
     Raises:
         Conflict: the idempotency key belongs to a run with another spec.
     """
-    known = _of_key(connection, idempotency_key, run.spec_digest)
+    known = of_key(connection, idempotency_key, run.spec_digest)
     if known is not None:
         return known
     try:
@@ -134,15 +147,19 @@ def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | 
             connection.execute(insert(Run).values(**vars(run), idempotency_key=idempotency_key))
     except IntegrityError as error:
         # On Postgres, another request may have stored the same key between the SELECT and the INSERT.
-        known = _of_key(connection, idempotency_key, run.spec_digest)
+        known = of_key(connection, idempotency_key, run.spec_digest)
         if known is not None:
             return known
         raise Conflict(f"the run could not be stored: {error.orig}") from error
     return run.id
 
 
-def _of_key(connection: Connection, key: str | None, spec_digest: str) -> str | None:
-    """Return the id of the run with this idempotency key, if any."""
+def of_key(connection: Connection, key: str | None, spec_digest: str) -> str | None:
+    """Return the id of the run with this idempotency key, if any.
+
+    Raises:
+        Conflict: the run has another spec.
+    """
     if key is None:
         return None
     known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
@@ -256,6 +273,13 @@ def count_by_state(connection: Connection) -> dict[RunState, int]:
     """Return the number of runs by state; states without runs are left out."""
     rows = connection.execute(select(Run.state, func.count()).group_by(Run.state))
     return {state: count for state, count in rows}  # noqa: C416  # mypy reads the types of rows
+
+
+def unfinished(connection: Connection, owner: str) -> Unfinished:
+    """Return what an owner has unfinished; also paused runs, which may go on by themselves."""
+    columns = func.count(), func.coalesce(func.sum(Run.variant_count), 0)
+    count, variants = connection.execute(select(*columns).where(Run.state.in_(ACTIVE), Run.owner == owner)).one()
+    return Unfinished(count, int(variants))
 
 
 def change_state(

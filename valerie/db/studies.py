@@ -30,6 +30,7 @@ class StudyRow:
     asset_digest: str
     by_hand: bool
     result: StudyResult | None
+    owner: str | None
     created_at: datetime
     finished_at: datetime | None
 

@@ -73,6 +73,11 @@ def valid(connection: Connection, digest: str, now: datetime) -> TokenRow | None
     return None if token is None or token.revoked_at is not None or token.expires_at <= now else token
 
 
+def lock(connection: Connection, owner: str) -> None:
+    """Let other transactions that lock the tokens of this owner wait until this one ends, as SQLite does with all."""
+    connection.execute(select(Token.name).where(Token.owner == owner).order_by(Token.name).with_for_update()).all()
+
+
 def touch(connection: Connection, name: str, now: datetime) -> None:
     """Record a use."""
     connection.execute(update(Token).where(Token.name == name).values(used_at=now))

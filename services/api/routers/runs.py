@@ -10,6 +10,7 @@ from services.api.dependencies import (
     Body,
     ContextDependency,
     Limit,
+    OwnerDependency,
     RunId,
     SeenDependency,
     next_page,
@@ -106,6 +107,7 @@ def create(
     request: Request,
     response: Response,
     context: ContextDependency,
+    owner: OwnerDependency,
     idempotency_key: Annotated[
         str | None,
         Header(
@@ -118,7 +120,7 @@ def create(
         Priority, Query(description="a high run gets four times the work of a normal one, a low one a quarter")
     ] = Priority.NORMAL,
 ) -> RunRead:
-    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority)
+    run_id = submit(context, spec, idempotency_key=idempotency_key, priority=priority, owner=owner)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
     return _read(context, run_id)

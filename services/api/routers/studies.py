@@ -10,6 +10,7 @@ from services.api.dependencies import (
     Body,
     ContextDependency,
     Limit,
+    OwnerDependency,
     SeenDependency,
     next_page,
     wake_control,
@@ -93,8 +94,10 @@ def plan(document: Document, context: ContextDependency) -> NextBatchRead:
     summary="Begin a study",
     response_description="accepted; Location names the study",
 )
-def create(document: Document, request: Request, response: Response, context: ContextDependency) -> StudyRead:
-    study_id = commands.begin(context, document)
+def create(
+    document: Document, request: Request, response: Response, context: ContextDependency, owner: OwnerDependency
+) -> StudyRead:
+    study_id = commands.begin(context, document, owner=owner)
     wake_control(request)
     response.headers["Location"] = f"/v1/studies/{study_id}"
     return _read(context, study_id)

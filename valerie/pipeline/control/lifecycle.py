@@ -14,6 +14,7 @@ from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
+from valerie.pipeline.control.quotas import require_room
 from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
@@ -63,6 +64,7 @@ def resume(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or it is neither paused nor cancelled.
+        QuotaExceeded: its owner has too much unfinished.
     """
     _restart(context, run_id, expected=_RESUMABLE, states=(ProductState.PARKED,))
 
@@ -72,6 +74,7 @@ def retry(context: Context, run_id: str) -> None:
 
     Raises:
         NotFound, Conflict: no such run, or its state allows no retry.
+        QuotaExceeded: its owner has too much unfinished.
     """
     _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
 
@@ -94,7 +97,10 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
     # In one transaction: a running run with parked products would never end.
     with writing(context.engine) as connection:
         now = database_time(connection)
-        pins = runs.get(connection, run_id).pins
+        run = runs.get(connection, run_id)
+        if run.state not in runs.ACTIVE:
+            require_room(connection, context.settings, run.owner, run.variant_count)
+        pins = run.pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:
             runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, now))

@@ -11,6 +11,7 @@ from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.control.quotas import require_room
 from valerie.pipeline.functions import registry
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
@@ -19,13 +20,26 @@ _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter
 
 
 def submit(
-    context: Context, spec: RunSpec, *, idempotency_key: str | None = None, priority: Priority = Priority.NORMAL
+    context: Context,
+    spec: RunSpec,
+    *,
+    idempotency_key: str | None = None,
+    priority: Priority = Priority.NORMAL,
+    owner: str | None = None,
 ) -> str:
     """Store a run and return its id; the control loop does the rest.
+
+    Args:
+        context: of this process.
+        spec: spec of the run.
+        idempotency_key: a run with this key is not stored again; its id is returned.
+        priority: its part of the workers.
+        owner: owner of the token that submits it; None: the operator.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
         Conflict: the idempotency key belongs to another spec.
+        QuotaExceeded: the owner has too much unfinished.
         NotFound: ``parent_run`` does not exist.
     """
     with reading(context.engine) as connection:
@@ -48,6 +62,7 @@ def submit(
         iteration=spec.iteration,
         variant_count=resolved.space.size,
         priority=priority,
+        owner=owner,
         created_at=runs.now_utc(),
     )
     with writing(context.engine) as connection:
@@ -56,6 +71,8 @@ def submit(
                 runs.require(connection, spec.parent_run)
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
+        if runs.of_key(connection, idempotency_key, spec.digest) is None:
+            require_room(connection, context.settings, owner, run.variant_count)
         return runs.create(connection, run, idempotency_key=idempotency_key)
 
 

@@ -222,6 +222,21 @@ def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
     assert pursue(pipeline, study).state is StudyState.FINISHED
 
 
+def test_a_study_whose_owner_has_no_room_waits_until_there_is(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(max_owner_runs=1)
+    other = pipeline.submit(owner="Eve")
+    study = commands.begin(pipeline.context, parse_study(document(budget=SHORT)), owner="Eve")
+    pipeline.loop.tick(everything=True)
+    waiting = row(pipeline, study)
+    assert (waiting.state, waiting.reason) == (StudyState.RUNNING, "Eve would have 2 unfinished runs; limit: 1")
+    lifecycle.cancel(pipeline.context, other)
+    pipeline.loop.tick(everything=True)
+    first = batches(pipeline, study)[0].run_id
+    assert first is not None
+    assert pipeline.row(first).owner == "Eve"
+    assert pursue(pipeline, study).state is StudyState.FINISHED
+
+
 def test_by_hand_a_batch_waits_and_may_get_another_size(pipeline: Pipeline) -> None:
     study = begin(pipeline, mode="by hand", budget=SHORT)
     pipeline.step()

@@ -17,7 +17,7 @@ from valerie.db import runs, studies
 from valerie.db.engine import reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.studies import BatchRow, StudyRow, StudyValues
-from valerie.errors import NotFound, TransientError, ValerieError
+from valerie.errors import NotFound, QuotaExceeded, TransientError, ValerieError
 from valerie.parameters.assignment import digest
 from valerie.parameters.samplers import UnitPoints
 from valerie.pipeline.base.context import Context
@@ -75,22 +75,32 @@ class StudyKeeper:
             if batch.ended or batch.accepted_at is None:
                 continue
             if batch.run_id is None:
-                self._submit(study, batches, batch)
-                return True
+                return self._submit(study, batches, batch)
             if self._end(study, batch):
                 return True
         return self._propose(study, batches)
 
     # -- runs ------------------------------------------------------------------------------------------------------------
 
-    def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> None:
-        """Start the run of an accepted batch. The idempotency key finds a run that a killed process has started."""
+    def _submit(self, study: StudyRow, batches: Sequence[BatchRow], batch: BatchRow) -> bool:
+        """Start the run of an accepted batch; return False if it must wait until its owner has less unfinished.
+
+        The idempotency key finds a run that a killed process has started.
+        """
         pursuit = self._pursuit(study, batches)
         spec = pursuit.spec(batch.number, parent=parent_of(batches, batch.number))
-        run_id = submit(self._context, spec, idempotency_key=f"study/{study.id}/{batch.number}")
+        key = f"study/{study.id}/{batch.number}"
+        try:
+            run_id = submit(self._context, spec, idempotency_key=key, owner=study.owner)
+        except QuotaExceeded as error:
+            if study.reason != str(error):
+                self._change(study, reason=str(error))
+            return False
         with writing(self._context.engine) as connection:
             studies.set_run(connection, study.id, batch.number, run_id)
+            studies.set_values(connection, study.id, expected=StudyState.RUNNING, reason=None)
         log.info("study.batch", study=study.id, batch=batch.number, run=run_id)
+        return True
 
     def _end(self, study: StudyRow, batch: BatchRow) -> bool:
         """Store the outcomes of a batch if its run has ended; return True if it has."""

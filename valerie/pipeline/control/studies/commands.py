@@ -76,8 +76,13 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     )
 
 
-def begin(context: Context, document: StudyDocument) -> str:
+def begin(context: Context, document: StudyDocument, *, owner: str | None = None) -> str:
     """Store a study and return its id; the control loop advances it.
+
+    Args:
+        context: context of the deployment.
+        document: what the study asks.
+        owner: owner of the token that begins it; None: the operator.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -93,6 +98,7 @@ def begin(context: Context, document: StudyDocument) -> str:
         asset_digest=resolved.run.asset_digest,
         by_hand=document.mode == "by hand",
         result=None,
+        owner=owner,
         created_at=runs.now_utc(),
         finished_at=None,
     )
