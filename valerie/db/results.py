@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection, bindparam, select
 from sqlalchemy.orm import aliased
 
 from valerie.db.links import OfFrames, frame_order, frame_values, key_of, names_frame
@@ -123,14 +123,16 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationR
     return evaluations
 
 
+_STATES: Final = select(Product.digest, Product.state).where(Product.digest.in_(bindparam("digests", expanding=True)))
+
+
 def product_states(connection: Connection, digests: Collection[str]) -> dict[str, ProductState]:
     """Read the states of products, in the order of the digests.
 
     Raises:
         NotFound: one does not exist.
     """
-    query = select(Product.digest, Product.state).where(Product.digest.in_(digests))
-    states = {row.digest: row.state for row in connection.execute(query)}
+    states = {row.digest: row.state for row in connection.execute(_STATES, {"digests": list(digests)})}
     missing = [digest for digest in digests if digest not in states]
     if missing:
         raise NotFound("product", missing[0])

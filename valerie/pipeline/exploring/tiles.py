@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, floor
 from threading import Lock
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from cachetools import LRUCache
@@ -18,18 +18,21 @@ from valerie.db import measured
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
+from valerie.pipeline.reading.painting import FramePainter
 from valerie.pipeline.reading.products import ProductReader
 from valerie.runs.products.frames import FrameKey
-from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS
+from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
 #: Kinds of picture that a thumbnail can show.
 TILE_KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
 #: Most thumbnails of a sheet, and of a row.
 MAX_TILES: Final = 64
 COLUMNS: Final = 8
-#: Size of the cache, bytes.
+#: Sizes of the caches of thumbnails and of whole pictures, bytes. A whole picture has one thumbnail for each person and function.
 _KEPT_BYTES: Final = 96 << 20
+_WHOLE_BYTES: Final = 64 << 20
+_KEPT_TRUTHS: Final = 4096
 #: Smallest size of a crop: multiple of the person's height, and pixels of the picture.
 _MARGIN: Final = 1.6
 _LEAST: Final = 24
@@ -58,14 +61,24 @@ class Tile:
         return cls(FrameKey.parse(parts[0]), int(parts[1]), parts[2], parts[3])
 
 
+class _Shape(NamedTuple):
+    """What thumbnails show, and their size in pixels."""
+
+    kind: PictureKind
+    crop: bool
+    width: int
+    height: int
+
+
 class Tiles:
     """Cache of thumbnails of one process."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._lock, self._painting = Lock(), Lock()
-        self._reader = ProductReader(context.store)
-        self._kept: LRUCache[tuple[Tile, str, bool, int], NDArray[np.uint8]] = LRUCache(
+        self._painter = FramePainter(ProductReader(context.store), kept_bytes=_WHOLE_BYTES)
+        self._boxes: LRUCache[str, dict[int, Sequence[int] | None]] = LRUCache(_KEPT_TRUTHS)
+        self._kept: LRUCache[tuple[Tile, _Shape], NDArray[np.uint8]] = LRUCache(
             _KEPT_BYTES, lambda pixels: pixels.nbytes
         )
 
@@ -79,41 +92,76 @@ class Tiles:
             width: width of a thumbnail in pixels; its height is 9/16 of it, or equal to it in crops.
         """
         height = width if crop else width * 9 // 16
+        shape = _Shape(PictureKind.parse(kind), crop, width, height)
+        frames: dict[FrameKey, FrameSources] = {}  # of this sheet, since products of a running run come meanwhile
         sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
         for k, tile in enumerate(tiles):
             row, column = divmod(k, COLUMNS)
-            pixels = self._tile(tile, kind, crop, width, height)
+            pixels = self._tile(tile, shape, frames)
             if pixels is not None:
                 sheet[row * height :, column * width :][:height, :width] = pixels
         buffer = io.BytesIO()
         Image.fromarray(sheet).save(buffer, "JPEG", quality=82)
         return buffer.getvalue()
 
-    def _tile(self, tile: Tile, kind: str, crop: bool, width: int, height: int) -> NDArray[np.uint8] | None:
-        key = (tile, kind, crop, width)
+    def _tile(self, tile: Tile, shape: _Shape, frames: dict[FrameKey, FrameSources]) -> NDArray[np.uint8] | None:
+        key = (tile, shape)
         with self._lock:
             if key in self._kept:
                 return self._kept[key]
         try:
-            source = find_picture(self._context, tile.frame, kind=kind, function=tile.function, sensor=tile.sensor)
+            if tile.frame not in frames:
+                evaluated = shape.kind in FUNCTION_KINDS
+                frames[tile.frame] = frame_sources(self._context, tile.frame, evaluated=evaluated)
+            sources = frames[tile.frame]
+            source = sources.picture(shape.kind, function=tile.function, sensor=tile.sensor)
+            size = sources.resolved.spec.resolution
+            box = self._box(source.capture.products.truth, tile.instance_id) if shape.crop else None
+            area = _area(shape, box, size.width, size.height)
+            window = _window(area, shape)
             with self._painting:
-                picture = Image.fromarray(paint_picture(self._context, source, self._reader))
+                painted = self._painter.paint(
+                    shape.kind, capture=source.capture, prediction=source.prediction, window=window
+                )
         except (Conflict, MissingInput, NotFound):
             return None
-        area = (0.0, 0.0, float(picture.width), float(picture.height))
-        if crop:
-            area = _around(self._box(source.capture.products.truth, tile.instance_id), picture.width, picture.height)
-        elif picture.width * height != picture.height * width:
-            area = _filled(picture.width, picture.height, width / height)
-        pixels = np.asarray(picture.resize((width, height), Image.Resampling.BILINEAR, box=area))
+        rows, columns = window
+        left, top, right, bottom = area
+        inside = (left - columns.start, top - rows.start, right - columns.start, bottom - rows.start)
+        resized = Image.fromarray(np.ascontiguousarray(painted)).resize(
+            (shape.width, shape.height), Image.Resampling.BILINEAR, box=inside
+        )
+        pixels = np.asarray(resized)
         with self._lock:
             self._kept[key] = pixels
         return pixels
 
     def _box(self, truth: str, instance_id: int) -> Sequence[int] | None:
-        with reading(self._context.engine) as connection:
-            persons = measured.person_views(connection, truth)
-        return next((person.amodal_box for person in persons if person.instance_id == instance_id), None)
+        with self._lock:
+            boxes = self._boxes.get(truth)
+        if boxes is None:
+            with reading(self._context.engine) as connection:
+                boxes = {one.instance_id: one.amodal_box for one in measured.person_views(connection, truth)}
+            with self._lock:
+                self._boxes[truth] = boxes
+        return boxes.get(instance_id)
+
+
+def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
+    """Return the part of a picture that a thumbnail shows: left, top, right, bottom."""
+    if shape.crop:
+        return _around(box, width, height)
+    if width * shape.height != height * shape.width:
+        return _filled(width, height, shape.width / shape.height)
+    return 0.0, 0.0, float(width), float(height)
+
+
+def _window(area: tuple[float, float, float, float], shape: _Shape) -> tuple[slice, slice]:
+    """Return the rows and columns from which an area is resized: those inside and the reach of the filter around them."""
+    left, top, right, bottom = area
+    reach = ceil(max(1.0, (right - left) / shape.width, (bottom - top) / shape.height)) + 1
+    rows = slice(max(floor(top) - reach, 0), ceil(bottom) + reach)
+    return rows, slice(max(floor(left) - reach, 0), ceil(right) + reach)
 
 
 def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from valerie.db import frames, results
 from valerie.db.engine import reading
+from valerie.db.frames import AnnotationLink
+from valerie.db.links import StoredFrame
+from valerie.db.results import EvaluationRow
 from valerie.errors import Conflict, UnknownName
 from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
@@ -22,6 +26,7 @@ from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
+from valerie.runs.resolving.spec import ResolvedRun
 
 #: Kinds that show only the ground truth, and only the picture (with or without a prediction).
 _OF_TRUTH: Final = (PictureKind.TRUTH, PictureKind.INSTANCES, PictureKind.DEPTH)
@@ -51,6 +56,70 @@ class ShownProducts:
         return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
 
 
+@dataclass(frozen=True, slots=True)
+class FrameSources:
+    """What the database has of one frame: all that its pictures may show.
+
+    Attributes:
+        resolved: its run.
+        frame: the frame.
+        states: state of each product, by digest.
+        annotations: kind to product.
+        evaluations: of the frame; empty unless asked for.
+    """
+
+    resolved: ResolvedRun
+    frame: StoredFrame
+    states: Mapping[str, ProductState]
+    annotations: Mapping[str, AnnotationLink]
+    evaluations: Sequence[EvaluationRow]
+
+    def picture(self, kind: PictureKind, *, function: str | None = None, sensor: str | None = None) -> ShownProducts:
+        """Find the products that a picture shows; see `find_picture`."""
+        place = (sensor_index(sensor, self.resolved), function_index(function, self.resolved))
+        evaluation = next((row for row in self.evaluations if (row.sensor_index, row.function_index) == place), None)
+        capture = capture_of(self.resolved, self.frame, place[0])
+        needed = [self.states[product] for product in _needed(kind, capture)]
+        if kind in FUNCTION_KINDS and evaluation is not None:
+            needed.append(evaluation.prediction_state)
+        annotation = None
+        if kind in ANNOTATION_KINDS:
+            if kind not in self.annotations:
+                known = (
+                    *FRAME_KINDS,
+                    *FUNCTION_KINDS,
+                    *(name for name in self.annotations if name in ANNOTATION_KINDS),
+                )
+                raise UnknownName("kind of picture", kind, known, field="kind")
+            annotation = self.annotations[kind].product
+            needed.append(self.annotations[kind].state)
+        missing = [state for state in needed if state != ProductState.DONE]
+        if missing:
+            raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
+        return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+
+
+def frame_sources(context: Context, key: FrameKey, *, evaluated: bool) -> FrameSources:
+    """Read what the pictures of a frame may show.
+
+    Args:
+        context: of this process.
+        key: the frame.
+        evaluated: True reads its evaluations too, which pictures with a prediction need.
+
+    Raises:
+        NotFound: no such run or frame.
+    """
+    resolved = started_run(context, key.run_id).resolved
+    with reading(context.engine) as connection:
+        frame = frames.get(connection, key)
+        annotations = frames.annotation_links(connection, key) if resolved.annotations else {}
+        evaluations = results.frame_evaluations(connection, key) if evaluated else []
+        states = results.product_states(connection, frame.products.required)
+    states |= {link.product: link.state for link in annotations.values()}
+    return FrameSources(resolved, frame, states, annotations, evaluations)
+
+
 def find_picture(
     context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
 ) -> ShownProducts:
@@ -68,45 +137,22 @@ def find_picture(
         Conflict: a product that the picture needs is not available yet.
     """
     kind = PictureKind.parse(kind)
-    resolved = started_run(context, key.run_id).resolved
-    with reading(context.engine) as connection:
-        frame = frames.get(connection, key)
-        annotations = frames.annotation_links(connection, key) if resolved.annotations else {}
-        evaluations = results.frame_evaluations(connection, key) if kind in FUNCTION_KINDS else []
-        states = results.product_states(connection, frame.products.required)
-    states |= {link.product: link.state for link in annotations.values()}
-    place = (sensor_index(sensor, resolved), function_index(function, resolved))
-    evaluation = next((row for row in evaluations if (row.sensor_index, row.function_index) == place), None)
-    capture = capture_of(resolved, frame, place[0])
-    needed = [states[product] for product in _needed(kind, capture)]
-    if kind in FUNCTION_KINDS and evaluation is not None:
-        needed.append(evaluation.prediction_state)
-    annotation = None
-    if kind in ANNOTATION_KINDS:
-        if kind not in annotations:
-            known = (*FRAME_KINDS, *FUNCTION_KINDS, *(name for name in annotations if name in ANNOTATION_KINDS))
-            raise UnknownName("kind of picture", kind, known, field="kind")
-        annotation = annotations[kind].product
-        needed.append(annotations[kind].state)
-    missing = [state for state in needed if state != ProductState.DONE]
-    if missing:
-        raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
-    return ShownProducts(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+    sources = frame_sources(context, key, evaluated=kind in FUNCTION_KINDS)
+    return sources.picture(kind, function=function, sensor=sensor)
 
 
-def paint_picture(context: Context, source: ShownProducts, reader: ProductReader | None = None) -> NDArray[np.uint8]:
+def paint_picture(context: Context, source: ShownProducts) -> NDArray[np.uint8]:
     """Paint a picture: (H, W, 3) uint8 sRGB.
 
     Args:
         context: of this process.
         source: of the picture.
-        reader: keeps backgrounds from one picture to the next; for one thread at a time.
 
     Raises:
         UnknownName: no such kind, or the kind needs a function and the run has none.
         MissingInput: an object is gone.
     """
-    painter = FramePainter(reader or ProductReader(context.store))
+    painter = FramePainter(ProductReader(context.store))
     return painter.paint(
         source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
     )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -34,10 +36,16 @@ _HIT, _MISS, _FALSE = (
 
 
 class FramePainter:
-    """Painter of the frames in one store."""
+    """Painter of the frames in one store, for one thread at a time.
 
-    def __init__(self, reader: ProductReader) -> None:
+    Args:
+        reader: of the store.
+        kept_bytes: size of the developed pictures and labels that are kept for the next painting.
+    """
+
+    def __init__(self, reader: ProductReader, *, kept_bytes: int = 0) -> None:
         self._reader = reader
+        self._kept: LRUCache[tuple[str, Capture], NDArray[np.uint8]] = LRUCache(kept_bytes, lambda array: array.nbytes)
 
     def paint(
         self,
@@ -46,6 +54,7 @@ class FramePainter:
         capture: Capture,
         prediction: str | None,
         annotation: str | None = None,
+        window: tuple[slice, slice] = (slice(None), slice(None)),
     ) -> NDArray[np.uint8]:
         """Paint a picture: (H, W, 3) uint8 sRGB.
 
@@ -53,6 +62,7 @@ class FramePainter:
             kind: what to show.
             capture: the frame and its sensor, which also distorts the truth.
             prediction, annotation: digests of finished products.
+            window: rows and columns to paint; by default all.
 
         Raises:
             UnknownName: no such kind, or it needs a prediction and there is none.
@@ -62,35 +72,51 @@ class FramePainter:
         if kind not in known:
             raise UnknownName("kind of picture", kind, known, field="kind")
         if kind is PictureKind.TRUTH:
-            return colorize(capture.seen_truth(self._reader).class_map)
+            return colorize(self._class_map(capture)[window])
         if kind is PictureKind.INSTANCES:
-            return _instances(capture.seen_truth(self._reader))
+            return _instances(capture.seen_truth(self._reader))[window]
         if kind is PictureKind.DEPTH:
-            return _depth(capture.seen_truth(self._reader).depth)
+            return _depth(capture.seen_truth(self._reader).depth)[window]
         if kind is PictureKind.NORMALS and annotation is not None:
-            return capture.seen_map(paint_normals(self._reader.normals(annotation)))
+            return capture.seen_map(paint_normals(self._reader.normals(annotation)))[window]
         if kind is PictureKind.FLOW and annotation is not None:
-            return capture.seen_map(paint_flow(self._reader.flow(annotation)))
+            return capture.seen_map(paint_flow(self._reader.flow(annotation)))[window]
         if kind is PictureKind.VELOCITY and annotation is not None:
-            return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
+            return capture.seen_map(paint_flow(self._reader.velocity(annotation)))[window]
         if kind is PictureKind.PREDICTION and prediction is not None:
-            return colorize(to_label_ids(self._reader.prediction(prediction)))
-        picture = capture.picture(self._reader)
+            return colorize(to_label_ids(self._reader.prediction(prediction)[window]))
+        whole = self._picture(capture)
         if kind in (PictureKind.BOXES, PictureKind.JOINTS) and annotation is not None:
-            height, width = picture.shape[:2]
+            height, width = whole.shape[:2]
             if kind is PictureKind.BOXES:
                 lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
-            return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
+            return _blend(whole, capture.seen_map(lines), capture.seen_map(drawn), 0.9)[window]
+        picture = whole[window]
         if kind is PictureKind.TRUTH_OVERLAY:
-            return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
+            return _blend(picture, colorize(self._class_map(capture)[window]), None, 0.5)
         if kind is PictureKind.PICTURE or prediction is None:
             return picture
-        predicted = self._reader.prediction(prediction)
+        predicted = self._reader.prediction(prediction)[window]
         if kind is PictureKind.OVERLAY:
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
-        return paint_errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
+        return paint_errors(picture, to_train_ids(self._class_map(capture)[window]), predicted)
+
+    def _picture(self, capture: Capture) -> NDArray[np.uint8]:
+        return self._stored("picture", capture, lambda: capture.picture(self._reader))
+
+    def _class_map(self, capture: Capture) -> NDArray[np.uint8]:
+        return self._stored("classes", capture, lambda: capture.seen_truth(self._reader).class_map)
+
+    def _stored(self, what: str, capture: Capture, made: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return the array that is kept, or make it and keep it if it is small enough."""
+        array = self._kept.get((what, capture))
+        if array is None:
+            array = made()
+            if array.nbytes <= self._kept.maxsize:
+                self._kept[what, capture] = array
+        return array
 
     def close_up(self, *, capture: Capture, prediction: str, person: int) -> NDArray[np.uint8]:
         """Paint a person from near: the picture on the left; on the right hits green, misses orange, false alarms purple.
