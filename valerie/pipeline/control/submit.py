@@ -7,7 +7,7 @@ import secrets
 from valerie.db import processes, runs
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import SubmittedRun
-from valerie.errors import NotFound
+from valerie.errors import NotFound, QuotaExceeded
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -71,8 +71,12 @@ def submit(
                 runs.require(connection, spec.parent_run)
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
-        if runs.of_key(connection, idempotency_key, spec.digest) is None:
+        try:
             require_room(connection, context.settings, owner, run.variant_count)
+        except QuotaExceeded:
+            # Another request may have stored the same key while this one waited for the owner's tokens.
+            if runs.of_key(connection, idempotency_key, spec.digest) is None:
+                raise
         return runs.create(connection, run, idempotency_key=idempotency_key)
 
 
