@@ -68,7 +68,7 @@ def test_a_batch_is_accepted_with_another_size_and_its_outcomes_are_counted(
     world.step()
     page.reload()
     page.wait_for_selector("article:has-text('How often does a variant fail?')")
-    assert page.locator(".chip").inner_text() == "waits for you"
+    assert page.locator(".chip").inner_text() == "waits"
     page.click("text=how <b>often</b>")
     page.wait_for_selector(".proposal:has-text('as they occur in operation')")
     assert page.locator(".proposal dd").first.inner_text() == "10"

@@ -125,7 +125,7 @@ def run(
             study = client.set_study_mode(study.id, by_hand=True)
         say(f"study {study.id}: {client.url}/v1/studies/{study.id}")
         try:
-            study = _follow(system, study.id, quiet=as_json)
+            study = follow_study(system, study.id, quiet=as_json)
         except Stopped:
             say(f"\nstudy {study.id} is interrupted; continue it with: {command_name()} study run {study.id}")
             raise
@@ -159,7 +159,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
 
         def wait(study_id: str) -> None:
             say(f"study {study_id}: {system.client.url}/v1/studies/{study_id}")
-            _follow(system, study_id, quiet=as_json)
+            follow_study(system, study_id, quiet=as_json)
 
         around = Surroundings(wait, folder / "training", watcher=Watcher(say_site, Steps()))
         for flow in until_met(context, document, around):
@@ -293,7 +293,7 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
     return client_of(settings_of(data_dir), url)
 
 
-def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
+def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
     """Print the steps of a study until it ends or is paused."""
     from valerie.runs.study.document import StudyState
 
@@ -316,7 +316,8 @@ def _follow(system: System, study_id: str, *, quiet: bool) -> Study:
                 for sentence in study.result.sentences[:1]:
                     tell(f"  {sentence}")
         if study.reason and study.state == StudyState.RUNNING:
-            tell(f"{study.reason}: {command_name()} study accept {study_id}")
+            proposed = any(batch.accepted_at is None for batch in study.batches)
+            tell(study.reason + (f": {command_name()} study accept {study_id}" if proposed else ""))
         if study.state != StudyState.RUNNING:
             return study
         time.sleep(_POLL_SECONDS)

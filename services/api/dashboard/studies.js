@@ -8,10 +8,10 @@ const PAGE = 50;
 const LOOKS = { running: "active", paused: "wait", finished: "good", stopped: "ended" };
 export const measured = ({ measure, where }) => `A variant passes with ${measure}${where ? ` where ${where}` : ""}.`;
 
-// A running study with a reason waits for a person.
+// A running study with a reason waits for a person, or for room in its owner's quotas.
 export function stateChip({ state, reason }) {
   const waits = state === "running" && reason;
-  return h("span", { class: `chip ${waits ? "wait" : LOOKS[state] ?? ""}` }, waits ? "waits for you" : words(state));
+  return h("span", { class: `chip ${waits ? "wait" : LOOKS[state] ?? ""}` }, waits ? "waits" : words(state));
 }
 
 export async function studiesView({ main, signal }) {

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import httpx
@@ -10,7 +11,16 @@ import pytest
 
 from valerie.cli.connecting import System
 from valerie.cli.following import Patience, exit_code, failure_lines, follow, report_path, show_result
-from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
+from valerie.cli.studies import follow_study
+from valerie.client import (
+    Client,
+    Failure,
+    Progress,
+    ServerUnavailableError,
+    Study,
+    StudyBatch,
+    VariantProgress,
+)
 from valerie.errors import ValerieError
 from valerie.local.display import JsonDisplay
 from valerie.runs.products.states import RunState
@@ -159,3 +169,35 @@ def test_warnings_come_before_the_numbers(capsys: pytest.CaptureFixture[str]) ->
     show_result(_system(answer).client, "r1", _progress("completed"), None, json_lines=False)
     told = capsys.readouterr().out
     assert told.index("Warning: net is silent.") < told.index("No person was evaluated.")
+
+
+@pytest.mark.parametrize("accepted", [False, True])
+def test_only_a_batch_that_waits_for_a_person_is_to_be_accepted(
+    capsys: pytest.CaptureFixture[str], accepted: bool
+) -> None:
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    batch = StudyBatch(
+        number=0,
+        reason="even",
+        legal=4,
+        accepted_at=now if accepted else None,
+        run_id=None,
+        outcomes=None,
+        cpu_seconds=None,
+    )
+    waiting = Study(
+        id="s1",
+        name="night",
+        state="running",
+        reason="it waits",
+        by_hand=True,
+        goal="rate",
+        created_at=now,
+        batches=(batch,),
+    )
+    answers = iter([waiting, waiting.model_copy(update={"state": "stopped"})])
+    system = _system(lambda _: httpx.Response(200, json=next(answers).model_dump(mode="json")))
+    follow_study(system, "s1", quiet=False)
+    said = capsys.readouterr()
+    assert "it waits" in said.out + said.err
+    assert ("study accept s1" in said.out + said.err) is not accepted
