@@ -72,7 +72,7 @@ def page(browser: Browser, url: str) -> Iterator[Page]:
 
 
 def open_run(page: Page, name: str) -> None:
-    page.locator("tr", has_text=name).locator("a").first.click()
+    page.locator(".runs tr", has_text=name).locator("a").first.click()
     page.wait_for_selector("h1")
 
 

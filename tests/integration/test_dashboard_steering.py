@@ -353,7 +353,7 @@ def test_tags_and_notes_are_edited_and_runs_filtered_by_them(page: Page, api: ht
     page.keyboard.press("Enter")
     page.wait_for_selector(".findings .tag:has-text('known')")
     page.click("button:has-text('Frames')")
-    page.click("button:has-text('Add tag or note')")
+    page.click("[aria-label='Tags and note of this frame']")
     page.fill("#mark-note", "odd")
     page.click("text=Save")
     page.wait_for_selector(".mark-note:has-text('odd')")

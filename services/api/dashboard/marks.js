@@ -20,7 +20,7 @@ export function marksOf(run, signal) {
       const slot = h("div", { class: "mark" });
       const of = () => marks?.find((one) => one.kind === kind && one.name === name) ?? NOTHING;
       const edit = async () => {
-        const changed = await ask(of(), what);
+        const changed = await ask(of(), what, signal);
         if (!changed) return;
         try {
           marks = await replace(path, { kind, name, ...changed });
@@ -43,7 +43,7 @@ export function marksOf(run, signal) {
   };
 }
 
-function ask({ tags, note }, what) {
+function ask({ tags, note }, what, signal) {
   return new Promise((resolve) => {
     let answer = null;
     const words = h("input", { type: "text", id: "mark-tags", value: tags.join(", "), autocomplete: "off", maxlength: 800 });
@@ -61,6 +61,7 @@ function ask({ tags, note }, what) {
           h("button", { type: "button", on: { click: () => dialog.close() } }, "Back"),
           h("button", { type: "button", class: "primary", on: { click: save } }, "Save"))));
     words.addEventListener("keydown", (event) => { if (event.key === "Enter") { event.preventDefault(); save(); } }); // else it would press the button that gets the focus back
+    signal.addEventListener("abort", () => dialog.close(), { once: true }); // another page is shown
     document.body.append(dialog);
     dialog.showModal();
   });
