@@ -39,9 +39,9 @@ _TABLES: Final[dict[Source, type[Base]]] = {
 }
 #: Columns of the long table that can be filtered and sorted by, with their columns in the database.
 COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
-    "variant_index": Frame.variant_index,
-    "camera_index": Frame.camera_index,
-    "time_index": Frame.time_index,
+    "variant_index": Evaluation.variant_index,
+    "camera_index": Evaluation.camera_index,
+    "time_index": Evaluation.time_index,
     "sensor_index": Evaluation.sensor_index,
     "function_index": Evaluation.function_index,
     "instance_id": PersonView.instance_id,
@@ -276,7 +276,7 @@ def points(connection: Connection, run_id: str, column: str | None, *, share: fl
     wanted = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
     query = _select(run_id).with_only_columns(*wanted, maintain_column_froms=True)
     if share < 1.0:
-        spread = Frame.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
+        spread = Evaluation.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
         query = query.where(spread < literal(int(share * 2**32), BigInteger))
     return read_all(connection, query.order_by(*(COLUMNS[name] for name in KEY)), Point)
 

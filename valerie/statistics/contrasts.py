@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from itertools import combinations
-from math import comb, prod
+from math import prod
 from typing import Final
 
 import numpy as np
@@ -345,6 +345,8 @@ class _Model:
         Returns:
             (T, S) differences, standard errors (infinite where not estimable), degrees of freedom and p-values.
         """
+        from scipy.special import binom
+
         weights = np.zeros((len(before), self._design.shape[1]))
         t = np.arange(len(before))
         weights[t, before], weights[t, after] = -1, 1
@@ -365,7 +367,7 @@ class _Model:
             welch = both**2 / (own[before] ** 2 / less[before] + own[after] ** 2 / less[after])
         welch = np.where(both > 0, welch, 1.0)
         estimates = weights @ solved
-        rare = np.array([2 / comb(int(count[a] + count[b]), int(count[a])) for a, b in zip(before, after, strict=True)])
+        rare = 2 / binom(count[before] + count[after], count[before])
         choices = []
         for error, degrees in ((pooled, np.full_like(pooled, self._degrees)), (np.sqrt(both), welch)):
             error[~estimable] = np.inf

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import struct
+import threading
 from collections.abc import Mapping
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import orjson
@@ -24,6 +26,8 @@ from valerie.plain import JsonObject
 MAX_BYTES: Final = 512 * 1024 * 1024
 #: Longest safetensors header that is read, bytes.
 _MAX_HEADER: Final = 1_000_000
+#: Longest header that is kept after it was read, bytes.
+_SMALL_HEADER: Final = 1_000
 _META: Final = "valerie"
 _DTYPES: Final[dict[str, np.dtype[Any]]] = {
     "U8": np.dtype(np.uint8),
@@ -33,6 +37,16 @@ _DTYPES: Final[dict[str, np.dtype[Any]]] = {
     "F16": np.dtype("<f2"),
     "F32": np.dtype("<f4"),
 }
+
+
+class _PerThread(threading.local):
+    """The decompressor of a thread: making one takes longer than reading a small frame, and no two threads may share it."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_PER_THREAD: Final = _PerThread()
 
 
 def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: JsonObject) -> bytes:
@@ -88,7 +102,7 @@ def decompress(data: bytes, *, key: str = "") -> bytes:
             raise CorruptArtifact(f"{name}: the frame states no size or no checksum")
         if size > MAX_BYTES:
             raise CorruptArtifact(f"{name}: states {size} bytes; limit: {MAX_BYTES}")
-        raw: bytes = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+        raw: bytes = _PER_THREAD.decompressor.decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise CorruptArtifact(f"{name}: {error}") from error
     return raw
@@ -103,26 +117,56 @@ def intact(data: bytes) -> bool:
     return True
 
 
+class _Entry(NamedTuple):
+    """An array in a frame; ``begin`` counts from the end of the header."""
+
+    name: str
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    begin: int
+
+
+class _Layout(NamedTuple):
+    """The content of a safetensors header; ``size`` is the number of bytes that follow it."""
+
+    meta: str
+    entries: tuple[_Entry, ...]
+    size: int
+
+
 def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], JsonObject]:
     (length,) = struct.unpack_from("<Q", raw)
     start = 8 + length
     if length > _MAX_HEADER or start > len(raw):
         raise ValueError(f"expected {length} bytes as the header states, found {len(raw)}")
-    header = orjson.loads(raw[8:start])
-    meta = orjson.loads(header.pop("__metadata__")[_META])
+    header = raw[8:start]
+    layout = _small_layout(header) if length <= _SMALL_HEADER else _layout(header)
+    if start + layout.size != len(raw):
+        raise ValueError(f"the arrays have {layout.size} bytes, but {len(raw) - start} follow the header")
+    meta = orjson.loads(layout.meta)
     if not isinstance(meta, dict):
         raise TypeError("the metadata are no object")
-    arrays: dict[str, NDArray[Any]] = {}
+    return {
+        name: np.frombuffer(raw, dtype, math.prod(shape), start + begin).reshape(shape)
+        for name, dtype, shape, begin in layout.entries
+    }, meta
+
+
+def _layout(header: bytes) -> _Layout:
+    entries = orjson.loads(header)
+    meta = entries.pop("__metadata__")[_META]
+    arrays: list[_Entry] = []
     covered = 0
-    for name, entry in sorted(header.items(), key=lambda item: item[1]["data_offsets"]):
+    for name, entry in sorted(entries.items(), key=lambda item: item[1]["data_offsets"]):
         dtype, shape, (begin, end) = _DTYPES[entry["dtype"]], entry["shape"], entry["data_offsets"]
         if not all(isinstance(n, int) and n >= 0 for n in (*shape, begin, end)):
             raise ValueError(f"{name}: shape and offsets must be whole numbers")
-        count = math.prod(shape)
-        if begin != covered or end - begin != count * dtype.itemsize or start + end > len(raw):
+        if begin != covered or end - begin != math.prod(shape) * dtype.itemsize:
             raise ValueError(f"{name}: bytes {begin} to {end} do not hold {dtype} {shape}")
-        arrays[name] = np.frombuffer(raw, dtype, count, start + begin).reshape(shape)
+        arrays.append(_Entry(name, dtype, tuple(shape), begin))
         covered = end
-    if start + covered != len(raw):
-        raise ValueError(f"{len(raw) - start - covered} bytes belong to no array")
-    return arrays, meta
+    return _Layout(meta, tuple(arrays), covered)
+
+
+#: Small artifacts of a kind often have equal headers, whose reading takes longer than that of their content.
+_small_layout = lru_cache(maxsize=256)(_layout)

@@ -222,14 +222,14 @@ class EvaluationTable:
                 column = column.cast(pa.string()).dictionary_encode()
             array = pa.concat_arrays(column.unify_dictionaries().chunks or [pa.array([], _NAME)])
             raw = np.asarray(array.indices.fill_null(-1), np.int64)
-            names = np.array(array.dictionary.to_pylist(), dtype=object)
-            used = np.unique(raw[raw >= 0])
-            used = used[np.argsort(names[used])]
-            rank = np.full(len(names) + 1, -1, np.int64)  # the last entry maps −1 to −1
-            rank[used] = np.arange(len(used))
+            used = np.flatnonzero(np.bincount(raw + 1, minlength=len(array.dictionary) + 1)[1:])
+            names = array.dictionary.take(used)
+            order = pc.sort_indices(names)
+            rank = np.full(len(array.dictionary) + 1, -1, np.int64)  # the last entry maps −1 to −1
+            rank[used[order]] = np.arange(len(used))
             index = rank[raw]
             index.flags.writeable = False
-            self._codes[name] = Codes(index, tuple(names[used]))
+            self._codes[name] = Codes(index, tuple(names.take(order).to_pylist()))
         return self._codes[name]
 
     def select(self, mask: NDArray[np.bool_]) -> Self:
