@@ -12,6 +12,7 @@ import resource
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, insert, literal, select, update
 
@@ -31,6 +32,11 @@ MADE = 1_000
 ROWS_EACH = 4
 
 
+def two_cameras(variants: int) -> dict[str, Any]:
+    """Return the spec of a run of ``variants`` variants before two cameras."""
+    return document(variants) | {"cameras": ["camera-1", "camera-2"]}
+
+
 def repeat(connection: Connection, run_id: str, times: int) -> None:
     """Repeat a run's variants, frames and evaluations until it has ``times`` as many."""
     numbers = select(literal(1).label("n")).cte("numbers", recursive=True)
@@ -45,7 +51,7 @@ def repeat(connection: Connection, run_id: str, times: int) -> None:
         values = [c + numbers.c.n * MADE if c.name == numbered else c for c in table.columns]
         chosen = select(*values).select_from(table).join(numbers, literal(True)).where(table.c.run_id == run_id)
         connection.execute(insert(model).from_select([c.name for c in table.columns], chosen))
-    spec = RunSpec.model_validate(document(MADE * times) | {"cameras": ["camera-1", "camera-2"]})
+    spec = RunSpec.model_validate(two_cameras(MADE * times))
     connection.execute(update(Run).where(Run.id == run_id).values(spec=spec, variant_count=MADE * times))
 
 
@@ -57,7 +63,7 @@ def main() -> None:
         assets = Path(folder) / "assets"
         write_box_street(assets / "box-street")
         with System(Path(folder) / "data", assets) as system:
-            run_id = system.submit(document(MADE) | {"cameras": ["camera-1", "camera-2"]})
+            run_id = system.submit(two_cameras(MADE))
             assert system.wait(run_id) == "completed"
             settings = system.settings
         context = open_context(settings)
