@@ -44,21 +44,26 @@ class Audit:
         mark = secrets.token_hex(8)
         if changes:
             await run_in_threadpool(self._append, request, caller, mark, None)
-        status = 500
+        recorded = False
 
-        async def noting(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-            await send(message)
-
-        try:
-            await app(scope, receive, noting)
-        finally:
+        async def record(status: int) -> None:
+            nonlocal recorded
+            recorded = True
             if changes:
                 await run_in_threadpool(self._outcome, request, caller, mark, status)
             elif status in _REFUSED:
                 await run_in_threadpool(self.refused, request, caller, status)
+
+        async def recording(message: Message) -> None:
+            if message["type"] == "http.response.start":  # a caller that has its answer finds its outcome in the log
+                await record(message["status"])
+            await send(message)
+
+        try:
+            await app(scope, receive, recording)
+        finally:
+            if not recorded:
+                await record(500)
 
     def refused(self, request: Request, caller: Caller | None, status: int) -> None:
         """Write the row of a request that was refused, unless too many were."""
@@ -76,7 +81,7 @@ class Audit:
     def _outcome(self, request: Request, caller: Caller | None, mark: str, status: int, left_out: int = 0) -> None:
         try:
             self._append(request, caller, mark, status, left_out)
-        except ValerieError as error:  # the answer is on its way; the row before the change stays
+        except ValerieError as error:  # the change is made; the row before it stays
             log.warning("audit.outcome_not_recorded", request=mark, status=status, reason=str(error))
 
     def _append(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import Connection
 from typer.testing import CliRunner
 
 from services.api import audit as api_audit
@@ -50,6 +52,23 @@ def test_each_change_has_a_row_before_it_and_one_with_its_outcome(server: httpx.
         assert (row["caller"], row["owner"], row["role"]) == ("nightly", "Ada Lovelace", "runner")
         assert (row["method"], row["path"], row["request"]) == ("DELETE", "/v1/runs/r0", before["request"])
     assert {row["caller"] for row in rows(server) if row["path"] == "/v1/tokens"} == {"OPERATOR"}
+
+
+def test_a_caller_that_has_its_answer_finds_the_outcome_in_the_log(
+    server: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    append = audit.append
+
+    def slow(connection: Connection, entry: audit.Entry) -> None:
+        if entry.status is not None:
+            sleep(0.2)
+        append(connection, entry)
+
+    monkeypatch.setattr(audit, "append", slow)
+    issued(server, "nightly", "runner")
+    assert [row["status"] for row in rows(server)] == [None, 201]
+    server.get("/v1/runs", headers={"Authorization": "Bearer valerie_guess"})
+    assert [row["status"] for row in rows(server)] == [None, 201, 401]
 
 
 def test_what_only_reads_or_computes_leaves_no_row(server: httpx.Client) -> None:
