@@ -115,6 +115,10 @@ class RenderingError(ValerieError):
     """An engine produced no usable image (black, constant, wrong shape) or failed for good."""
 
 
+class NoAnswer(ValerieError):
+    """An address outside of this deployment gave no usable answer."""
+
+
 class InferenceError(ValerieError):
     """A perception function failed on a picture for good."""
 

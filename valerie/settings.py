@@ -6,6 +6,7 @@ passes its settings to its children as environment variables (`Settings.environm
 
 from __future__ import annotations
 
+import base64
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from pydantic import Field, SecretStr, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from valerie.addresses import Allowed, parse_allowed, parse_url
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.spelling import package_name
 from valerie.validation import problem_of
@@ -24,6 +26,8 @@ PREFIX: Final = "VALERIE_"
 NO_BROKER: Final = "none"
 #: Variables that belong to set-up and tests, not to a running process.
 _FOREIGN: Final = ("VALERIE_SETUP_", "VALERIE_TEST_")
+#: Of the key that signs webhooks, bytes; the least of Standard Webhooks.
+_SHORTEST_KEY: Final = 24
 _LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
@@ -87,6 +91,17 @@ class Settings(BaseSettings):
     function_cache_mb: int = Field(4_096, ge=1, description="function files that a machine keeps in data_dir")
     predictions_hours: float = Field(
         168.0, gt=0, le=87_600, allow_inf_nan=False, description="time that a run waits for uploaded predictions"
+    )
+
+    # Webhooks
+    webhooks: str = Field(
+        "", description="URLs that are told of each ended run, as https://ci.example/valerie,…; empty: none"
+    )
+    webhook_secret: SecretStr | None = Field(
+        None, description="secret that signs webhooks, at least 24 bytes in base64, as of `openssl rand -base64 32`"
+    )
+    webhook_networks: str = Field(
+        "", description="private addresses that webhooks may lead to, as 10.1.0.0/16,ci.internal:8000; empty: none"
     )
 
     # Plug-ins
@@ -193,6 +208,19 @@ class Settings(BaseSettings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _usable_webhooks(self) -> Self:
+        for url in self.webhook_urls:
+            parse_url(url, field="VALERIE_WEBHOOKS")
+        _ = self.webhook_hosts
+        if self.webhook_urls and len(self.webhook_key) < _SHORTEST_KEY:
+            raise InvalidInput(
+                "webhooks are signed with a secret",
+                field="VALERIE_WEBHOOK_SECRET",
+                limit=f"at least {_SHORTEST_KEY} bytes in base64; `openssl rand -base64 32` makes one",
+            )
+        return self
+
     @property
     def inference_threads(self) -> int:
         """Threads of an inference worker. They are part of the numeric class, since the last bits of sums depend on them."""
@@ -201,12 +229,31 @@ class Settings(BaseSettings):
     @property
     def http_addresses(self) -> tuple[str, ...]:
         """The entries of ``http_functions``."""
-        return tuple(entry.strip() for entry in self.http_functions.split(",") if entry.strip())
+        return _entries(self.http_functions)
+
+    @property
+    def webhook_urls(self) -> tuple[str, ...]:
+        """The entries of ``webhooks``."""
+        return _entries(self.webhooks)
+
+    @property
+    def webhook_hosts(self) -> tuple[Allowed, ...]:
+        """The entries of ``webhook_networks``."""
+        return parse_allowed(_entries(self.webhook_networks), field="VALERIE_WEBHOOK_NETWORKS")
+
+    @property
+    def webhook_key(self) -> bytes:
+        """The bytes of ``webhook_secret``, which may begin with ``whsec_``; empty if it is missing or not base64."""
+        text = self.webhook_secret.get_secret_value() if self.webhook_secret else ""
+        try:
+            return base64.b64decode(text.removeprefix("whsec_"), validate=True)
+        except ValueError:
+            return b""
 
     @property
     def plugin_packages(self) -> tuple[str, ...]:
         """The packages in ``plugins``, as normalized names."""
-        return tuple(package_name(entry) for entry in self.plugins.split(",") if entry.strip())
+        return tuple(package_name(entry) for entry in _entries(self.plugins))
 
     @property
     def exposed(self) -> bool:
@@ -262,10 +309,14 @@ def load_settings(environ: Mapping[str, str] | None = None, **overrides: object)
         raise InvalidInputs([_problem(detail) for detail in error.errors(include_url=False)]) from None
 
 
+def _entries(text: str) -> tuple[str, ...]:
+    return tuple(entry.strip() for entry in text.split(",") if entry.strip())
+
+
 def _problem(detail: ErrorDetails) -> InvalidInput:
     place = ".".join(str(part) for part in detail["loc"])
     field = PREFIX + place.upper() if place else ""
-    if place in ("", "api_token"):  # secret
+    if place in ("", "api_token", "webhook_secret"):  # secret
         detail = detail.copy()
         detail["input"] = None
     return problem_of(detail, field)

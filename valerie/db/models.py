@@ -462,6 +462,23 @@ class MarkTag(Base):
     __table_args__ = (Index("ix_tags_tag", "tag"),)
 
 
+class Delivery(Base):
+    """What a receiver of webhooks has heard of the ending of a run; no row before the first attempt."""
+
+    __tablename__ = "deliveries"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    #: A resumed run ends again.
+    ended_at: Mapped[datetime] = mapped_column(primary_key=True)
+    #: See `valerie.pipeline.control.webhooks.receiver_of`.
+    receiver: Mapped[str] = mapped_column(String(64), primary_key=True)
+    attempts: Mapped[int]
+    #: Unix seconds of the next attempt; None: delivered.
+    due_at: Mapped[float | None] = mapped_column(Float)
+    #: Why the last attempt failed; None: delivered.
+    problem: Mapped[str | None] = mapped_column(Text)
+
+
 class Token(Base):
     """A token of the API. It is never deleted, so that its name keeps its meaning."""
 

@@ -8,8 +8,8 @@ from typing import Annotated, Final
 
 from pydantic import Field, JsonValue, field_validator
 
+from valerie.addresses import parse_url
 from valerie.document import Document
-from valerie.perception.documents.addresses import parse_url
 
 
 class Options(Document):

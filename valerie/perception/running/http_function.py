@@ -6,10 +6,6 @@ recorded with its reason. The picture is not sent again, since a second answer w
 
 from __future__ import annotations
 
-import http.client
-import socket
-import ssl
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar, Final
@@ -17,9 +13,10 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.errors import InferenceError, InvalidInput
+from valerie.addresses import allowed_target, parse_allowed
+from valerie.errors import InferenceError, InvalidInput, NoAnswer
+from valerie.outbound import post
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents.addresses import Endpoint, allowed_target, parse_allowed
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import HttpOptions
 from valerie.perception.running.label_png import decode_labels, encode_png, max_label_bytes
@@ -27,7 +24,6 @@ from valerie.perception.running.label_png import decode_labels, encode_png, max_
 #: Headers of the contract: the function's name, and the endpoint's version.
 FUNCTION_HEADER: Final = "Valerie-Function"
 VERSION_HEADER: Final = "Function-Version"
-_PIECE: Final = 65_536
 
 
 class HttpFunction:
@@ -35,7 +31,7 @@ class HttpFunction:
 
     Args:
         document: document of kind ``http``.
-        allowed: the operator's list; see `valerie.perception.documents.addresses`.
+        allowed: the operator's list; see `valerie.addresses`.
         digest: digest of the function on its card.
 
     Raises:
@@ -65,16 +61,33 @@ class HttpFunction:
 
         Raises:
             InvalidInput: the picture is not (H, W, 3) uint8, or the address is no longer allowed.
-            InferenceError: the answer is late, has a status other than 200 or another version, or is no label map of the frame.
+            InferenceError: the host has no address, or the answer is late, has a status other than 200 or another version, or
+                is no label map of the frame.
         """
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
             layout = f"{picture.dtype} {picture.shape}"
             raise InvalidInput("not a picture", field="picture", value=layout, limit="(H, W, 3) uint8, not empty")
         height, width = picture.shape[:2]
-        target = allowed_target(self._options.url, self._allowed)
-        answer = self._ask(target, encode_png(picture), max_label_bytes(height, width))
+        headers = {
+            "Content-Type": "image/png",
+            "Accept": "image/png",
+            "Accept-Encoding": "identity",
+            FUNCTION_HEADER: self._card.name,
+        }
+        limit = max_label_bytes(height, width)
         try:
-            ids = decode_labels(answer, height, width, field="answer")
+            target = allowed_target(self._options.url, self._allowed)
+            answer = post(target, encode_png(picture), headers, timeout_s=self._options.timeout_s, limit=limit)
+        except NoAnswer as error:
+            raise InferenceError(f"{self._card.name}: {error}") from None
+        version = answer.headers.get(VERSION_HEADER, "")
+        if self._options.version and version != self._options.version:
+            raise InferenceError(
+                f"{self._card.name}: {target.host}:{target.port}: it has version {version!r}; "
+                f"{self._options.version!r} is registered"
+            )
+        try:
+            ids = decode_labels(answer.body, height, width, field="answer")
         except InvalidInput as error:
             raise InferenceError(f"{self._card.name}: {error}") from None
         labels: NDArray[np.uint8] = self._train_ids[ids]
@@ -82,78 +95,3 @@ class HttpFunction:
 
     def close(self) -> None:
         """Do nothing: no connection is kept between pictures."""
-
-    def _ask(self, target: Endpoint, body: bytes, limit: int) -> bytes:
-        connection = _Connection(target, self._options.timeout_s)
-        late = threading.Event()
-
-        def end() -> None:
-            late.set()
-            connection.cut()
-
-        # The socket's time-out restarts with every byte; this one does not.
-        timer = threading.Timer(self._options.timeout_s, end)
-        timer.daemon = True
-        timer.start()
-        try:
-            return self._exchange(connection, target, body, limit)
-        except (OSError, http.client.HTTPException, ValueError, InferenceError) as error:
-            if late.is_set() or isinstance(error, TimeoutError):
-                reason = f"no answer within {self._options.timeout_s:g} s"
-            else:
-                reason = str(error) if isinstance(error, InferenceError) else repr(error)
-            raise InferenceError(f"{self._card.name}: {target.host}:{target.port}: {reason}") from None
-        finally:
-            timer.cancel()
-            connection.close()
-
-    def _exchange(self, connection: http.client.HTTPConnection, target: Endpoint, body: bytes, limit: int) -> bytes:
-        headers = {
-            "Content-Type": "image/png",
-            "Accept": "image/png",
-            "Accept-Encoding": "identity",
-            FUNCTION_HEADER: self._card.name,
-            "Connection": "close",
-        }
-        connection.request("POST", target.path, body=body, headers=headers)
-        response = connection.getresponse()
-        if response.status != http.client.OK:  # redirects too: their target was not allowed
-            raise InferenceError(f"it answered with status {response.status}")
-        version = response.getheader(VERSION_HEADER, "")
-        if self._options.version and version != self._options.version:
-            raise InferenceError(f"it has version {version!r}; {self._options.version!r} is registered")
-        pieces: list[bytes] = []
-        size = 0
-        while piece := response.read1(_PIECE):
-            size += len(piece)
-            if size > limit:
-                raise InferenceError(f"it answered with more than {limit} bytes")
-            pieces.append(piece)
-        if response.length:
-            raise InferenceError(f"it ended {response.length} bytes early")
-        return b"".join(pieces)
-
-
-class _Connection(http.client.HTTPConnection):
-    """A connection to the allowed address, with a check of the named host's certificate."""
-
-    def __init__(self, target: Endpoint, timeout_s: float) -> None:
-        super().__init__(target.host, target.port, timeout=timeout_s)
-        self._target = target
-
-    def connect(self) -> None:
-        plain = socket.create_connection((self._target.address, self.port), self.timeout)
-        if self._target.secure:
-            context = ssl.create_default_context()
-            self.sock = context.wrap_socket(plain, server_hostname=self.host)
-        else:
-            self.sock = plain
-
-    def cut(self) -> None:
-        """End the connection from another thread, even while it waits."""
-        sock = self.sock
-        if sock is not None:
-            try:
-                sock.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                return

@@ -32,7 +32,7 @@ def open_function(
         payload: its file; None for kinds without one.
         threads: CPU threads of this process for the inference engine.
         device: device of the engine torch: ``auto`` uses a GPU if there is one; ``cpu``, ``cuda``, ``cuda:1``.
-        addresses: allowed addresses of functions behind HTTP; see `valerie.perception.documents.addresses`.
+        addresses: allowed addresses of functions behind HTTP; see `valerie.addresses`.
         digest: digest of the function on its card; None: the document's. Functions that ship with VALERIE have the SHA-256
             of their file.
 

@@ -15,7 +15,7 @@ from valerie.db.migrate import require_current
 from valerie.db.models import Lease
 from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.control import monitoring
+from valerie.pipeline.control import monitoring, webhooks
 from valerie.pipeline.control.loop import ROLE
 from valerie.runs.products.states import ProductState, RunState
 from valerie.settings import NO_BROKER
@@ -51,6 +51,7 @@ def diagnose(context: Context) -> list[Check]:
         "control loop": _control,
         "workers": _workers,
         "runs": _runs,
+        "webhooks": _webhooks,
     }
     checks = []
     for part, look in parts.items():
@@ -158,3 +159,15 @@ def _runs(context: Context) -> Iterator[Check]:
             )
     unfinished = sum(count for _, state, count in backlog if state is not ProductState.PARKED)
     yield Check("runs", f"{len(active):,} at work, {unfinished:,} unfinished products")
+
+
+def _webhooks(context: Context) -> Iterator[Check]:
+    for host, problems in webhooks.undelivered(context).items():
+        if problems:
+            yield Check(
+                f"webhook {host}",
+                problem=f"{len(problems):,} ended runs of the last day were not delivered: {problems[0]}",
+                remedy="mend the receiver or VALERIE_WEBHOOKS; requests are repeated for a day",
+            )
+        else:
+            yield Check(f"webhook {host}", "delivered")

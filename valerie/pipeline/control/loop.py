@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Final
@@ -25,7 +25,7 @@ from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
 from valerie.pipeline.base.pins import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
-from valerie.pipeline.control import feeding
+from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress import ProgressBook
@@ -55,10 +55,12 @@ class ControlLoop:
         self._wake = threading.Event()
         self._book = ProgressBook(context.engine)
         self._feeders: dict[str, feeding.Feeder] = {}
-        # A strategy may compute for seconds, and the lease must be renewed meanwhile.
-        self._proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
         self._studies = StudyKeeper(context)
-        self._advancing: Future[None] | None = None
+        # A strategy may compute for seconds, and a receiver may hang; the lease must be renewed meanwhile.
+        proposer = proposer or ThreadPoolExecutor(1, thread_name_prefix="studies")
+        self._advancing = _Aside(proposer, self._advance_studies)
+        courier = ThreadPoolExecutor(1, thread_name_prefix="webhooks")
+        self._delivering = _Aside(courier, lambda: webhooks.deliver(context))
         self._finish_sent: dict[str, float] = {}
         self._next_sweep = self._next_probe = self._next_count = -math.inf
 
@@ -84,7 +86,8 @@ class ControlLoop:
             if not busy:
                 self._wake.wait(timeout=pause)
                 self._wake.clear()
-        self._proposer.shutdown()
+        self._advancing.end()
+        self._delivering.end()
         try:
             with writing(self._context.engine) as connection:
                 processes.release_lease(connection, ROLE, owner=self._context.owner)
@@ -119,7 +122,7 @@ class ControlLoop:
             started = time.thread_time()
             for run in running:
                 self._count(run.id)
-            self._advance_studies(wait=everything)
+            self._advancing.begin(wait=everything)
             # Counting may take at most a tenth of this thread's time.
             self._next_count = self._context.elapsed() + max(0.5, 10 * (time.thread_time() - started))
         self._finish([run.id for run in active if run.state is RunState.FINISHING], elapsed)
@@ -128,6 +131,8 @@ class ControlLoop:
             fail_overdue(self._context, running, now)
             self._next_sweep = elapsed + self._settings.sweep_seconds
             self._guard_space()
+            if self._settings.webhook_urls:
+                self._delivering.begin(wait=everything)
         if paused and elapsed >= self._next_probe:
             self._resume_when_possible(paused)
             self._next_probe = elapsed + _PROBE_SECONDS
@@ -233,13 +238,8 @@ class ControlLoop:
                     log.warning("control.broker", reason=str(error))
         self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in finishing}
 
-    def _advance_studies(self, *, wait: bool) -> None:
-        if self._advancing is None or self._advancing.done():
-            last, self._advancing = self._advancing, self._proposer.submit(self._studies.advance)
-            if last is not None:
-                last.result()
-        if wait:
-            self._advancing.result()
+    def _advance_studies(self) -> None:
+        self._studies.advance()
 
     # -- sweeping --------------------------------------------------------------------------------------------------------
 
@@ -290,6 +290,27 @@ class ControlLoop:
         for run in waiting:
             with suppress(Conflict, NotFound):  # a user was faster
                 resume(self._context, run.id)
+
+
+class _Aside:
+    """Work that a round begins beside itself, unless it is still at work."""
+
+    def __init__(self, executor: Executor, work: Callable[[], None]) -> None:
+        self._executor, self._work = executor, work
+        self._running: Future[None] | None = None
+
+    def begin(self, *, wait: bool) -> None:
+        """Begin the work; with ``wait``, wait for its end. An error of the last time is raised here."""
+        if self._running is None or self._running.done():
+            last, self._running = self._running, self._executor.submit(self._work)
+            if last is not None:
+                last.result()
+        if wait:
+            self._running.result()
+
+    def end(self) -> None:
+        """Wait for the work's end; it does not begin again."""
+        self._executor.shutdown()
 
 
 def _require_space(context: Context) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Connection
 
 from valerie.db import runs, tokens
-from valerie.errors import QuotaExceeded
+from valerie.errors import InvalidInput, QuotaExceeded
 from valerie.settings import Settings
 
 
@@ -33,3 +33,22 @@ def require_room(connection: Connection, settings: Settings, owner: str | None, 
     ):
         if limit and use > limit:
             raise QuotaExceeded(f"{owner} would have {use:,} {quota}; limit: {limit:,}")
+
+
+def require_possible_batch(settings: Settings, owner: str | None, batch: int) -> None:
+    """Refuse a study whose batches would wait for ever, since each alone exceeds the quota.
+
+    Args:
+        batch: variants of a batch.
+
+    Raises:
+        InvalidInput: with the size and the quota.
+    """
+    most = settings.max_owner_variants
+    if owner is not None and most and batch > most:
+        raise InvalidInput(
+            f"a batch is larger than all that {owner} may have unfinished",
+            field="batch",
+            value=batch,
+            limit=f"{most:,} variants (VALERIE_MAX_OWNER_VARIANTS)",
+        )

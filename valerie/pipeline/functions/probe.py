@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from valerie import plugins
+from valerie.addresses import parse_allowed
 from valerie.errors import ValerieError
-from valerie.perception.documents.addresses import parse_allowed
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH

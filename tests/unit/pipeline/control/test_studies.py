@@ -222,6 +222,14 @@ def test_a_cancelled_run_pauses_the_study(pipeline: Pipeline) -> None:
     assert pursue(pipeline, study).state is StudyState.FINISHED
 
 
+def test_a_study_whose_batch_would_wait_for_ever_is_refused(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(max_owner_variants=7)
+    study = parse_study(document(budget=SHORT, batch=8))
+    with pytest.raises(InvalidInput, match=r"batch: .*Eve may have unfinished.*got 8.*7 variants"):
+        commands.begin(pipeline.context, study, owner="Eve")
+    commands.begin(pipeline.context, study)
+
+
 def test_a_study_whose_owner_has_no_room_waits_until_there_is(pipelines: Callable[..., Pipeline]) -> None:
     pipeline = pipelines(max_owner_runs=1)
     other = pipeline.submit(owner="Eve")

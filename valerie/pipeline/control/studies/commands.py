@@ -15,6 +15,7 @@ from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.quotas import require_possible_batch
 from valerie.pipeline.control.studies.advancing import basis_digest, known, left, parent_of
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
@@ -87,6 +88,7 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
+    require_possible_batch(context.settings, owner, document.batch)
     resolved = resolve_document(context, document)
     Pursuit(resolved).ask((), document.batch)  # refuses a domain without legal variants, and a budget too small
     study = StudyRow(

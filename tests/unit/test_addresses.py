@@ -2,8 +2,8 @@ import socket
 
 import pytest
 
-from valerie.errors import InferenceError, InvalidInput
-from valerie.perception.documents.addresses import allowed_target, parse_allowed
+from valerie.addresses import allowed_target, parse_allowed
+from valerie.errors import InvalidInput, NoAnswer
 
 URL = "http://127.0.0.1:8000/predict?scale=1"
 
@@ -71,7 +71,7 @@ def test_ipv6_networks_stand_in_brackets_when_they_have_a_port(names) -> None:
 
 
 def test_a_host_without_address_is_an_inference_error(names) -> None:
-    with pytest.raises(InferenceError, match=r"gone\.example has no address"):
+    with pytest.raises(NoAnswer, match=r"gone\.example has no address"):
         target("http://gone.example:1/", "gone.example:1")
 
 
@@ -89,3 +89,32 @@ def test_urls_that_are_not_plain_are_refused(names, url: str) -> None:
 def test_a_meaningless_entry_of_the_list_is_refused(entry: str) -> None:
     with pytest.raises(InvalidInput, match=r"addresses\.0: neither host and port nor a network"):
         parse_allowed([entry])
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "127.0.0.1",
+        "10.0.0.7",
+        "172.16.0.1",
+        "192.168.1.1",
+        "169.254.169.254",
+        "100.64.0.1",
+        "0.0.0.0",
+        "224.0.0.1",
+        "::1",
+        "fe80::1%eth0",
+        "fd00::7",
+        "::ffff:10.0.0.7",
+    ],
+)
+def test_a_public_name_that_leads_to_a_private_address_is_refused(names, address: str) -> None:
+    names["hooks.example"] = [address]
+    with pytest.raises(InvalidInput, match=r"not on the operator's list.*limit: VALERIE_WEBHOOK_NETWORKS"):
+        allowed_target("https://hooks.example/", (), setting="VALERIE_WEBHOOK_NETWORKS", public=True)
+
+
+@pytest.mark.parametrize(("address", "listed"), [("93.184.215.14", ()), ("10.0.0.7", ("10.0.0.0/8",))])
+def test_a_public_address_and_a_listed_private_one_are_allowed(names, address: str, listed: tuple[str, ...]) -> None:
+    names["hooks.example"] = [address]
+    assert allowed_target("https://hooks.example/", parse_allowed(listed), public=True).address == address

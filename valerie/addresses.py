@@ -1,7 +1,8 @@
-"""The operator's list of addresses that workers may connect to. Every connection is checked against it.
+"""The operator's lists of addresses that processes may connect to. Every connection is checked against one.
 
 A user who registers a function behind HTTP chooses its address, but the worker that calls it is inside the operator's
-network. So the operator lists the addresses that may be called; the list is empty by default. An entry is one of
+network. So the operator lists the addresses that may be called; the list is empty by default. A webhook is the operator's own
+choice, but its name may come to mean an address inside the network, so a list has the private ones. An entry is one of
 
 - ``models.example:8000``: this host at this port, at any IP address;
 - ``10.1.0.0/16`` or ``10.1.0.0/16:8000``, ``[fd00::/8]:8000``: every host with an IP address in this
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from valerie.errors import InferenceError, InvalidInput
+from valerie.errors import InvalidInput, NoAnswer
 
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
@@ -57,27 +58,40 @@ def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[
     return tuple(_allowed(entry.strip(), f"{field}.{number}") for number, entry in enumerate(entries) if entry.strip())
 
 
-def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Endpoint:
+def allowed_target(
+    url: str,
+    entries: Sequence[Allowed],
+    *,
+    field: str = "options.url",
+    setting: str = "VALERIE_HTTP_FUNCTIONS",
+    public: bool = False,
+) -> Endpoint:
     """Return the target of a URL if the operator allows it.
+
+    Args:
+        entries: the operator's list.
+        field: the URL's name in messages.
+        setting: the list's name in messages.
+        public: also allow addresses of the public internet that are not on the list.
 
     Raises:
         InvalidInput: not an http or https URL with a host, a URL with user or fragment, or an address that is not on the list.
-        InferenceError: the host has no address.
+        NoAnswer: the host has no address.
     """
     host, port, path, secure = parse_url(url, field=field)
     by_name = any(entry.network is None and entry.host == host and entry.port == port for entry in entries)
     networks = [entry.network for entry in entries if entry.network is not None and entry.port in (0, port)]
-    if not by_name and not networks:
-        raise _not_allowed(host, port, field)
+    if not (by_name or networks or public):
+        raise _not_allowed(host, port, field, setting)
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
-        raise InferenceError(f"{host} has no address: {error}") from None
+        raise NoAnswer(f"{host} has no address: {error}") from None
     for *_, place in addresses:
         address = ipaddress.ip_address(str(place[0]).partition("%")[0])
-        if by_name or any(address in network for network in networks):
+        if by_name or (public and _is_public(address)) or any(address in network for network in networks):
             return Endpoint(host, port, path, str(place[0]), secure)
-    raise _not_allowed(host, port, field)
+    raise _not_allowed(host, port, field, setting)
 
 
 def parse_url(url: str, *, field: str = "options.url") -> tuple[str, int, str, bool]:
@@ -120,7 +134,11 @@ def _allowed(entry: str, field: str) -> Allowed:
     return Allowed(whole.lower(), network, int(port))
 
 
-def _not_allowed(host: str, port: int, field: str) -> InvalidInput:
-    return InvalidInput(
-        "not on the operator's list of addresses", field=field, value=f"{host}:{port}", limit="VALERIE_HTTP_FUNCTIONS"
-    )
+def _is_public(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    plain = mapped or address
+    return plain.is_global and not plain.is_multicast
+
+
+def _not_allowed(host: str, port: int, field: str, setting: str) -> InvalidInput:
+    return InvalidInput("not on the operator's list of addresses", field=field, value=f"{host}:{port}", limit=setting)
