@@ -145,7 +145,7 @@ BENCHES := $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
 .PHONY: bench
 bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Run every benchmark; results go to var/bench/
 
-bench-cycles bench-light: cycles
+bench-cycles bench-light bench-person-light: cycles
 
 bench-%: setup-dev ## Run one benchmark, e.g. make bench-render
 	@exec $(PYTHON_BIN) -m benchmarks.bench_$(subst -,_,$*)

@@ -15,7 +15,7 @@ from typing import Final
 from valerie.errors import UnknownName
 
 #: A value in a row; None if it is empty.
-Cell = str | int | float | None
+Cell = str | bool | int | float | None
 #: Values of measures by name. A mapping, since measures are data: a new one is an entry of `MEASURES`, not a field.
 Measures = Mapping[str, Cell]
 #: A row of the long table: its measures, and a column for each parameter that its run varies.

@@ -15,7 +15,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
     from rich.table import Table
     from rich.text import Text
 
-    from valerie.analysis.comparison.wording import span_text
+    from valerie.analysis.comparison.wording import fidelity_sentence, span_text
     from valerie.analysis.wording import percent, points
 
     parts: list[RenderableType] = [
@@ -42,6 +42,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
                 {"worse": "lower there", "better": "higher there", "": ""}[own.judgement],
             )
         parts.append(table)
+        parts.append(Text(f"  {fidelity_sentence(comparison.fidelity)}", "dim"))
         parts += [
             Text(
                 f"  fell from {percent(pair.here)} to {percent(pair.there)} %: {pair.frame_here} → {pair.frame_there}",

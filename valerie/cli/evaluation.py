@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from valerie.metrics.collection import Averages, CollectionScores
     from valerie.perception.base import PerceptionFunction
-    from valerie.pipeline.retraining.dataset_evaluation import DatasetResult
+    from valerie.pipeline.retraining.dataset_evaluation import DatasetResult, TwinScores
 
 
 def evaluate(
@@ -39,6 +40,14 @@ def evaluate(
         str | None,
         typer.Option("--beside", metavar="RUN", help="Compare with a run's scores of the same function versions."),
     ] = None,
+    twin: Annotated[
+        Path | None,
+        typer.Option(
+            "--twin",
+            metavar="DIR",
+            help="Compare with a second data set that shows the same scenes in frames of equal names.",
+        ),
+    ] = None,
     threads: InferenceThreads = None,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -46,15 +55,20 @@ def evaluate(
     """Evaluate functions on a data set in Cityscapes layout, with the metrics of runs.
 
     Ignores the same pixels as cityscapesScripts. Shows every score as frame mean and pooled. With --beside, each
-    function is the version that the run evaluated, with the same numeric class.
+    function is the version that the run evaluated, with the same numeric class. With --twin, shows on how many persons
+    both data sets agree, such as recorded frames and their rendered twins.
     """
     from valerie.cli.datasets import Lines
     from valerie.datasets.cityscapes import CityscapesFolder
+    from valerie.datasets.twins import person_twins
     from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.functions.references import open_pinned, open_reference
-    from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
+    from valerie.pipeline.retraining.dataset_evaluation import compare_twins, evaluate_dataset, run_side
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
+    other = None if twin is None else CityscapesFolder(twin, _split(twin, split))
+    # Before hours of work.
+    persons = [] if other is None else person_twins(folder, other)
     lines = Lines("frames")
     with deployment_or_empty(settings_of(data_dir)) as deployment:
         sides = {} if beside is None else {name: run_side(deployment, beside, name) for name in functions}
@@ -66,12 +80,17 @@ def evaluate(
 
         for name in sides:  # fails before hours of work if one is missing or has another numeric class here
             open_function(name).close()
-        result = evaluate_dataset(
-            folder,
-            functions,
-            open_function=open_function,
-            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
-        )
+
+        def evaluated(frames: CityscapesFolder) -> DatasetResult:
+            return evaluate_dataset(
+                frames,
+                functions,
+                open_function=open_function,
+                progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+            )
+
+        result = evaluated(folder)
+        twins = {} if other is None else compare_twins(result, evaluated(other), persons)
     run_scores = {name: side.scores for name, side in sides.items()}
     if out is not None:
         for path in result.write(out):
@@ -80,17 +99,23 @@ def evaluate(
         document = result.as_document()
         if beside is not None:
             document["beside"] = {"run": beside} | {name: scores.as_document() for name, scores in run_scores.items()}
+        if other is not None:
+            document["twin"] = {"dataset": other.root.name, "split": other.split} | {
+                name: scores.as_document() for name, scores in twins.items()
+            }
         typer.echo(json.dumps(document, ensure_ascii=False))
         return
     output = console()
-    for part in renderables(result, beside, run_scores):
+    for part in [*renderables(result, beside, run_scores), *_twin_lines(twins)]:
         output.print(part)
 
 
-def _split(dataset: Path) -> str:
+def _split(dataset: Path, preferred: str | None = None) -> str:
     from valerie.datasets.cityscapes import CityscapesFolder
 
     splits = CityscapesFolder.splits(dataset)
+    if preferred in splits:
+        return preferred
     if not splits:
         raise NotFound("folder leftImg8bit with splits in", dataset)
     if len(splits) > 1 and "val" not in splits:
@@ -180,6 +205,21 @@ def _notes(result: DatasetResult) -> list[RenderableType]:
     if persons:
         notes.append("Each person weighted equally: " + "; ".join(persons) + ".")
     return [Text(note, style="dim") for note in notes]
+
+
+def _twin_lines(twins: Mapping[str, TwinScores]) -> list[RenderableType]:
+    """Return the comparison of each function with the twin."""
+    from rich.text import Text
+
+    from valerie.analysis.comparison.wording import fidelity_sentence
+
+    return [
+        Text(
+            f"{name} on the persons of both: mean pACC {_percent(scores.pacc_here)}, in the twin "
+            f"{_percent(scores.pacc_there)}. {fidelity_sentence(scores.fidelity, 'here', 'in the twin')}"
+        )
+        for name, scores in twins.items()
+    ]
 
 
 def _both(score: Averages) -> tuple[str, str]:

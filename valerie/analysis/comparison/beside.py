@@ -24,6 +24,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.measures import OF_FUNCTION, names_from
 from valerie.plain import JsonObject
+from valerie.statistics.fidelity import Fidelity, instance_fidelity
 
 #: Number of pairs with the largest differences that are shown.
 _SHOWN_FLIPS: Final = 3
@@ -91,6 +92,7 @@ class FunctionBeside:
         function, sensor: as the first run names them.
         slices: all persons first, then the parts.
         rank_correlation: Spearman's, over the persons; None with fewer than three or with constant scores.
+        fidelity: agreement of the runs about which persons are missed.
         fell, rose: pairs with the largest differences, where the second run scores lower, and where it scores higher.
     """
 
@@ -98,6 +100,7 @@ class FunctionBeside:
     sensor: str
     slices: tuple[SharedSlice, ...]
     rank_correlation: float | None
+    fidelity: Fidelity
     fell: tuple[SharedPerson, ...]
     rose: tuple[SharedPerson, ...]
 
@@ -192,6 +195,7 @@ class Beside:
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
                     "lost": part.difference.lost, "gained": part.difference.gained,
                     "judgement": part.difference.judgement, "rank_correlation": comparison.rank_correlation,
+                    "same_outcome": comparison.fidelity.share, "kappa": comparison.fidelity.kappa,
                 }
                 for comparison in self.functions
                 for part in comparison.slices
@@ -216,7 +220,7 @@ def put_beside(
         findings: findings of the first run, to be tested in both.
         claims: claims to be tested in both.
         differs: differences between the specs, in words.
-        threshold: of the detection rate.
+        threshold: smallest pACC of a detected person; the others are missed.
         seed: of the curves of claims.
 
     Raises:
@@ -294,6 +298,7 @@ def _functions(
                     sensor,
                     tuple(slices),
                     _rank_correlation(before[own], after[own]),
+                    instance_fidelity(before[own] < threshold, after[own] < threshold, one.units.of(own)),
                     tuple(_pair(one, other, int(row)) for row in fell),
                     tuple(_pair(one, other, int(row)) for row in rose),
                 )

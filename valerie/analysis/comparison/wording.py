@@ -5,6 +5,7 @@ from __future__ import annotations
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
 from valerie.analysis.wording import percent, points
 from valerie.measures import measure_of
+from valerie.statistics.fidelity import Fidelity
 
 
 def change_sentence(change: VersionChange) -> str:
@@ -41,4 +42,22 @@ def numeric_classes_sentence(comparison: VersionComparison) -> str:
     return (
         f"Numeric classes differ, so differences may come from precision or engine: "
         f"{'; '.join(f'{version} ran as {numeric_class}' for version, numeric_class in ran)}."
+    )
+
+
+def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "there") -> str:
+    """Return on how many persons two sides agree, and of the missed ones here how many are missed there.
+
+    Args:
+        fidelity: the counts.
+        here, there: names of the sides in the sentence.
+    """
+    span = ""
+    if fidelity.low is not None and fidelity.high is not None:
+        span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
+    kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
+    missed = fidelity.both + fidelity.only_here
+    return (
+        f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "
+        f"Of {missed:,} missed {here}, {fidelity.both:,} are missed {there}, too; {fidelity.only_there:,} only {there}."
     )

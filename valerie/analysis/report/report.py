@@ -23,6 +23,7 @@ from markupsafe import Markup
 from valerie.analysis import wording
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
 from valerie.analysis.comparison.beside import Beside, SharedPerson
+from valerie.analysis.comparison.wording import fidelity_sentence
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.findings.importance import explanations
@@ -156,6 +157,7 @@ def _environment() -> jinja2.Environment:
         "count": lambda number: f"{number:,}",
         "percent": wording.percent,
         "points": wording.points,
+        "fidelity_sentence": fidelity_sentence,
         "pedestrian": wording.pedestrian,
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,

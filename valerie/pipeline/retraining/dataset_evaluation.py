@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
+from valerie.datasets.twins import Twin
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
@@ -41,6 +42,8 @@ from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
 from valerie.plain import JsonObject
 from valerie.runs.products.pins import FunctionPin
+from valerie.statistics.fidelity import Fidelity, instance_fidelity
+from valerie.statistics.units import sampling_units
 from valerie.storage import codecs
 
 if TYPE_CHECKING:
@@ -134,6 +137,62 @@ class DatasetResult:
             written.append(folder / "persons.parquet")
             self.table().to_parquet(written[-1])
         return tuple(written)
+
+
+@dataclass(frozen=True, slots=True)
+class TwinScores:
+    """One function on the persons that two data sets show.
+
+    Attributes:
+        pacc_here, pacc_there: mean pACC of these persons.
+        fidelity: agreement about which of them are missed; its sampling unit is the recording place.
+    """
+
+    pacc_here: float
+    pacc_there: float
+    fidelity: Fidelity
+
+    def as_document(self) -> JsonObject:
+        """Return JSON values."""
+        own = self.fidelity
+        return asdict(self) | {"persons": own.persons, "same_outcome": own.share, "kappa": own.kappa}
+
+
+def compare_twins(
+    here: DatasetResult, there: DatasetResult, twins: Sequence[Twin], *, threshold: float = 0.5
+) -> dict[str, TwinScores]:
+    """Compare each function on the same persons of two data sets, such as recorded frames and their rendered twins.
+
+    Args:
+        here, there: the same functions on both data sets.
+        twins: the persons (`valerie.datasets.twins.person_twins`).
+        threshold: smallest pACC of a detected person; the others are missed.
+
+    Raises:
+        InvalidInput: the data sets share no person.
+    """
+    if not twins:
+        raise InvalidInput(
+            "the data sets share no person",
+            field="--twin",
+            value=str(there.root),
+            limit="boxes that overlap by a third",
+        )
+    frames = [str(frame) for frame, _, _ in twins]
+    _, frame_numbers = np.unique(frames, return_inverse=True)
+    _, places = np.unique([frame.city for frame, _, _ in twins], return_inverse=True)
+    units = sampling_units("grid", frame_numbers, sites=places)
+    compared = {}
+    for own, other in zip(here.functions, there.functions, strict=True):
+        scores_here, scores_there = (
+            {(row["frame_id"], row["instance_id"]): row["pacc"] for row in side.rows if "instance_id" in row}
+            for side in (own, other)
+        )
+        pacc_here = np.array([scores_here[str(frame), number] for frame, number, _ in twins], np.float64)
+        pacc_there = np.array([scores_there[str(frame), number] for frame, _, number in twins], np.float64)
+        fidelity = instance_fidelity(pacc_here < threshold, pacc_there < threshold, units)
+        compared[own.name] = TwinScores(float(pacc_here.mean()), float(pacc_there.mean()), fidelity)
+    return compared
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,8 @@ def test_rows_are_paired_by_scene_whatever_their_order_and_names() -> None:
     assert whole.here == pytest.approx(before.mean(), abs=1e-9)
     assert whole.there == pytest.approx(after.mean(), abs=1e-9)
     assert function.rank_correlation == pytest.approx(spearmanr(before, after).statistic)
+    assert function.fidelity.only_there == int(((before >= 0.5) & (after < 0.5)).sum())
+    assert function.fidelity.share == pytest.approx(((before < 0.5) == (after < 0.5)).mean())
     assert whole.difference.judgement == "worse"
     assert whole.difference.low is not None
     assert whole.difference.low < -0.1 < whole.difference.high < 0

@@ -17,11 +17,13 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import FrameName
+from valerie.datasets.index import IndexRow
 from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
 from valerie.pipeline.export.datasets import ExportProgress, export_run
+from valerie.pipeline.export.frame_files import Fragment
 from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
@@ -76,6 +78,21 @@ def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pip
     assert (tmp_path / "set" / one["picture"]).is_file()
     assert (tmp_path / "set" / one["label_ids"]).is_file()
     assert not (tmp_path / "set/coco").exists()
+
+
+def test_an_interrupted_export_keeps_the_types_of_parameters() -> None:
+    row: IndexRow = {
+        "scene.bus-101.visible": False,
+        "sensor.noise.shot": True,
+        "instance_id": 0,
+        "time_s": 1.0,
+        "box": None,
+    }
+    fragment = Fragment(name="frame", split="val", rows=[row])
+    (kept,) = Fragment.model_validate_json(fragment.model_dump_json()).rows
+    assert {name: (type(value), value) for name, value in kept.items()} == {
+        name: (type(value), value) for name, value in row.items()
+    }
 
 
 def test_croissant_describes_every_file_and_every_column(run: tuple[Pipeline, str], tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ from tests.unit.datasets.frames import labelled
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
+from valerie.datasets.twins import person_twins
 from valerie.errors import InferenceError, InvalidInput
 from valerie.labels import PERSON, TRAIN_LABELS, VOID, to_train_ids
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.pipeline.retraining.dataset_evaluation import DatasetResult, evaluate_dataset
+from valerie.pipeline.retraining.dataset_evaluation import DatasetResult, compare_twins, evaluate_dataset
 
 FRAMES = 4
 
@@ -170,3 +171,25 @@ def test_two_versions_of_one_function_stay_apart(folder: CityscapesFolder) -> No
     ).as_document()["functions"]
     assert list(versions) == ["net@aaaaaa", "net@bbbbbb"]
     assert versions["net@aaaaaa"]["person_pacc"]["mean"] < versions["net@bbbbbb"]["person_pacc"]["mean"]
+
+
+def test_twins_are_compared_person_by_person(folder: CityscapesFolder, result: DatasetResult) -> None:
+    twins = person_twins(folder, folder)
+    worse = evaluate_dataset(folder, ["good", "poor"], open_function=lambda name: opener("poor"))
+    compared = compare_twins(result, worse, twins)
+    scores = compared["good"]
+    table = result.table()
+    own = table.numbers("pacc")[table.codes("function").where("good")]
+    other = worse.table().numbers("pacc")[: len(own)]
+    assert scores.pacc_here == pytest.approx(own.mean())
+    assert scores.pacc_there == pytest.approx(other.mean())
+    assert scores.fidelity.persons == 2 * FRAMES
+    assert scores.fidelity.only_there == int(((own >= 0.5) & (other < 0.5)).sum()) > 0
+    assert scores.fidelity.low is None  # one recording place
+    assert compared["poor"].fidelity.share == 1.0
+    assert compared["poor"].as_document()["same_outcome"] == 1.0
+
+
+def test_twins_without_a_common_person_are_refused(result: DatasetResult) -> None:
+    with pytest.raises(InvalidInput, match="share no person"):
+        compare_twins(result, result, [])

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from sklearn.metrics import accuracy_score, cohen_kappa_score
+
+from valerie.errors import InvalidInput
+from valerie.statistics.fidelity import instance_fidelity
+from valerie.statistics.units import sampling_units
+
+PERSONS = 400
+UNITS = sampling_units("random", np.arange(PERSONS))
+
+
+@pytest.mark.parametrize("flipped", [0.0, 0.1, 0.5, 0.9])
+def test_share_and_kappa_are_those_of_scikit_learn(flipped: float) -> None:
+    generator = np.random.default_rng(int(10 * flipped))
+    here = generator.random(PERSONS) < 0.3
+    there = here ^ (generator.random(PERSONS) < flipped)
+    found = instance_fidelity(here, there, UNITS)
+    assert found.persons == PERSONS
+    assert found.share == pytest.approx(accuracy_score(here, there))
+    assert found.kappa == pytest.approx(cohen_kappa_score(here, there))
+    assert found.low is not None
+    assert found.high is not None
+    assert found.low <= found.share <= found.high
+
+
+def test_equal_rates_of_misses_may_be_of_other_persons() -> None:
+    here = np.arange(PERSONS) < 100
+    found = instance_fidelity(here, np.roll(here, 100), UNITS)
+    assert (found.both, found.only_here, found.only_there, found.neither) == (0, 100, 100, 200)
+    assert found.recovered == 0.0
+    assert found.kappa is not None
+    assert found.kappa < 0
+
+
+def test_listed_scenes_have_no_interval() -> None:
+    same = np.zeros(PERSONS, np.bool_)
+    found = instance_fidelity(same, same, sampling_units("grid", np.arange(PERSONS)))
+    assert (found.share, found.low, found.high) == (1.0, None, None)
+    assert found.recovered is None  # nobody is missed
+    assert found.kappa is None
+
+
+@pytest.mark.parametrize(("here", "there"), [(0, 0), (3, 2)])
+def test_persons_without_both_sides_are_refused(here: int, there: int) -> None:
+    with pytest.raises(InvalidInput, match="both sides"):
+        instance_fidelity(np.zeros(here, np.bool_), np.zeros(there, np.bool_), UNITS)
