@@ -1,9 +1,9 @@
 """Compare the irradiance of persons with that of a path tracer.
 
 ``make bench-person-light``, or ``python -m benchmarks.bench_person_light [--persons N --width W --height H --samples N]``; about
-ten minutes of one core. Persons stand all over `urban-street` (`benchmarks.cycles_frames`), under a high and a low sun. For the
-reference, Cycles renders each of them in matte grey under the same sky, without denoising: the pixels' values divided by the
-grey's reflectance are the light that arrives. Pixels at the person's edge are left out.
+half an hour of one core. Persons stand all over `urban-street` (`benchmarks.cycles_frames`), under three suns. For the reference,
+Cycles renders each of them in matte grey under the same sky, without denoising: the pixels' values divided by the grey's
+reflectance are the light that arrives. Pixels at the person's edge are left out.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from benchmarks import results
-from benchmarks.cycles_frames import GROUPS, Planned, planned
+from benchmarks.cycles_frames import GROUPS, Group, Planned, planned
 from valerie.color import luminance_of
 from valerie.errors import ValerieError
 from valerie.rendering.base import LinearImage
@@ -34,6 +34,11 @@ from valerie.scene.graph.model import Material, Scene
 GREY: Final = 0.18
 #: Smallest number of pixels of a compared person, without those at its edge.
 LEAST_PIXELS: Final = 100
+#: The sun across the street, low, and behind the camera.
+SUNS: Final = (
+    *GROUPS,
+    Group("c", "camera-1", {"scene.sun-1.elevation": 50.0, "scene.sun-1.azimuth": 190.0}),
+)
 #: Share of persons that the interval of ratios contains.
 SHARE: Final = 0.95
 
@@ -83,13 +88,13 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=32, help="light paths per pixel of Cycles")
     arguments = parser.parse_args()
     asset = load_asset("urban-street")
-    ratios: dict[str, list[float]] = {group.name: [] for group in GROUPS}
+    ratios: dict[str, list[float]] = {group.name: [] for group in SUNS}
     try:
         raster, truth_pass = RasterRenderer(), TruthPass()
         settings = CyclesSettings(samples=arguments.samples, denoise=False, sky="scene", clamp_indirect=0.0)
         cycles = CyclesRenderer(settings)
-        # A third more, since some are hidden.
-        for frame in planned(asset, arguments.width, arguments.height, arguments.persons * 4 // 3):
+        # Half of them are hidden, or too small.
+        for frame in planned(asset, arguments.width, arguments.height, arguments.persons * 5 // 2, SUNS):
             value = ratio(frame, raster, cycles, truth_pass)
             if value is None:
                 continue

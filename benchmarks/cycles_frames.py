@@ -7,7 +7,7 @@ the layer's rectangle and the margin that the denoiser reads (`denoised_window`)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count as counted
 from typing import Final, NamedTuple
@@ -77,8 +77,8 @@ class Planned:
         return float(np.linalg.norm(feet - self.scene.cameras[self.view.camera].position))
 
 
-def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
-    """Return the first ``count`` frames: distances uniform in their logarithm, all outfits and headings, two cameras and suns.
+def planned(asset: SceneAsset, width: int, height: int, count: int, groups: Sequence[Group] = GROUPS) -> list[Planned]:
+    """Return the first ``count`` frames: distances uniform in their logarithm, all outfits and headings, all groups.
 
     Places follow Roberts' low-discrepancy sequence (R₃; *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), so
     that the first frames of any number are spread evenly. Illegal places (inside a car) and places out of view are skipped.
@@ -98,7 +98,7 @@ def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Plan
             "scene.person-1.heading": round(360.0 * float(turn), 1),
             "scene.person-1.character": outfits[number % len(outfits)],
         }
-        group = GROUPS[len(frames) // _BLOCK % len(GROUPS)]
+        group = groups[len(frames) // _BLOCK % len(groups)]
         if rejection_reason(values, asset.manifest) is not None:
             continue
         scene, view = apply({**group.light, **values}, asset), View(group.camera, width, height)

@@ -104,6 +104,12 @@ class Settings(BaseSettings):
         "", description="private addresses that webhooks may lead to, as 10.1.0.0/16,ci.internal:8000; empty: none"
     )
 
+    # Traces
+    traces_url: str = Field(
+        "", description="OTLP/HTTP address that traces are sent to, as http://127.0.0.1:4318/v1/traces; empty: none"
+    )
+    traces_share: float = Field(1.0, ge=0, le=1, allow_inf_nan=False, description="share of the frames that are traced")
+
     # Plug-ins
     plugins: str = Field(
         "",
@@ -219,6 +225,12 @@ class Settings(BaseSettings):
                 field="VALERIE_WEBHOOK_SECRET",
                 limit=f"at least {_SHORTEST_KEY} bytes in base64; `openssl rand -base64 32` makes one",
             )
+        return self
+
+    @model_validator(mode="after")
+    def _usable_traces(self) -> Self:
+        if self.traces_url:
+            parse_url(self.traces_url, field="VALERIE_TRACES_URL")
         return self
 
     @property

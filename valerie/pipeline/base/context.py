@@ -16,6 +16,7 @@ from sqlalchemy import Engine
 from valerie.broker import Broker
 from valerie.db.engine import open_engine
 from valerie.pipeline.base.fitness import Fitness
+from valerie.pipeline.base.tracing import Traces, open_traces
 from valerie.settings import Settings
 from valerie.storage.store import ArtifactStore, open_store
 
@@ -49,6 +50,7 @@ class Context:
         elapsed: returns seconds of a monotonic clock, for the pauses of this process.
         beating: see `beating_in_a_thread`.
         fitness: tells a worker when to stop; without one, a worker is always fit.
+        traces: writes the spans of frames and products.
     """
 
     settings: Settings
@@ -59,6 +61,7 @@ class Context:
     elapsed: Callable[[], float] = time.monotonic
     beating: Callable[[float, Callable[[], None]], AbstractContextManager[None]] = beating_in_a_thread
     fitness: Fitness = field(default_factory=Fitness)
+    traces: Traces = field(default_factory=Traces)
 
 
 def open_context(settings: Settings) -> Context:
@@ -67,13 +70,16 @@ def open_context(settings: Settings) -> Context:
     Raises:
         StorageUnavailable: the artifact store cannot be written.
         InvalidInput: a URL has an unknown scheme.
+        MissingDependency: the settings ask for traces, and OpenTelemetry is not installed.
     """
+    owner = process_name()
     return Context(
         settings=settings,
         engine=open_engine(settings.database_url),
         store=open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
         broker=Broker(settings),
-        owner=process_name(),
+        owner=owner,
+        traces=open_traces(settings, owner),
     )
 
 

@@ -16,6 +16,7 @@ from valerie.db.runs import RunRow, RunValues
 from valerie.db.statements import insert_rows
 from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.runs.products.frames import FrameKey
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import FunctionPin
 from valerie.runs.products.ready import Ready
@@ -36,10 +37,12 @@ class WrittenBlock(NamedTuple):
     Attributes:
         products: number of products that it links to; 0 if nothing was written.
         ready: products that became ready.
+        frames: the frames that it has.
     """
 
     products: int
     ready: list[Ready]
+    frames: list[FrameKey]
 
 
 class _Target(NamedTuple):
@@ -83,7 +86,7 @@ class Feeder:
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
             if run.next_index != first or run.state is not RunState.RUNNING:
-                return WrittenBlock(0, [])
+                return WrittenBlock(0, [], [])
             insert_rows(connection, Variant, _VARIANT, rows.variants)
             present = products.present_turn(connection)
             turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
@@ -95,7 +98,8 @@ class Feeder:
             rejected = run.rejected_count + rows.rejected
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)
-        return WrittenBlock(len(rows.wanted), ready)
+        frames = [FrameKey(*row[:2], camera=row[2], time=row[3]) for row in rows.frames]
+        return WrittenBlock(len(rows.wanted), ready, frames)
 
     def _rows(self, first: int, limit: float) -> _Rows:
         run_id, resolved = self._run_id, self._resolved

@@ -205,6 +205,7 @@ class ControlLoop:
                     continue
             fed = feeder.feed(self._context.engine, run.next_index, now, part=part)
             self._book.note_fed(run.id, fed.products)
+            self._context.traces.frames(fed.frames)
             more = more or fed.products > 0
             send_ready(self._context, fed.ready)
         return more

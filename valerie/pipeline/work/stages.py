@@ -7,6 +7,7 @@ that was stored but not published is stored again with equal bytes, and a claime
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from typing import Final, Protocol, runtime_checkable
@@ -110,7 +111,9 @@ def _make(context: Context, maker: Maker, jobs: Sequence[Job]) -> None:
                 break
             batch.begin(job)
             context.fitness.begin()
+            began = time.time_ns()
             product = _attempt(context, maker, job)
+            context.traces.product(job, began, product)
             if product is not None:
                 context.fitness.succeed()
             batch.settle(job, product)
