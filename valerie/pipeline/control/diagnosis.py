@@ -166,7 +166,7 @@ def _webhooks(context: Context) -> Iterator[Check]:
         if problems:
             yield Check(
                 f"webhook {host}",
-                problem=f"{len(problems):,} ended runs of the last day were not delivered: {problems[0]}",
+                problem=f"undelivered in the last day: {len(problems):,}; {problems[0]}",
                 remedy="mend the receiver or VALERIE_WEBHOOKS; requests are repeated for a day",
             )
         else:
