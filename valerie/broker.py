@@ -13,18 +13,8 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Final, NamedTuple
-
-# On a plain SIGTERM, Celery would wait for the running task without limit. Remapped, the soft shutdown below applies. Celery
-# reads this when it is imported.
-os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
-
-from amqp.exceptions import AMQPError, NotFound
-from celery import Celery, Task
-from kombu.connection import Connection
-from kombu.exceptions import BatchPublishError, OperationalError
-from redis.exceptions import RedisError
-from redis.exceptions import TimeoutError as RedisTimeout
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from valerie.errors import TransientError
 from valerie.plain import JsonObject
@@ -33,6 +23,14 @@ from valerie.runs.products.states import EVAL_QUEUE, Stage, stage_of
 from valerie.runs.products.turns import packet_size
 from valerie.settings import NO_BROKER, Settings
 
+if TYPE_CHECKING:
+    from celery import Celery
+    from kombu.connection import Connection
+
+# On a plain SIGTERM, Celery would wait for the running task without limit. Remapped, the soft shutdown below applies. Celery
+# reads this when it is imported, which commands that send nothing never do.
+os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
+
 RENDER: Final = "valerie.render"
 INFER: Final = "valerie.infer"
 EVALUATE: Final = "valerie.evaluate"
@@ -40,18 +38,9 @@ FINISH: Final = "valerie.finish"
 
 _TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: EVALUATE}
 
-#: Errors that the libraries raise when the broker does not answer.
-_SILENCE: Final = (OperationalError, BatchPublishError, RedisError, AMQPError, OSError)
 #: Time limit for an answer of the broker, seconds. Redis needs milliseconds.
 _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
-
-
-class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
-    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.base.requests`)."""
-
-    abstract = True
-    Request = "valerie.pipeline.base.requests:WatchfulRequest"
 
 
 def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
@@ -60,7 +49,10 @@ def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     Args:
         answer_seconds: time limit for an answer of the broker. It is long for consumers, since losing the broker ends them.
     """
-    app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
+    from celery import Celery
+
+    task = "valerie.pipeline.base.requests:WatchfulTask"
+    app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=task)
     app.conf.update(
         accept_content=["json"],
         task_serializer="json",
@@ -164,10 +156,14 @@ class Broker:
     """
 
     def __init__(self, settings: Settings) -> None:
+        self._settings = settings
         self._absent = settings.broker_url == NO_BROKER
         self._rabbitmq = _is_rabbitmq(settings)
-        self._app = create_app(settings, answer_seconds=_ANSWER_SECONDS)
         self._quiet_until = -math.inf
+
+    @cached_property
+    def _app(self) -> Celery:
+        return create_app(self._settings, answer_seconds=_ANSWER_SECONDS)
 
     def send_products(self, ready: Iterable[Ready]) -> None:
         """Notify workers of ready products.
@@ -181,7 +177,7 @@ class Broker:
         with self._answering():
             try:
                 self._send_together(messages)
-            except _SILENCE as error:
+            except _silence() as error:
                 if _timed_out(error):
                     raise
                 # Only sending reveals that a restarted broker has closed the connection. Messages may arrive twice, which is
@@ -226,7 +222,7 @@ class Broker:
             raise TransientError("the broker does not answer: a request timed out a moment ago")
         try:
             yield
-        except _SILENCE as error:
+        except _silence() as error:
             if _timed_out(error):
                 self._quiet_until = time.monotonic() + _QUIET_SECONDS
             raise TransientError(f"the broker does not answer: {error}") from error
@@ -234,6 +230,8 @@ class Broker:
 
 def _length(connection: Connection, queue: str) -> int:
     """Return the number of messages in a queue of RabbitMQ."""
+    from amqp.exceptions import NotFound
+
     # A question about an unknown queue closes its channel, so each has its own.
     channel = connection.channel()  # type: ignore[no-untyped-call]  # kombu
     try:
@@ -244,8 +242,19 @@ def _length(connection: Connection, queue: str) -> int:
         channel.close()
 
 
+def _silence() -> tuple[type[BaseException], ...]:
+    """Return the errors that the libraries raise when the broker does not answer."""
+    from amqp.exceptions import AMQPError
+    from kombu.exceptions import BatchPublishError, OperationalError
+    from redis.exceptions import RedisError
+
+    return OperationalError, BatchPublishError, RedisError, AMQPError, OSError
+
+
 def _timed_out(error: BaseException | None) -> bool:
     """Return True if a time-out caused an error."""
+    from redis.exceptions import TimeoutError as RedisTimeout
+
     while error is not None:
         if isinstance(error, TimeoutError | RedisTimeout):
             return True

@@ -75,6 +75,11 @@ def test_a_worker_starts_without_the_libraries_of_other_stages() -> None:
     assert _loaded_by("import services.eval_worker.app", ("torch", "moderngl", "scipy", "jinja2")) == []
 
 
+def test_a_command_that_reads_a_deployment_loads_neither_queues_nor_migrations() -> None:
+    imports = "import valerie.local.deployment, valerie.pipeline.base.context, valerie.db.migrate"
+    assert _loaded_by(imports, ("celery", "kombu", "redis", "alembic", "opentelemetry")) == []
+
+
 def test_the_command_line_answers_without_loading_what_it_does_not_need() -> None:
     unneeded = ("numpy", "pydantic", "sqlalchemy", "celery", "fastapi", "httpx", "redis")
     assert _loaded_by("import valerie.cli.main", unneeded) == []

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, text
+from sqlalchemy import Engine, inspect, text
 
 from valerie.db.engine import reading, translated
+from valerie.db.models import REVISION
 from valerie.errors import Conflict
+
+if TYPE_CHECKING:
+    from alembic.config import Config
 
 #: An arbitrary number: if several processes start at once on Postgres, its holder migrates and the others wait.
 _ADVISORY_LOCK: Final = 728_416_095
@@ -28,8 +28,13 @@ def migrate(engine: Engine) -> None:
         Conflict: the database is from a newer version of VALERIE, or from before its first release; it is left unchanged.
         StorageUnavailable, TransientError: the database cannot be written or does not answer.
     """
+    current = _current(engine)
+    if current == REVISION:
+        return
+    _refuse_unknown(current)
+    from alembic import command
+
     config = _config()
-    _refuse_unknown(engine, config)
     with translated(), engine.begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
@@ -43,22 +48,21 @@ def require_current(engine: Engine) -> None:
     Raises:
         Conflict: the database is older or newer than this version; the message says what to do.
     """
-    config = _config()
-    _refuse_unknown(engine, config)
-    head = ScriptDirectory.from_config(config).get_current_head()
     current = _current(engine)
-    if current != head:
-        raise Conflict(f"the database is at revision {current}, this version needs {head}: run `valerie migrate`")
+    if current != REVISION:
+        _refuse_unknown(current)
+        raise Conflict(f"the database is at revision {current}, this version needs {REVISION}: run `valerie migrate`")
 
 
-def _refuse_unknown(engine: Engine, config: Config) -> None:
-    current = _current(engine)
+def _refuse_unknown(current: str | None) -> None:
+    from alembic.script import ScriptDirectory
+
     if current in _UNRELEASED:
         raise Conflict(
             f"the database is from before VALERIE 0.1.0 (revision {current}), which no released version reads; nothing in it "
             "was changed. Move it away or name another one (VALERIE_DATABASE_URL), and submit its specs again"
         )
-    known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
+    known = {script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()}
     if current is not None and current not in known:
         raise Conflict(
             f"the database is at revision {current}, which this version of VALERIE does not know: it was written by a "
@@ -67,11 +71,16 @@ def _refuse_unknown(engine: Engine, config: Config) -> None:
 
 
 def _current(engine: Engine) -> str | None:
+    """Return the revision of a database; None without tables. Alembic takes longer to import than this."""
     with reading(engine) as connection:
-        return MigrationContext.configure(connection).get_current_revision()
+        if not inspect(connection).has_table("alembic_version"):
+            return None
+        return connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
 
 
 def _config() -> Config:
+    from alembic.config import Config
+
     spec = importlib.util.find_spec("migrations")
     if spec is None or spec.origin is None:
         raise Conflict("the package `migrations` is not installed beside `valerie`")

@@ -14,7 +14,7 @@ from sqlalchemy import Engine, text
 import migrations
 from valerie.db.engine import open_engine
 from valerie.db.migrate import migrate, require_current
-from valerie.db.models import Base
+from valerie.db.models import REVISION, Base
 from valerie.errors import Conflict
 
 
@@ -43,7 +43,9 @@ def contents(engine: Engine) -> dict[str, list[tuple[object, ...]]]:
 def test_the_migrations_make_the_tables_of_the_models(empty: Engine) -> None:
     migrate(empty)
     with empty.begin() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        context = MigrationContext.configure(connection)
+        assert compare_metadata(context, Base.metadata) == []
+        assert context.get_current_revision() == REVISION
 
 
 def test_a_second_migration_changes_nothing(empty: Engine) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from celery import Task
 from celery.worker import state
 from celery.worker.request import Request
 
@@ -31,3 +32,10 @@ class WatchfulRequest(Request):  # type: ignore[misc]  # Celery has no types
                 raise
 
         message.ack = acknowledge_or_stop
+
+
+class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
+    """Base of all tasks: a worker that cannot acknowledge a message ends."""
+
+    abstract = True
+    Request = WatchfulRequest
