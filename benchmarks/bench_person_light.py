@@ -34,7 +34,7 @@ from valerie.scene.graph.model import Material, Scene
 GREY: Final = 0.18
 #: Smallest number of pixels of a compared person, without those at its edge.
 LEAST_PIXELS: Final = 100
-#: The sun across the street, low, and behind the camera.
+#: The sun ahead at 40°, low from the left, and ahead at 50°: the persons' visible sides are mostly in the shade.
 SUNS: Final = (
     *GROUPS,
     Group("c", "camera-1", {"scene.sun-1.elevation": 50.0, "scene.sun-1.azimuth": 190.0}),
