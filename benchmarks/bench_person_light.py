@@ -60,7 +60,7 @@ def ratio(frame: Planned, raster: RasterRenderer, cycles: CyclesRenderer, truth_
     statics, part = truth_pass.parts(frame.scene, frame.view)
     truth = part.over(statics)
     instance_id = frame.scene.nodes["scene.person-1"].instance_id
-    inside: NDArray[np.bool_] = binary_erosion(truth.instance_map == instance_id, np.ones((3, 3)))
+    inside: NDArray[np.bool_] = binary_erosion(truth.instance_map == instance_id, np.ones((3, 3), np.bool_))
     if np.count_nonzero(inside) < LEAST_PIXELS:
         return None
     blank = LinearImage(np.zeros((frame.view.height, frame.view.width, 3), np.float16))
