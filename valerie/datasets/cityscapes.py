@@ -140,9 +140,20 @@ class CityscapesFolder(Sequence[LabelledFrame]):
         require_label_ids(class_map, field=entry.labels.name)
         instance_map = np.zeros(class_map.shape, np.uint16)
         if entry.instances is not None:
-            ids = _ids(entry.instances, 65_535).astype(np.uint16)
-            instance_map = np.where(ids >= 1000, ids, np.uint16(0))
+            instance_map = _instances(entry.instances)
         return LabelledFrame(entry.name, _picture(entry.picture), class_map, instance_map)
+
+    def instance_map(self, index: int) -> NDArray[np.uint16]:
+        """Read only the instances of a frame, as in `LabelledFrame`.
+
+        Raises:
+            NotFound: the frame has no map of instances.
+            CorruptArtifact: the file is not a picture.
+        """
+        entry = self._entries[index]
+        if entry.instances is None:
+            raise NotFound("instance ids of", entry.name)
+        return _instances(entry.instances)
 
     def __iter__(self) -> Iterator[LabelledFrame]:
         return (self[i] for i in range(len(self)))
@@ -192,6 +203,11 @@ def _picture(path: Path) -> NDArray[np.uint8]:
 
 def _labels(path: Path) -> NDArray[np.uint8]:
     return _ids(path, 255).astype(np.uint8)
+
+
+def _instances(path: Path) -> NDArray[np.uint16]:
+    ids = _ids(path, 65_535).astype(np.uint16)
+    return np.where(ids >= 1000, ids, np.uint16(0))
 
 
 def _ids(path: Path, largest: int) -> NDArray[np.integer]:

@@ -37,7 +37,7 @@ def person_twins(here: CityscapesFolder, there: CityscapesFolder) -> list[Twin]:
                 limit="_instanceIds.png",
             )
     frames = {name: index for index, name in enumerate(there.names)}
-    shared = [(index, frames[name]) for index, name in enumerate(here.names) if name in frames]
+    shared = [(name, index, frames[name]) for index, name in enumerate(here.names) if name in frames]
     if not shared:
         raise InvalidInput(
             "the data sets share no frame",
@@ -46,16 +46,13 @@ def person_twins(here: CityscapesFolder, there: CityscapesFolder) -> list[Twin]:
             limit=f"frames with names such as {here.names[0]}",
         )
     twins = []
-    for own, other in shared:
-        frame, twin = here[own], there[other]
-        if frame.instance_map.shape != twin.instance_map.shape:
+    for name, own, other in shared:
+        instances, twin = here.instance_map(own), there.instance_map(other)
+        if instances.shape != twin.shape:
             raise InvalidInput(
-                f"the twin of {frame.name} has another size",
-                field="--twin",
-                value=twin.instance_map.shape,
-                limit=frame.instance_map.shape,
+                f"the twin of {name} has another size", field="--twin", value=twin.shape, limit=instances.shape
             )
-        twins += [(frame.name, *pair) for pair in matched(frame.instance_map, twin.instance_map)]
+        twins += [(name, *pair) for pair in matched(instances, twin)]
     return twins
 
 

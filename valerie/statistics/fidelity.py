@@ -42,10 +42,9 @@ class Fidelity:
         return (self.both + self.neither) / self.persons
 
     @property
-    def recovered(self) -> float | None:
-        """Share of the persons missed here that are missed there, too; None if none is missed here."""
-        missed = self.both + self.only_here
-        return self.both / missed if missed else None
+    def missed_here(self) -> int:
+        """Number of persons missed here, also there or not."""
+        return self.both + self.only_here
 
     @property
     def kappa(self) -> float | None:
@@ -53,7 +52,7 @@ class Fidelity:
 
         Source: Cohen 1960, doi:10.1177/001316446002000104.
         """
-        here, there = self.both + self.only_here, self.both + self.only_there
+        here, there = self.missed_here, self.both + self.only_there
         total = self.persons
         chance = (here * there + (total - here) * (total - there)) / total**2
         return (self.share - chance) / (1 - chance) if chance < 1 else None

@@ -28,7 +28,7 @@ def test_equal_rates_of_misses_may_be_of_other_persons() -> None:
     here = np.arange(PERSONS) < 100
     found = instance_fidelity(here, np.roll(here, 100), UNITS)
     assert (found.both, found.only_here, found.only_there, found.neither) == (0, 100, 100, 200)
-    assert found.recovered == 0.0
+    assert found.missed_here == 100
     assert found.kappa is not None
     assert found.kappa < 0
 
@@ -37,7 +37,7 @@ def test_listed_scenes_have_no_interval() -> None:
     same = np.zeros(PERSONS, np.bool_)
     found = instance_fidelity(same, same, sampling_units("grid", np.arange(PERSONS)))
     assert (found.share, found.low, found.high) == (1.0, None, None)
-    assert found.recovered is None  # nobody is missed
+    assert found.missed_here == 0
     assert found.kappa is None
 
 

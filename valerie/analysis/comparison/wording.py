@@ -56,8 +56,8 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     if fidelity.low is not None and fidelity.high is not None:
         span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
     kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
-    missed = fidelity.both + fidelity.only_here
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "
-        f"Of {missed:,} missed {here}, {fidelity.both:,} are missed {there}, too; {fidelity.only_there:,} only {there}."
+        f"Of {fidelity.missed_here:,} missed {here}, {fidelity.both:,} are missed {there}, too; "
+        f"{fidelity.only_there:,} only {there}."
     )

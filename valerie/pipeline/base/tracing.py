@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Time that a process collects spans before it sends them, milliseconds. A process that is killed loses them.
 _COLLECTED_MS: Final = 1_000
+#: Trace id and span id of the root span that is being started.
+_ROOT: ContextVar[tuple[int, int] | None] = ContextVar("root", default=None)
 
 
 class Traces:
@@ -143,10 +145,6 @@ def provider_with(processor: SpanProcessor, *, share: float, process: str) -> Tr
     provider = TracerProvider(sampler=TraceIdRatioBased(share), resource=resource, id_generator=Ids())
     provider.add_span_processor(processor)
     return provider
-
-
-#: Trace id and span id of the root span that is being started.
-_ROOT: ContextVar[tuple[int, int] | None] = ContextVar("root", default=None)
 
 
 def _ids(frame: FrameKey) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -42,7 +43,7 @@ class WrittenBlock(NamedTuple):
 
     products: int
     ready: list[Ready]
-    frames: list[FrameKey]
+    frames: Iterable[FrameKey]
 
 
 class _Target(NamedTuple):
@@ -86,7 +87,7 @@ class Feeder:
         with writing(engine) as connection:
             run = runs.fed(connection, self._run_id)
             if run.next_index != first or run.state is not RunState.RUNNING:
-                return WrittenBlock(0, [], [])
+                return WrittenBlock(0, [], ())
             insert_rows(connection, Variant, _VARIANT, rows.variants)
             present = products.present_turn(connection)
             turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
@@ -98,7 +99,8 @@ class Feeder:
             rejected = run.rejected_count + rows.rejected
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)
-        frames = [FrameKey(*row[:2], camera=row[2], time=row[3]) for row in rows.frames]
+        # Most deployments write no traces, and never read them.
+        frames = (FrameKey(run_id, variant, camera, time) for run_id, variant, camera, time, *_ in rows.frames)
         return WrittenBlock(len(rows.wanted), ready, frames)
 
     def _rows(self, first: int, limit: float) -> _Rows:

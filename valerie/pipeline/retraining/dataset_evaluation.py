@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
-from valerie.datasets.twins import Twin
+from valerie.datasets.twins import LEAST_OVERLAP, Twin
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
@@ -176,12 +176,11 @@ def compare_twins(
             "the data sets share no person",
             field="--twin",
             value=str(there.root),
-            limit="boxes that overlap by a third",
+            limit=f"boxes whose intersection over union is at least {LEAST_OVERLAP:g}",
         )
-    frames = [str(frame) for frame, _, _ in twins]
-    _, frame_numbers = np.unique(frames, return_inverse=True)
+    _, frames = np.unique([str(frame) for frame, _, _ in twins], return_inverse=True)
     _, places = np.unique([frame.city for frame, _, _ in twins], return_inverse=True)
-    units = sampling_units("grid", frame_numbers, sites=places)
+    units = sampling_units("grid", frames, sites=places)
     compared = {}
     for own, other in zip(here.functions, there.functions, strict=True):
         scores_here, scores_there = (

@@ -80,7 +80,7 @@ def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pip
     assert not (tmp_path / "set/coco").exists()
 
 
-def test_an_interrupted_export_keeps_the_types_of_parameters() -> None:
+def test_fragments_keep_the_types_of_parameters() -> None:
     row: IndexRow = {
         "scene.bus-101.visible": False,
         "sensor.noise.shot": True,
