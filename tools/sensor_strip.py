@@ -50,6 +50,7 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
     ("curve srgb: highlights are cut", {"curve": "srgb"}, False),
     ("curve blender-filmic, gamma 1.5, 0.5 EV", {"curve": "blender-filmic", "gamma": 1.5, "exposure_ev": 0.5}, False),
+    ("glare 0.05", {"lens": {"glare": 0.05}}, False),
     ("auto exposure", {"exposure_ev": 0.0, "auto_exposure": True}, False),
     ("white balance 3800 K", {"white_balance": {"temperature_k": 3800}}, False),
     ("white balance 11,000 K", {"white_balance": {"temperature_k": 11000}}, False),

@@ -1,4 +1,4 @@
-"""Bilinear interpolation of images."""
+"""Bilinear interpolation and reduction of images."""
 
 from __future__ import annotations
 
@@ -34,3 +34,20 @@ def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.f
     lower *= down
     upper += lower
     return upper
+
+
+def block_means(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Return the means over squares of ``side`` × ``side`` pixels. Border pixels repeat to complete the last squares.
+
+    Args:
+        image: (H, W, C).
+        side: pixels.
+
+    Returns:
+        (⌈H / side⌉, ⌈W / side⌉, C).
+    """
+    height, width, channels = image.shape
+    padded = np.pad(image, ((0, -height % side), (0, -width % side), (0, 0)), mode="edge")
+    rows, columns = padded.shape[0] // side, padded.shape[1] // side
+    means: NDArray[np.float32] = padded.reshape(rows, side, columns, side, channels).mean(axis=(1, 3))
+    return means

@@ -43,11 +43,12 @@ class WhiteBalance(Document):
 
 
 class Lens(Document):
-    """Focus, vignetting and chromatic aberration; see `valerie.sensing.defocus` and `valerie.sensing.optics`."""
+    """Focus, vignetting, glare and chromatic aberration; see `valerie.sensing.defocus`, `.optics` and `.glare`."""
 
     f_number: float = _field("lens.f_number")
     focus_distance_m: float = _field("lens.focus_distance_m")
     vignetting: float = _field("lens.vignetting")
+    glare: float = _field("lens.glare")
     chromatic_aberration: float = _field("lens.chromatic_aberration")
 
 
@@ -100,15 +101,15 @@ class FaultyPixels(Document):
 class SensorSetting(Document):
     """The response of a camera.
 
-    The effects apply in this order: lens (defocus, shutter, soiling, distortion, chromatic aberration, vignetting), exposure,
-    noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
+    The effects apply in this order: lens (defocus, shutter, soiling, glare, distortion, chromatic aberration, vignetting),
+    exposure, noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
 
     Attributes:
         name: name in the spec and in results.
         curve: ``filmic`` (Hable), ``blender-filmic``, ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see
             `valerie.sensing.curves`.
         white_balance: the light that the camera takes for white.
-        lens: focus, vignetting and chromatic aberration.
+        lens: focus, vignetting, glare and chromatic aberration.
         distortion: Brown–Conrady coefficients; the same map distorts the ground truth.
         shutter: motion blur and rolling shutter; ground truth moves with the rows.
         soiling: dirt and drops on the front glass.

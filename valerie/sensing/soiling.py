@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.sensing.resampling import bilinear
+from valerie.sensing.resampling import bilinear, block_means
 
 #: Log-normal radius of patches as a share of the image's width: median, and standard deviation of the logarithm.
 _DUST: Final = (0.012, 0.6)
@@ -69,7 +69,7 @@ def rained_on(linear: Floats, share: float, seed: int) -> Floats:
     rows, columns = np.nonzero(patches.opacity)
     center_x, center_y = patches.x[rows, columns], patches.y[rows, columns]
     cell = max(round(_DROP_BLUR * width), 1)
-    small = _shrunk(linear, cell)
+    small = block_means(linear, cell)
     x = center_x + (columns - center_x) * _DROP_SHRINKS
     y = center_y + (rows - center_y) * _DROP_SHRINKS
     refracted = bilinear(small, (x + 0.5) / cell - 0.5, (y + 0.5) / cell - 0.5) * np.float32(_DROP_PASSES)
@@ -119,12 +119,3 @@ def _put(opacity: Floats, x: Floats, y: Floats, center: tuple[float, float], rad
     opacity[box] = np.where(over, soft, before)
     x[box], y[box] = np.where(over, center[0], x[box]), np.where(over, center[1], y[box])
     return gained
-
-
-def _shrunk(linear: Floats, factor: int) -> Floats:
-    """Return the means over squares of ``factor`` × ``factor`` pixels. Border pixels repeat to complete the last squares."""
-    height, width = linear.shape[:2]
-    padded = np.pad(linear, ((0, -height % factor), (0, -width % factor), (0, 0)), mode="edge")
-    rows, columns = padded.shape[0] // factor, padded.shape[1] // factor
-    means: Floats = padded.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
-    return means

@@ -55,7 +55,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 12
+    revision: ClassVar[int] = 13
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()

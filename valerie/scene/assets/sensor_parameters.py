@@ -103,6 +103,10 @@ _ROWS: Final = (
     SensorParameter("lens.focus_distance_m", _FLOAT, "m", 0.1, 10_000, 20.0, "distance of focus"),
     SensorParameter("lens.vignetting", _FLOAT, "", 0, 4, 0.0, "exponent of cos⁴; 1: the natural fall-off of a simple lens"),
     SensorParameter(
+        "lens.glare", _FLOAT, "", 0, 0.5, 0.0,
+        "share of the light that the lens scatters over the picture: veils dark areas, makes lamps glow", usual=(0, 0.1),
+    ),
+    SensorParameter(
         "lens.chromatic_aberration", _FLOAT, "", -0.02, 0.02, 0.0,
         "lateral: magnifies red and reduces blue, relative to green, by this share",
     ),

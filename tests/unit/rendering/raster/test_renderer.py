@@ -125,6 +125,25 @@ def test_a_matt_floor_under_a_high_sun_has_the_radiance_of_its_albedo(raster: Ra
     )
 
 
+@pytest.mark.parametrize("irradiance", [0.2, 1.0])
+def test_the_disc_of_the_sun_sends_the_light_of_the_sun_as_far_as_float16_holds_it(
+    raster: RasterRenderer, irradiance: float
+) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 2), 0, 40, 0), focal_length_mm=400.0)
+    floor = box_mesh((-3, -3, -1), (3, 3, 0), "floor")
+    scene = one_mesh(floor, Material("floor", (0.4, 0.2, 0.1)), camera)
+    bearing = math.degrees(math.atan2(*scene.sun_direction()[:2])) - math.degrees(scene.sun.azimuth)
+    sun = Sun(math.radians(-bearing), math.radians(40), irradiance)
+    scene = replace(scene, sun=sun, environment=replace(scene.environment, sky_strength=0.0))
+    pixels = raster.full(scene, View("camera-1", 256, 144)).pixels.astype(np.float64)
+    pixel = 36 / 256 / 400  # radians
+    light = (pixels - pixels[:4].mean(axis=(0, 1))).sum(axis=(0, 1)) * pixel**2 / math.pi
+    sunlight = sky_of(scene).sun
+    stored = min(1.0, np.finfo(np.float16).max * (sun.angular_diameter / 2) ** 2 / sunlight.max())
+    # The disc's rim is soft within 5 % of its radius. Cutting the middle, but not the rim, gains at most that share.
+    np.testing.assert_allclose(light, sunlight * stored, rtol=0.01 if stored == 1.0 else 0.05)
+
+
 @pytest.mark.parametrize("across", [20.0, 150.0, 600.0])
 @pytest.mark.parametrize("tilt", [0.0, 30.0])
 def test_open_ground_receives_the_whole_sky_however_far_it_reaches(

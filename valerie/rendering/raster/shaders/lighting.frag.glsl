@@ -53,8 +53,9 @@ layout(location = 0) out vec4 out_radiance;
 #include "lamps.glsl"
 #endif
 
-// Brightest stored value. The sun's disc is far beyond the range of any sensor.
+// Brightest stored values: of surfaces, whose highlights would flicker, and of the sun's disc, beyond which float16 ends.
 const float BRIGHTEST = 24.0;
+const float BRIGHTEST_SKY = 65504.0;
 
 vec3 sky(vec3 d) {
     float elevation = asin(clamp(d.z, 0.0, 1.0));
@@ -71,7 +72,8 @@ vec3 sun_disc(vec3 d) {
     float angle = acos(clamp(dot(d, toward_sun), -1.0, 1.0));
     float disc = 1.0 - smoothstep(sun_angle * 0.95, sun_angle * 1.05, angle);
     // Scattering in the lens adds a glow that falls off within some degrees.
-    return sun * (disc * 1000.0 + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
+    // ``sun`` is the radiance of a white surface that faces the sun: the disc's radiance times the disc's solid angle over pi.
+    return sun * (disc / (sun_angle * sun_angle) + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
 }
 
 // Irradiance of a surface with normal n, or approximately the mean radiance around direction n: the light's spherical harmonics
@@ -353,6 +355,9 @@ void main() {
 #ifdef RAIN
     color = through_rain(color);
 #endif
-    out_radiance = vec4(min(color, vec3(BRIGHTEST)), stored.a);
+    // The sun keeps its hue.
+    float brightest = max(max(color.r, color.g), max(color.b, 1.0));
+    color = sample_is_sky ? color * min(1.0, BRIGHTEST_SKY / brightest) : min(color, vec3(BRIGHTEST));
+    out_radiance = vec4(color, stored.a);
 }
 #endif
