@@ -36,6 +36,16 @@ VARIANT: Final = {
     "scene.sun-1.azimuth": 150.0,
     "scene.sun-1.elevation": 35.0,
 }
+#: What the other scenes change, by a word of the tile's caption.
+AGAINST_LIGHT: Final[dict[str, dict[str, float | str]]] = {
+    "low sun": {"scene.sun-1.azimuth": 200.0, "scene.sun-1.elevation": 9.0},
+    "headlamps": {
+        "scene.sun-1.elevation": -9.0,
+        "scene.car-101.kind": "sedan",
+        "scene.car-101.pos.y": 22.0,
+        "scene.car-101.heading": 180.0,
+    },
+}
 #: Turn rate of the camera in the shutter's tiles, as in a bend.
 YAW_DEG_PER_S: Final = 40.0
 ROLLING: Final = SensorSetting.model_validate({"shutter": {"line_time_us": 60}})
@@ -50,7 +60,6 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
     ("curve srgb: highlights are cut", {"curve": "srgb"}, False),
     ("curve blender-filmic, gamma 1.5, 0.5 EV", {"curve": "blender-filmic", "gamma": 1.5, "exposure_ev": 0.5}, False),
-    ("glare 0.05", {"lens": {"glare": 0.05}}, False),
     ("auto exposure", {"exposure_ev": 0.0, "auto_exposure": True}, False),
     ("white balance 3800 K", {"white_balance": {"temperature_k": 3800}}, False),
     ("white balance 11,000 K", {"white_balance": {"temperature_k": 11000}}, False),
@@ -61,6 +70,10 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("distortion k1 0.9 (pincushion)", {"distortion": {"k1": 0.9}}, False),
     ("dirt 0.15", {"soiling": {"dirt": 0.15}}, False),
     ("drops 0.15", {"soiling": {"drops": 0.15}}, False),
+    ("low sun", {"exposure_ev": -0.5, "auto_exposure": True}, False),
+    ("low sun, glare 0.02", {"exposure_ev": -0.5, "auto_exposure": True, "lens": {"glare": 0.02}}, False),
+    ("headlamps at night", {"exposure_ev": 0.0, "auto_exposure": True}, False),
+    ("headlamps at night, glare 0.02", {"exposure_ev": 0.0, "auto_exposure": True, "lens": {"glare": 0.02}}, False),
     ("filmic · detail", {}, True),
     ("f/0.7 focused on the person · detail", {"lens": {"f_number": 0.7, "focus_distance_m": 18}}, True),
     ("shutter open for 10 ms, turning · detail", {"shutter": {"exposure_ms": 10}}, True),
@@ -82,8 +95,11 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
 )
 
 
-def frame() -> tuple[NDArray[np.float16], NDArray[np.float16], Shot]:
-    """Return the linear image, the same image with a rolling shutter, and the sensor's other inputs."""
+def frame() -> tuple[dict[str, NDArray[np.float16]], Shot]:
+    """Return the linear images and the sensor's other inputs.
+
+    The images are by a word of the tile's caption. The one with a rolling shutter is ``rolling``, that of all other tiles ``""``.
+    """
     asset = load_asset("urban-street")
     scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
     engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
@@ -96,13 +112,11 @@ def frame() -> tuple[NDArray[np.float16], NDArray[np.float16], Shot]:
     velocity = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, truth, VELOCITY_SPAN_S).vectors
     reading = Reading(read_lines(ROLLING, WIDTH, HEIGHT), ROLLING.shutter.line_time_us * 1e-6)
     rolling = scan(engine, truth_pass, near, view, (LinearImage(linear), truth), reading).image(LinearImage(linear))
+    images = {word: engine.full(apply(VARIANT | values, asset), view).pixels for word, values in AGAINST_LIGHT.items()}
     truth_pass.close()
     engine.close()
-    return (
-        linear,
-        rolling.pixels,
-        Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), truth.depth, velocity, 0, ("strip",)),
-    )
+    shot = Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), truth.depth, velocity, 0, ("strip",))
+    return {**images, "rolling": rolling.pixels, "": linear}, shot
 
 
 def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
@@ -119,11 +133,11 @@ def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Ima
 
 def main(out: Path) -> None:
     """Write the contact sheet."""
-    linear, rolling, shot = frame()
+    images, shot = frame()
     tiles = [
         tile(
             develop(
-                rolling if "rolling" in caption else linear,
+                next(image for word, image in images.items() if word in caption),
                 SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **setting}),
                 shot,
             ),
