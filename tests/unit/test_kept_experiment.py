@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
@@ -11,14 +12,19 @@ from valerie.analysis.comparison.beside import Beside
 from valerie.errors import InvalidInput
 
 
+def rounded(text: str) -> Any:
+    """Read JSON with numbers of ten digits. The last ones depend on the processor, through linear algebra."""
+    return json.loads(text, parse_float=lambda number: f"{float(number):.10g}")
+
+
 def test_the_kept_comparison_of_engines_follows_from_the_kept_rows() -> None:
-    kept = json.loads((KEPT / "paper-cycles.json").read_text("utf-8"))
-    assert json.loads(json.dumps(compare_kept().to_json())) == kept
+    kept = (KEPT / "paper-cycles.json").read_text("utf-8")
+    assert rounded(json.dumps(compare_kept().to_json())) == rounded(kept)
 
 
 def test_a_comparison_is_read_back_from_its_file() -> None:
     text = (KEPT / "paper-cycles.json").read_text("utf-8")
-    assert Beside.from_json(text).to_json() == compare_kept().to_json()
+    assert json.loads(json.dumps(Beside.from_json(text).to_json())) == json.loads(text)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"here": 1}'])
