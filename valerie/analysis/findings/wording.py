@@ -83,6 +83,14 @@ def candidate_text(finding: Finding) -> str:
     return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
 
 
+def alike_sentence(function: str) -> str:
+    """Return why differences between places are not confirmed."""
+    return (
+        f"{function}: neighbouring places score alike, so they are no independent evidence; differences between places stay "
+        "candidates. Repeat the grid on several sites to confirm them."
+    )
+
+
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
     """Return the share of false person pixels of a function with its interval."""
     return (
