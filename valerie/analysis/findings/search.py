@@ -186,6 +186,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         function=family.function,
         steps=steps,
         matching=contrast.matching,
+        estimand=table.units.estimand,
         confirmed=item.confirmed,
         effect=contrast.estimate,
         low=max(item.low, -widest) if known else None,
