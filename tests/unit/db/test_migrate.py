@@ -104,7 +104,11 @@ def without_measure(engine: Engine) -> None:
                 "VALUES ('p1', 'light', 'done', 'render', 'g', 0.0, 1)"
             )
         )
-        connection.execute(text("INSERT INTO person_lights VALUES ('p1', 24001, 0.75, 0.25)"))
+        connection.execute(
+            text(
+                "INSERT INTO person_lights (product, instance_id, irradiance, shadow_share) VALUES ('p1', 24001, 0.75, 0.25)"
+            )
+        )
 
 
 def test_a_new_measure_gets_its_column_and_is_empty_in_old_rows(empty: Engine) -> None:
