@@ -71,6 +71,46 @@ def test_a_database_of_a_newer_version_is_refused_unchanged(empty: Engine) -> No
     assert contents(empty) == before
 
 
+def without_measure(engine: Engine) -> None:
+    """Leave the tables of a version that lacks the measure ``contrast``, with a person's light."""
+    migrate(engine)
+    with engine.begin() as connection:
+        connection.execute(text("ALTER TABLE person_lights DROP COLUMN contrast"))
+        connection.execute(
+            text(
+                "INSERT INTO products (digest, kind, state, route, cache_group, turn, attempts) "
+                "VALUES ('p1', 'light', 'done', 'render', 'g', 0.0, 1)"
+            )
+        )
+        connection.execute(
+            text(
+                "INSERT INTO person_lights (product, instance_id, irradiance, shadow_share) VALUES ('p1', 24001, 0.75, 0.25)"
+            )
+        )
+
+
+def test_a_new_measure_gets_its_column_and_is_empty_in_old_rows(empty: Engine) -> None:
+    without_measure(empty)
+    with pytest.raises(Conflict, match=r"lacks columns of measures.*run `valerie migrate`"):
+        require_current(empty)
+    migrate(empty)
+    require_current(empty)
+    with empty.begin() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        query = text("SELECT irradiance, shadow_share, contrast FROM person_lights")
+        assert connection.execute(query).one() == (0.75, 0.25, None)
+
+
+def test_a_measure_of_a_newer_version_disturbs_nobody(empty: Engine) -> None:
+    migrate(empty)
+    with empty.begin() as connection:
+        connection.execute(text("ALTER TABLE person_lights ADD COLUMN glare FLOAT"))
+    before = contents(empty)
+    require_current(empty)
+    migrate(empty)
+    assert contents(empty) == before
+
+
 def test_a_worker_does_not_start_on_an_empty_database(empty: Engine) -> None:
     with pytest.raises(Conflict, match="run `valerie migrate`"):
         require_current(empty)
