@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.frames import Annotations, annotation_names
-from valerie.cli.options import takes_documents
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, Json, say
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.options import takes_documents
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput, NotFound
 from valerie.local.deployment import settings_of

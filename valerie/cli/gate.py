@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.options import takes_documents
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, Exit, Json, RunId, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli import training_sets
-from valerie.cli.options import takes_documents
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of, settings_of

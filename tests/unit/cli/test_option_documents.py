@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from valerie.cli.options import takes_documents
+from valerie.cli.option_documents import takes_documents
 
 
 @dataclass(frozen=True, slots=True)
