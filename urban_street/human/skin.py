@@ -70,8 +70,8 @@ def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPar
 def eye_part(body: Body, side: str) -> SkinPart:
     """Return one eyeball with its texture projected from the front."""
     faces = surface.triangles(data.base_mesh().groups[f"helper-{side}-eye"].quads)
-    used = np.unique(faces)
-    centre, radius = _sphere(body.vertices[used])
+    vertices = np.unique(faces)
+    centre, radius = _sphere(body.vertices[vertices])
     offset = (body.vertices - centre) / (2.0 * radius)
     uvs = np.stack([0.5 + offset[:, 0], 0.5 - offset[:, 2]], axis=1)
     return SkinPart(*surface.unweld(faces, uvs[faces], wraps=False))

@@ -59,13 +59,13 @@ def build_street(layout: StreetLayout) -> StreetContent:
             parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
             if placement.kind == "lamp":
                 parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
-    used = {mesh.material for part in parts for mesh in part.meshes}
+    in_use = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
     all_materials = make_materials(settings.seed) | workshop.materials
-    materials = {name: material for name, material in all_materials.items() if name in used}
-    names = {texture for material in materials.values() for texture in material.textures}
+    materials = {name: material for name, material in all_materials.items() if name in in_use}
+    in_use = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(settings) | workshop.textures
-    textures = {name: texture for name, texture in painted.items() if name in names}
+    textures = {name: texture for name, texture in painted.items() if name in in_use}
     return StreetContent(tuple(parts), materials, textures)
 
 
@@ -129,8 +129,8 @@ class _Workshop:
         try:
             return _SHARED[kind]()
         except KeyError:
-            known = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
-            raise UnknownName("kind of street object", kind, known) from None
+            kinds = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            raise UnknownName("kind of street object", kind, kinds) from None
 
 
 #: Range along the street in which cars have all their details, metres.

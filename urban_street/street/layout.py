@@ -382,7 +382,7 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
     """Place lamp posts, signs, bollards, bins, planters and bicycle stands between the trunks."""
-    taken = list(trunks)
+    places = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
         """Return the nearest place along the kerb at least 1.6 m from all objects there."""
@@ -390,8 +390,8 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):
                 continue
-            if all(side != left or abs(candidate - other) > 1.6 for side, other in taken):
-                taken.append((left, candidate))
+            if all(side != left or abs(candidate - other) > 1.6 for side, other in places):
+                places.append((left, candidate))
                 return candidate
         return y
 
@@ -428,18 +428,18 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
 def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
     """Place bins and planters, clear of house doors and of each other."""
     front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
-    taken = []
+    places = []
     for house in plan.placements:
         if house.object_class == "building" and house.heading == heading:
             width, _, bays, door = house.size[:4]
-            taken.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
+            places.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
     x = front + 0.42 if left else front - 0.42
     for y in rng.uniform(6.0, plan.lines.row_stop - 15.0, round(plan.settings.length_m / 22.0)):
-        if any(abs(y - other) < 2.0 for other in taken) or plan.lines.in_side_street(
+        if any(abs(y - other) < 2.0 for other in places) or plan.lines.in_side_street(
             float(y), SIDE_HALF + 1.0, left=left
         ):
             continue
-        taken.append(float(y))
+        places.append(float(y))
         if rng.random() < 0.5:
             size = (0.5, 1.1)
             planter = plan.add(

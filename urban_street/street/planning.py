@@ -39,9 +39,9 @@ class Plan:
         self.placements.append(placement)
         return placement
 
-    def block(self, placed: Placement, polygon: Polygon, height: float | None = None) -> None:
+    def block(self, placement: Placement, polygon: Polygon, height: float | None = None) -> None:
         """Add the footprint of an object (see `Footprint`)."""
-        self.footprints.append(Footprint(placed.path, polygon, height))
+        self.footprints.append(Footprint(placement.path, polygon, height))
         self._taken.append(shapely.Polygon(polygon))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:

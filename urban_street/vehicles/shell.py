@@ -162,12 +162,12 @@ class Shell:
         return np.column_stack([self.outline.length - along if front else along, self.height_of(fine[:, 1])])
 
     def side_polygon(self, line: ArrayLike) -> BaseGeometry:
-        closed = np.asarray(line, np.float64)
-        return shapely.Polygon(self.side(np.concatenate([closed, closed[:1]]))).buffer(0)
+        outline = np.asarray(line, np.float64)
+        return shapely.Polygon(self.side(np.concatenate([outline, outline[:1]]))).buffer(0)
 
     def bow_polygon(self, line: ArrayLike, *, front: bool, rounding: float = 0.0) -> BaseGeometry:
-        closed = np.asarray(line, np.float64)
-        shape = shapely.Polygon(self.bow(np.concatenate([closed, closed[:1]]), front=front)).buffer(0)
+        outline = np.asarray(line, np.float64)
+        shape = shapely.Polygon(self.bow(np.concatenate([outline, outline[:1]]), front=front)).buffer(0)
         return rounded(shape, rounding, self.ring.domain) if rounding else shape
 
     def arch(self, axle: float, *, wider: float = 0.0) -> Floats:

@@ -177,8 +177,8 @@ def _speeds(
     count = int(numbers.max()) + 1
     half = 0.5 * (count - 1) * line_time_s
     speeds = np.zeros(count)
-    measured = min(_MOMENTS + int(2 * half / _ANOTHER_AFTER_S), _MOST_MOMENTS)
-    for seconds in np.linspace(-half, half, measured).tolist():
+    count = min(_MOMENTS + int(2 * half / _ANOTHER_AFTER_S), _MOST_MOMENTS)
+    for seconds in np.linspace(-half, half, count).tolist():
         scene, after = moments(seconds), moments(seconds + _SPAN_S)
         vectors = truth_pass.velocity(scene, after, view, truth_pass.truth(scene, view), _SPAN_S).vectors
         np.maximum.at(speeds, numbers, np.hypot(vectors[..., 0], vectors[..., 1]))

@@ -180,12 +180,12 @@ class BlenderProcess:
     def _watch(self) -> None:
         assert self._process is not None
         try:
-            used = psutil.Process(self._process.pid).memory_info().rss
+            size = psutil.Process(self._process.pid).memory_info().rss
         except psutil.Error:
             return  # the process has just ended; the pipe reports it
-        if used > self._memory:
+        if size > self._memory:
             raise MemoryError(
-                f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
+                f"Blender took {size / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
             )
 
     def _ended(self, reason: str) -> TransientError:

@@ -63,8 +63,8 @@ class Studio:
     def forget(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Remove meshes, materials and textures, and the objects that use them."""
         data = self._bpy.data
-        removed = {*header["meshes"], *header["materials"]}
-        for name in [name for name, (_, state) in self._objects.items() if removed & {state[0], state[1]}]:
+        names = {*header["meshes"], *header["materials"]}
+        for name in [name for name, (_, state) in self._objects.items() if names & {state[0], state[1]}]:
             data.objects.remove(self._objects.pop(name)[0])
         for key in header["meshes"]:
             data.meshes.remove(self._meshes.pop(key))
