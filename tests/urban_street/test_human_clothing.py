@@ -18,7 +18,7 @@ from urban_street.human.clothing import Cloth
 
 @dataclass(frozen=True)
 class Dressed:
-    look: outfits.Look
+    look: outfits.Outfit
     body: Body
     posed: pose.Posed
     cloths: tuple[Cloth, ...]

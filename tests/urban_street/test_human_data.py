@@ -79,13 +79,13 @@ def test_an_unknown_target_lists_near_matches() -> None:
 
 
 def test_a_flat_relief_gives_normals_straight_up() -> None:
-    canvas = textures.Canvas.plain((10, 20, 30), 16)
+    canvas = textures.TextureCanvas.plain((10, 20, 30), 16)
     assert (canvas.normals() == np.array([128, 128, 255])).all()
     assert (canvas.image() == np.array([10, 20, 30])).all()
 
 
 def test_normals_lean_away_from_a_rise_as_gltf_has_them() -> None:
-    canvas = textures.Canvas.plain((0, 0, 0), 16)
+    canvas = textures.TextureCanvas.plain((0, 0, 0), 16)
     canvas.height[:] = np.linspace(0.0, 8.0, 16)[:, None]  # rises downwards in the image, that is against glTF's y
     middle = canvas.normals()[8, 8].astype(int)
     # By 10° or more, a requirement of ours, 22 of 127.5 levels; and not sideways.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from urban_street.street.build import Part, StreetContent, build_street
+from urban_street.street.build import StreetContent, StreetPart, build_street
 from urban_street.street.layout import layout_street
 from urban_street.street.materials import make_materials
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings
@@ -34,7 +34,7 @@ def solid(content: StreetContent) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.concatenate(positions), np.concatenate(faces), process=False, validate=False)
 
 
-def part_of(content: StreetContent, path: str) -> Part:
+def part_of(content: StreetContent, path: str) -> StreetPart:
     return next(part for part in content.parts if part.path == path)
 
 

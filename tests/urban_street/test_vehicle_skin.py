@@ -8,7 +8,7 @@ import shapely
 
 from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus, turned
 from urban_street.solids.surfaces import Surface
-from urban_street.vehicles.curves import Outline, hermite, smooth
+from urban_street.vehicles.curves import PlanOutline, hermite, smooth
 from urban_street.vehicles.designs import CARS
 from urban_street.vehicles.hull import Hull
 from urban_street.vehicles.shell import Shell, shrunk
@@ -91,7 +91,7 @@ def test_shrinking_spares_the_border_of_the_frame() -> None:
 
 
 def test_an_outline_is_found_again_by_y_and_by_x() -> None:
-    outline = Outline([(0, -2), (0.6, -1.9), (0.9, -1.3), (0.9, 1.2), (0.6, 1.8), (0, 2)])
+    outline = PlanOutline([(0, -2), (0.6, -1.9), (0.9, -1.3), (0.9, 1.2), (0.6, 1.8), (0, 2)])
     y = np.array([-1.0, 0.0, 1.0])
     np.testing.assert_allclose(outline.at(outline.at_y(y))[0][:, 1], y, atol=1e-6)
     for front, sign in ((True, 1.0), (False, -1.0)):

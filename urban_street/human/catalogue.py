@@ -13,14 +13,14 @@ from urban_street.human.clothing import Cut
 from urban_street.human.drape import Fabric
 from urban_street.human.hair import HairCut
 from urban_street.human.hats import Hat
-from urban_street.human.outfits import Garment, Look, black_outfit, yellow_outfit, yellow_shirt
+from urban_street.human.outfits import Garment, Outfit, black_outfit, yellow_outfit, yellow_shirt
 from urban_street.human.pose import Gait
 from urban_street.human.shoes import ShoeCut
 from urban_street.human.skin import Face
 from urban_street.human.textures import Colour
 from urban_street.human.trim import Collar
 
-Paint = Callable[[], textures.Canvas]
+Paint = Callable[[], textures.TextureCanvas]
 
 # Hairlines by azimuth from the front, degrees.
 _SHORT: Final = {
@@ -107,9 +107,9 @@ def _tights(colour: Colour, seed: int, lower: float = 0.06) -> Garment:
     )
 
 
-def _red_coat() -> Look:
+def _red_coat() -> Outfit:
     hair = (186, 182, 178)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=0.0, age=0.92, muscle=0.42, weight=0.64, height=0.38, proportions=0.4),
         gait=Gait(
             phase=0.06,
@@ -156,9 +156,9 @@ def _red_coat() -> Look:
     )
 
 
-def _grey_hoodie() -> Look:
+def _grey_hoodie() -> Outfit:
     hair = (22, 18, 17)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=1.0, age=0.46, muscle=0.5, weight=0.38, height=0.58, proportions=0.7, ancestry={"african": 1.0}
         ),
@@ -196,10 +196,10 @@ def _grey_hoodie() -> Look:
     )
 
 
-def _blue_dress() -> Look:
+def _blue_dress() -> Outfit:
     hair = (24, 20, 20)
     blue, white = (36, 70, 138), (232, 232, 228)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0, age=0.47, muscle=0.42, weight=0.40, height=0.58, proportions=0.8, ancestry={"asian": 1.0}
         ),
@@ -236,9 +236,9 @@ def _blue_dress() -> Look:
     )
 
 
-def _white_tee() -> Look:
+def _white_tee() -> Outfit:
     hair = (84, 58, 38)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=1.0,
             age=0.62,
@@ -289,10 +289,10 @@ def _white_tee() -> Look:
     )
 
 
-def _striped_boy() -> Look:
+def _striped_boy() -> Outfit:
     hair = (128, 92, 54)
     k = 0.78
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.165, muscle=0.5, weight=0.46, height=0.5, proportions=0.5),
         gait=Gait(phase=0.06, stride=0.95, arm_swing_deg=22.0, elbow_deg=28.0, arm_out_deg=15.0, step_width_m=0.09),
         garments=(
@@ -325,10 +325,10 @@ def _striped_boy() -> Look:
     )
 
 
-def _pink_girl() -> Look:
+def _pink_girl() -> Outfit:
     hair = (52, 34, 24)
     k = 0.74
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0,
             age=0.15,
@@ -376,9 +376,9 @@ def _pink_girl() -> Look:
     )
 
 
-def _brown_hat() -> Look:
+def _brown_hat() -> Outfit:
     hair = (206, 204, 200)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.97, muscle=0.36, weight=0.5, height=0.46, proportions=0.4),
         gait=Gait(
             phase=0.57, stride=0.6, arm_swing_deg=9.0, elbow_deg=30.0, arm_out_deg=15.0, lean_deg=9.0, step_width_m=0.13
@@ -415,9 +415,9 @@ def _brown_hat() -> Look:
     )
 
 
-def _green_parka() -> Look:
+def _green_parka() -> Outfit:
     hair = (28, 22, 20)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0,
             age=0.56,
@@ -467,10 +467,10 @@ def _green_parka() -> Look:
     )
 
 
-def _navy_coat() -> Look:
+def _navy_coat() -> Outfit:
     hair = (104, 98, 94)
     navy = (26, 32, 54)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.68, muscle=0.52, weight=0.60, height=0.62, proportions=0.5),
         gait=Gait(phase=0.56, stride=0.86, arm_swing_deg=14.0, elbow_deg=22.0, arm_out_deg=15.0),
         garments=(
@@ -507,9 +507,9 @@ def _navy_coat() -> Look:
     )
 
 
-def _orange_workwear() -> Look:
+def _orange_workwear() -> Outfit:
     hair = (30, 24, 20)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.52, muscle=0.72, weight=0.60, height=0.50, proportions=0.5),
         gait=Gait(phase=0.06, stride=0.9, arm_swing_deg=18.0, elbow_deg=24.0, arm_out_deg=17.0, step_width_m=0.13),
         garments=(
@@ -544,7 +544,7 @@ def _orange_workwear() -> Look:
 
 
 #: Builders of the looks, by the names in specs.
-LOOKS: Final[Mapping[str, Callable[[], Look]]] = MappingProxyType(
+LOOKS: Final[Mapping[str, Callable[[], Outfit]]] = MappingProxyType(
     {
         "black-outfit": black_outfit,
         "yellow-shirt": yellow_shirt,

@@ -83,7 +83,7 @@ def lash_part(side: str) -> SkinPart:
     return SkinPart(*surface.unweld(faces, np.zeros((*faces.shape, 2)), wraps=False))
 
 
-def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
+def paint_head(face: Face, body: Body, seed: int) -> textures.TextureCanvas:
     """Paint the texture of head and neck; u runs around (0.5 in front), v down from above the crown."""
     canvas = textures.skin(face.skin, seed)
     random = np.random.default_rng(seed + 1)
@@ -118,7 +118,7 @@ def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
     return canvas
 
 
-def paint_limbs(face: Face, seed: int) -> textures.Canvas:
+def paint_limbs(face: Face, seed: int) -> textures.TextureCanvas:
     """Paint the texture of hands and arms in MakeHuman's own layout, with nails."""
     canvas = textures.skin(face.skin, seed)
     nails = ndimage.zoom(data.mask("fingernails").astype(np.float64) / 255.0, textures.SIZE / 2048.0, order=1)
@@ -127,7 +127,7 @@ def paint_limbs(face: Face, seed: int) -> textures.Canvas:
 
 
 def _paint_brows(
-    canvas: textures.Canvas,
+    canvas: textures.TextureCanvas,
     face: Face,
     across: Points,
     height: Points,

@@ -10,22 +10,22 @@ import shapely
 
 from urban_street.street.plan import (
     Footprint,
-    Lines,
     Placement,
     Point,
     Polygon,
     Spot,
+    StreetLines,
     StreetSettings,
     lines_of,
 )
 
 
-class Plan:
+class StreetPlan:
     """Placements and footprints of a street. Objects are numbered by class."""
 
     def __init__(self, settings: StreetSettings) -> None:
         self.settings = settings
-        self.lines: Lines = lines_of(settings)
+        self.lines: StreetLines = lines_of(settings)
         self.placements: list[Placement] = []
         self.footprints: list[Footprint] = []
         self._numbers: Counter[str] = Counter()

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from shapely.geometry.base import BaseGeometry
 
 from urban_street.solids.surfaces import Floats
-from urban_street.vehicles.curves import Outline, hermite, smooth
+from urban_street.vehicles.curves import PlanOutline, hermite, smooth
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.skin import Master, along_polyline
 
@@ -39,7 +39,7 @@ class Shell:
         half, end = 0.5 * design.width, 0.5 * design.length
         tail = [(half * f, -end + d) for f, d in design.tail_plan]
         nose = [(half * f, end - d) for f, d in design.nose_plan][::-1]
-        self.outline = Outline([*tail, (half, 0.5 * (tail[-1][1] + nose[0][1])), *nose])
+        self.outline = PlanOutline([*tail, (half, 0.5 * (tail[-1][1] + nose[0][1])), *nose])
         outline = self.outline
         places = np.array(
             [

@@ -36,7 +36,7 @@ Lines = NDArray[np.intp]
 Moments = Callable[[float], Scene]
 
 
-class Reading(NamedTuple):
+class Readout(NamedTuple):
     """The times at which a rolling shutter reads the pixels of a frame.
 
     Attributes:
@@ -111,7 +111,7 @@ def scan(
     moments: Moments,
     view: View,
     frame: tuple[LinearImage, GroundTruth],
-    reading: Reading,
+    reading: Readout,
 ) -> Scan:
     """Render a frame line by line.
 

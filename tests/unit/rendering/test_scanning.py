@@ -16,7 +16,7 @@ from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import LinearImage, Rectangle, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.scanning import Reading, scan, sliced
+from valerie.rendering.scanning import Readout, scan, sliced
 from valerie.scene.graph.model import Node, Scene
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
@@ -68,7 +68,7 @@ def scanned(
     truth_pass: TruthPass, engine: Any, moments: Callable[[float], Scene], line_time_s: float, image: LinearImage
 ) -> Scan:
     frame = image, truth_pass.truth(moments(0.0), VIEW)
-    return scan(engine, truth_pass, moments, VIEW, frame, Reading(LINES, line_time_s))
+    return scan(engine, truth_pass, moments, VIEW, frame, Readout(LINES, line_time_s))
 
 
 class Lines(NamedTuple):
@@ -139,7 +139,7 @@ def test_the_image_shows_each_line_at_its_own_moment(truth_pass: TruthPass, rast
 def test_nothing_changes_where_nothing_moves(truth_pass: TruthPass, raster: RasterRenderer) -> None:
     now = street(0.0)
     frame = raster.layer(now, VIEW).over(raster.background(now, VIEW)), truth_pass.truth(now, VIEW)
-    still = scan(raster, truth_pass, lambda _: now, VIEW, frame, Reading(LINES, 1e-3))
+    still = scan(raster, truth_pass, lambda _: now, VIEW, frame, Readout(LINES, 1e-3))
     assert Rectangle(*still.rectangle.tolist()).empty
     assert still.image(frame[0]).pixels is frame[0].pixels
     assert still.truth(frame[1]).persons[0].padded_pixels == frame[1].persons[0].padded_pixels

@@ -44,7 +44,7 @@ _LONGEST_LOG: Final = 2_000
 Arrays = Mapping[str, NDArray[Any]]
 
 
-class Answer(TypedDict, total=False):
+class BlenderAnswer(TypedDict, total=False):
     """Header of an answer of Blender. ``hello`` has the version and the device."""
 
     cpu_seconds: float
@@ -102,7 +102,7 @@ class BlenderProcess:
 
     def ask(
         self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
-    ) -> tuple[Answer, dict[str, NDArray[Any]]]:
+    ) -> tuple[BlenderAnswer, dict[str, NDArray[Any]]]:
         """Send a request and return its answer: header and arrays.
 
         Args:
@@ -144,7 +144,9 @@ class BlenderProcess:
         self._log.close()
         self._folder.cleanup()
 
-    def _exchange(self, header: JsonObject, arrays: Arrays, silence: float) -> tuple[Answer, dict[str, NDArray[Any]]]:
+    def _exchange(
+        self, header: JsonObject, arrays: Arrays, silence: float
+    ) -> tuple[BlenderAnswer, dict[str, NDArray[Any]]]:
         if not self.alive:
             raise self._ended("Blender is not running")
         outgoing = {name: np.ascontiguousarray(array) for name, array in arrays.items()}

@@ -100,9 +100,7 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
             if path not in scene.nodes:
                 gaps.setdefault(path, []).append(field)
     return {
-        path: tuple(fields)
-        for path, fields in gaps.items()
-        if not any(path.startswith(f"{other}.") for other in gaps)
+        path: tuple(fields) for path, fields in gaps.items() if not any(path.startswith(f"{other}.") for other in gaps)
     }
 
 

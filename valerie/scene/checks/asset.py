@@ -15,7 +15,7 @@ from valerie.scene.assets.asset_folder import read_manifest
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import declared_problems, missing_nodes
-from valerie.scene.checks.findings import Doubt, Severity, from_error
+from valerie.scene.checks.doubts import Doubt, Severity, from_error
 from valerie.scene.checks.names import name_findings
 from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings

@@ -9,7 +9,7 @@ from typing import Final
 from valerie.labels import CITYSCAPES, PERSON
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import alike, missing_nodes, unclassified
-from valerie.scene.checks.findings import Doubt, Severity
+from valerie.scene.checks.doubts import Doubt, Severity
 from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_name

@@ -103,7 +103,9 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
     """
     definitions = _declared_of(trajectory, parameters)
     numbers = [
-        name for name, definition in definitions.items() if definition.type in (ParameterType.FLOAT, ParameterType.ANGLE)
+        name
+        for name, definition in definitions.items()
+        if definition.type in (ParameterType.FLOAT, ParameterType.ANGLE)
     ]
     last = -math.inf
     for index, keyframe in enumerate(trajectory.keyframes):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .film import Film, take_threads, write_floats
-from .light import Light, SkyMeter
+from .light import BlenderLight, SkyMeter
 from .materials import Materials
 from .pipe import ByName, Message, Pipe
 from .placing import matrix_of
@@ -140,7 +140,7 @@ class Studio:
         self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         scene.collection.objects.link(self._camera)
         scene.camera = self._camera
-        self._light = Light(bpy.data, scene, self._meter)
+        self._light = BlenderLight(bpy.data, scene, self._meter)
 
     def _settings(self, settings: Message, size: list[int], border: list[int] | None) -> None:
         render, cycles = self._scene.render, self._scene.cycles
