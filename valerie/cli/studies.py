@@ -111,7 +111,9 @@ def run(
     known = None if file.exists() or str(file) == "-" else str(file)
     text = b"" if known else read_spec(file)
     if not known:
-        parse_study(text)
+        document = parse_study(text)
+        if by_hand:  # in the document, so that no batch starts before it is said
+            text = document.model_copy(update={"mode": "by hand"}).to_yaml().encode()
     with system_of(settings) as system:
         client = system.client
         if known:

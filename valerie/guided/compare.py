@@ -42,7 +42,7 @@ class Difference(Result):
         better: 0 or 1, the function with the higher mean; None while undecided.
         pairs: number of points on which both have a score.
         undefined: number of points on which a function has no score.
-        further: number of further pairs until the half width is reached, at the current spread.
+        further: number of further pairs until the half width is reached, at the current spread; None below `FEWEST` pairs.
         falls, rises: points on which the second function does worst, and best, compared with the first.
     """
 
@@ -54,7 +54,7 @@ class Difference(Result):
     better: int | None
     pairs: int
     undefined: int
-    further: int
+    further: int | None
     falls: UnitPoints
     rises: UnitPoints
 
@@ -129,7 +129,7 @@ class Compare:
         estimate, (low, high) = float(differences.mean()), self._interval(differences)
         half, count = (high - low) / 2, len(differences)
         # The width shrinks with the root of the number of pairs.
-        further = max(math.ceil(max(count, FEWEST) * (half / self.within) ** 2), FEWEST) - count
+        further = None if count < FEWEST else max(math.ceil(count * ((half / self.within) ** 2 - 1)), 0)
         verdict = judge_sample(
             (differences + 1) / 2, np.arange(len(differences)), at_least=0.5, confidence=self.level
         ).outcome
@@ -148,7 +148,7 @@ class Compare:
             better,
             count,
             undefined,
-            max(further, 0),
+            further,
             falls,
             rises,
         )

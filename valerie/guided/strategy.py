@@ -34,6 +34,7 @@ class Why(StrEnum):
     SCREENING = "screening of parameters"
     SCREENING_SCORES = "screening scores are missing"
     BLOCKS = "blocks for the indices"
+    ILLEGAL_BLOCKS = "too many blocks have illegal variants"
     DECIDED = "decided"
     NARROW = "narrow enough"
     CHEAP = "points for the cheap engine"

@@ -101,13 +101,13 @@ def rows_of(
 
 
 def _check_variations(block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
-    seen: set[str] = set()
+    paths: set[str] = set()
     for i, variation in enumerate(block.variations):
         if variation.path not in definitions:
             raise UnknownName("parameter", variation.path, definitions, field=f"vary.{i}")
-        if variation.path in seen:
+        if variation.path in paths:
             raise InvalidInput("the parameter is varied twice", field=f"vary.{i}", value=variation.path)
-        seen.add(variation.path)
+        paths.add(variation.path)
         try:
             variation.distribution.check(definitions[variation.path])
         except InvalidInput as problem:

@@ -51,8 +51,8 @@ def _answers(part: OutputDocument) -> list[Row]:
 def _class_texts(part: OutputDocument) -> list[str]:
     """Return the names of the function's own classes, with an arrow to the evaluated class if their names differ."""
     names = {label.train_id: label.name for label in TRAIN_LABELS} | {VOID: VOID_NAME}
-    counted = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
-    return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, counted, strict=True)]
+    targets = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
+    return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, targets, strict=True)]
 
 
 def _takes(part: InputDocument) -> list[Row]:

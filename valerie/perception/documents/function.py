@@ -245,11 +245,11 @@ class FunctionDocument(Document):
             raise ValueError(f"engine {self.engine} has no {self.precision}: {' | '.join(PRECISIONS[self.engine])}")
         if self.precision == "int8" and self.kind != "onnx":
             raise ValueError(f"kind {self.kind} has no int8; `valerie function quantize` makes a function of kind onnx")
-        expected = PAYLOADS.get(self.kind)
+        file_format = PAYLOADS.get(self.kind)
         actual = self.payload.format if self.payload else None
-        if actual != expected:
+        if actual != file_format:
             raise ValueError(
-                f"kind {self.kind} takes {f'a file of {expected}' if expected else 'no file'}, not {actual or 'none'}"
+                f"kind {self.kind} takes {f'a file of {file_format}' if file_format else 'no file'}, not {actual or 'none'}"
             )
         if self.kind in ("network", "huggingface") and not self.architecture:
             raise ValueError(f"kind {self.kind} needs an architecture")
@@ -292,18 +292,18 @@ class FunctionDocument(Document):
         )
 
 
-def parse_function(source: str | bytes | Mapping[str, Json], **known: object) -> FunctionDocument:
+def parse_function(source: str | bytes | Mapping[str, Json], **entries: object) -> FunctionDocument:
     """Read a document that a user wrote.
 
     Args:
         source: YAML or JSON text, or a loaded mapping.
-        known: entries that override the text, e.g. ``payload``.
+        entries: entries that override the text, e.g. ``payload``.
 
     Raises:
         InvalidInputs: every problem, each with its dotted field.
         InvalidInput, UnknownName: the text is not a document, or a class name is unknown; near matches are named.
     """
-    values = {**load_document(source), **known}
+    values = {**load_document(source), **entries}
     try:
         return FunctionDocument.model_validate(values)
     except ValidationError as error:

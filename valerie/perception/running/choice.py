@@ -86,7 +86,7 @@ def agreeing_choice(document: FunctionDocument, payload: Path, *, device: str = 
     if "torch" in ENGINES[document.kind] and uses_gpu(device):
         return EngineChoice("torch", "fp32", _ON_GPU)
     reference: Engine = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
-    expected = _answer(document, payload, reference)
+    reference_answer = _answer(document, payload, reference)
     complaints = []
     for engine in _FASTEST_FIRST:
         if engine == reference:
@@ -96,7 +96,7 @@ def agreeing_choice(document: FunctionDocument, payload: Path, *, device: str = 
         except ValerieError as error:
             complaints.append(f"{engine} does not run it here ({error})")
             continue
-        if answer.shape == expected.shape and np.abs(answer - expected).max() <= TOLERANCE:
+        if answer.shape == reference_answer.shape and np.abs(answer - reference_answer).max() <= TOLERANCE:
             return EngineChoice(
                 engine, "fp32", f"{engine}, the fastest whose logits agree with {reference} to {TOLERANCE:g}"
             )

@@ -52,10 +52,10 @@ class TrainingCurve:
         self.validations: list[Validated] = []
         if file.exists():
             try:
-                stored = json.loads(file.read_bytes())
-                self.loss = [(int(step), float(loss)) for step, loss in stored["loss"]]
+                document = json.loads(file.read_bytes())
+                self.loss = [(int(step), float(loss)) for step, loss in document["loss"]]
                 self.validations = [
-                    Validated(int(entry.pop("step")), ValidationFigures(**entry)) for entry in stored["figures"]
+                    Validated(int(entry.pop("step")), ValidationFigures(**entry)) for entry in document["figures"]
                 ]
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise InvalidInput("not the curve of a training", field="curve", value=str(file)) from error

@@ -282,8 +282,8 @@ def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingF
 
 
 def _seeds(frames: Sequence[TrainingFrame]) -> frozenset[int]:
-    known: frozenset[int] | None = getattr(frames, "site_seeds", None)  # a folder knows without reading frames
-    return known if known is not None else frozenset(frame.site_seed for frame in frames)
+    seeds: frozenset[int] | None = getattr(frames, "site_seeds", None)  # a folder knows without reading frames
+    return seeds if seeds is not None else frozenset(frame.site_seed for frame in frames)
 
 
 def _round_as_stored(network: nn.Module) -> None:

@@ -103,9 +103,9 @@ def batches(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _window(available: int, wanted: int, scale: float) -> int:
+def _window(available: int, length: int, scale: float) -> int:
     """Return the length of the window in frame pixels."""
-    return max(1, min(available, round(wanted / scale)))
+    return max(1, min(available, round(length / scale)))
 
 
 def _place(labels: Labels, rows: int, columns: int, person_share: float, rng: np.random.Generator) -> tuple[int, int]:

@@ -289,6 +289,14 @@ def test_a_stop_rule_ends_the_study_and_widens_the_interval_for_its_looks(pipeli
     assert len(batches(pipeline, study)) < 5
 
 
+def test_a_stop_rule_keeps_the_planned_sizes_of_batches(pipeline: Pipeline) -> None:
+    study = begin(pipeline, stop={"width": 0.1}, mode="by hand")
+    pipeline.step()
+    with pytest.raises(InvalidInput, match=r"count: the stop rule.*planned.*got 5"):
+        commands.accept(pipeline.context, study, count=5)
+    assert commands.accept(pipeline.context, study, count=10) == 0
+
+
 def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) -> None:
     study = begin(pipeline, goal="explain", batch=6, budget={"variants": 200})
     ended = pursue(pipeline, study)
@@ -440,6 +448,7 @@ def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipe
 @pytest.mark.parametrize(
     ("change", "limit"),
     [
+        ({"goal": "estimate", "budget": {"variants": 19}}, ">= 20"),
         ({"goal": "map"}, ">= 110"),
         ({"goal": "rank", "budget": {"variants": 29}}, ">= 30"),
         ({"goal": {"name": "compare", "within": 0.1}, "functions": ["blank", "deeplabv3plus-small"]}, ">= 50"),

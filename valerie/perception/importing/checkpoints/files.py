@@ -229,13 +229,13 @@ def _flattened(values: Mapping[Any, Any]) -> JsonObject:
     Each dictionary is entered once: a pickle may refer to one in many places, which would make exponentially many names.
     """
     flat: JsonObject = {}
-    seen = {id(values)}
+    visits = {id(values)}
     waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
     while waiting:
         before, mapping = waiting.pop()
         for name, value in mapping.items():
-            if isinstance(value, dict) and id(value) not in seen:
-                seen.add(id(value))
+            if isinstance(value, dict) and id(value) not in visits:
+                visits.add(id(value))
                 waiting.append((f"{before}{name}.", value))
             elif isinstance(value, str | int | float | list | tuple):
                 flat[f"{before}{name}"] = value
