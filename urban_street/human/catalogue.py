@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypedDict, Unpack
 
 from urban_street.human import fabrics, textures
 from urban_street.human.body import BodyShape
@@ -69,30 +69,78 @@ _HEADS: Final[Mapping[str, tuple[Colour, Colour]]] = {  # colours of skin and li
 }
 
 
-def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: object) -> Face:
+class _FaceOptions(TypedDict, total=False):
+    """Fields of a face."""
+
+    beard: float
+    brow_height: float
+    hairline: dict[float, float]
+
+
+def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: Unpack[_FaceOptions]) -> Face:
     skin, lips = _HEADS[tone]
-    brows = tuple(int(0.75 * channel) for channel in hair)
-    scalp = tuple(int(0.35 * a + 0.65 * b) for a, b in zip(skin, hair, strict=True))
-    return Face(skin=skin, lips=lips, brows=brows, iris=iris, scalp=scalp, **more)  # type: ignore[arg-type]
+    brows = (int(0.75 * hair[0]), int(0.75 * hair[1]), int(0.75 * hair[2]))
+    red, green, blue = (int(0.35 * a + 0.65 * b) for a, b in zip(skin, hair, strict=True))
+    return Face(skin=skin, lips=lips, brows=brows, iris=iris, scalp=(red, green, blue), **more)
 
 
-def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
+class _CutOptions(TypedDict, total=False):
+    """Fields of a cut, for an adult's size of ``tube``."""
+
+    upper: float
+    ease: float
+    tube: Mapping[float, float]
+    fabric: Fabric
+
+
+class _TopOptions(_CutOptions, total=False):
+    """Fields of a top's cut, of its cloth and of its hems."""
+
+    sleeve: float
+    hang: float
+    roughness: float
+    specular: float
+    thickness: float
+    collar: Collar | None
+
+
+def _scaled(tube: Mapping[float, float], k: float) -> dict[float, float]:
+    return {place: k * radius for place, radius in tube.items()}
+
+
+def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: Unpack[_TopOptions]) -> Garment:
     """Return a jacket, sweater or shirt; ``k`` is the body's size relative to an adult's."""
-    looks: dict[str, object] = {"roughness": 0.8, "specular": 0.7, "thickness": 0.003, "collar": _CREW_NECK}
-    looks |= {key: more.pop(key) for key in tuple(more) if key in looks}
-    cut: dict[str, object] = {"upper": 0.006 * k, "sleeve": 1.93, "ease": 0.012 * k, "hang": 0.6}
-    cut |= more
-    tube = cut.pop("tube", {0.2: 0.062, 1.0: 0.055, 2.0: 0.040})
-    scaled = {place: k * radius for place, radius in tube.items()}  # type: ignore[attr-defined]
-    return Garment(name, Cut("top", lower=lower, tube=scaled, **cut), paint, **looks)  # type: ignore[arg-type]
+    cut = Cut(
+        "top",
+        upper=more.get("upper", 0.006 * k),
+        lower=lower,
+        sleeve=more.get("sleeve", 1.93),
+        ease=more.get("ease", 0.012 * k),
+        hang=more.get("hang", 0.6),
+        tube=_scaled(more.get("tube", {0.2: 0.062, 1.0: 0.055, 2.0: 0.040}), k),
+        fabric=more.get("fabric", Fabric()),
+    )
+    return Garment(
+        name,
+        cut,
+        paint,
+        roughness=more.get("roughness", 0.8),
+        specular=more.get("specular", 0.7),
+        thickness=more.get("thickness", 0.003),
+        collar=more.get("collar", _CREW_NECK),
+    )
 
 
-def _legs(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
-    cut: dict[str, object] = {"upper": 0.76, "ease": 0.008 * k, "fabric": Fabric(bending=0.16)}
-    cut |= more
-    tube = cut.pop("tube", {0.25: 0.088, 1.0: 0.076, 2.0: 0.072})
-    scaled = {place: k * radius for place, radius in tube.items()}  # type: ignore[attr-defined]
-    return Garment(name, Cut("trousers", lower=lower, tube=scaled, **cut), paint, 0.88, 0.6)  # type: ignore[arg-type]
+def _legs(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: Unpack[_CutOptions]) -> Garment:
+    cut = Cut(
+        "trousers",
+        upper=more.get("upper", 0.76),
+        lower=lower,
+        ease=more.get("ease", 0.008 * k),
+        tube=_scaled(more.get("tube", {0.25: 0.088, 1.0: 0.076, 2.0: 0.072}), k),
+        fabric=more.get("fabric", Fabric(bending=0.16)),
+    )
+    return Garment(name, cut, paint, 0.88, 0.6)
 
 
 def _skirt(name: str, paint: Paint, *, lower: float, flare: float, upper: float = 0.9, ease: float = 0.012) -> Garment:

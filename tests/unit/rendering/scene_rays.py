@@ -176,11 +176,15 @@ def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
 SNAP = 2 / 256
 
 
-def assert_agrees(truth: GroundTruth, triangles: Triangles, camera: Camera, view: View) -> Traced:
+def assert_agrees(truth: GroundTruth, triangles: Triangles, camera: Camera, view: View, *, gaps: float = 0.0) -> Traced:
     """Fail unless rendered truth agrees with traced rays, and return these.
 
     Labels agree wherever rays around a pixel's centre, as far away as an edge may move, agree. Depths differ there by rounding,
     a tenth of a millimetre or 10⁻⁵, and by as much as those of these rays differ: at a crease, a pixel may show the other face.
+
+    Args:
+        gaps: largest share of pixels that show what is behind two meshes that touch without shared vertices, or miss what is
+            thinner than an edge may move.
     """
     labels, instances, depth = traced = trace(triangles, camera, view)
     sure, spread = np.ones(labels.shape, np.bool_), np.zeros(labels.shape)
@@ -190,10 +194,13 @@ def assert_agrees(truth: GroundTruth, triangles: Triangles, camera: Camera, view
         with np.errstate(invalid="ignore"):
             spread = np.fmax(spread, np.abs(other[2] - depth))
     assert sure.sum() >= enough_to_show(0.001)
-    np.testing.assert_array_equal(truth.class_map[sure], labels[sure])
-    np.testing.assert_array_equal(truth.instance_map[sure], instances[sure])
+    wrong = sure & ((truth.class_map != labels) | (truth.instance_map != instances))
+    assert wrong.mean() <= gaps
+    for rendered, other_labels in ((truth.class_map, labels), (truth.instance_map, instances)):
+        assert not (wrong & (rendered != other_labels) & ~near_edges(rendered) & ~near_edges(other_labels)).any()
+    sure &= ~wrong
     np.testing.assert_array_equal(np.isfinite(truth.depth[sure]), np.isfinite(depth[sure]))
     hit = sure & np.isfinite(depth)
     error = np.abs(truth.depth[hit] - depth[hit])
-    assert (error <= 1e-5 * np.maximum(depth[hit], 10.0) + spread[hit]).all()
+    assert (error > 1e-5 * np.maximum(depth[hit], 10.0) + spread[hit]).mean() <= gaps
     return traced
