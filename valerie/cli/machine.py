@@ -52,7 +52,7 @@ def worker(
     VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL describe.
     """
     from valerie import plugins
-    from valerie.embedded.process import python_command
+    from valerie.embedded.guarded_process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
     if stage not in WORKERS:

@@ -99,7 +99,7 @@ def _options_of(stage: str, options: Sequence[str], stages: Collection[str]) -> 
 
 
 def _command(stage: str, count: int, options: list[str], data_dir: Path) -> list[str]:
-    from valerie.embedded.process import python_command
+    from valerie.embedded.guarded_process import python_command
     from valerie.embedded.supervisor import WORKERS
 
     logs = data_dir / "logs"

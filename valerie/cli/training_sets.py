@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
-    from valerie.perception.training.settings import TrainingSettings
+    from valerie.perception.training.training_settings import TrainingSettings
     from valerie.pipeline.retraining.training_frames import FrameSettings
 
 #: Settings to the parameters that set them, if the names differ.
@@ -167,7 +167,7 @@ class FitOptions:
         Raises:
             InvalidInput, ValidationError: a setting is out of bounds.
         """
-        from valerie.perception.training.settings import TrainingSettings
+        from valerie.perception.training.training_settings import TrainingSettings
 
         options = asdict(self)
         options["time_budget_s"] = options.pop("time_budget")
