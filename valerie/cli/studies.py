@@ -345,6 +345,8 @@ def _show(study: Study, *, as_json: bool) -> None:
         cost = "" if batch.cpu_seconds is None else duration(batch.cpu_seconds)
         table.add_row(str(batch.number + 1), batch.run_id or "", str(batch.legal), state, cost, batch.reason)
     out.print(table)
+    if study.result is None:
+        out.print("The study ended without a result." if study.state in ("finished", "stopped") else "No result yet.")
     for sentence in () if study.result is None else study.result.sentences:
         out.print(sentence)
 
