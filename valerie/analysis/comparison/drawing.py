@@ -63,8 +63,8 @@ def comparison_renderable(comparison: VersionComparison) -> RenderableType:
     note = (
         f"In per cent. Differences of pACC are to the first version: the mean over places with its own 95 % interval"
         f"{for_whom}. Better and worse are judged over all groups together (false discovery rate 2.5 % each). Precision and "
-        "IoU are those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first version "
-        "favour every later version (regression to the mean)."
+        "IoU are those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first "
+        "version favour every later version (regression to the mean)."
     )
     parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
     if comparison.numeric_classes:
