@@ -179,8 +179,8 @@ def _tables(result: DatasetResult, beside: str | None, run_scores: dict[str, Col
             *(_percent(value) for value in (frames.mean, frames.minimum, frames.maximum, person.pacc.pooled)),
             *_both(person.precision),
             *_both(person.iou),
-            *_both(all_classes["miou"]),
-            _percent(all_classes["miou_cityscapes"].pooled),
+            *_both(all_classes.miou),
+            _percent(all_classes.miou_cityscapes.pooled),
         )
 
     classes = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))

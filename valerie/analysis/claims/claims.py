@@ -29,6 +29,7 @@ from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_fl
 from valerie.statistics.curves import departure, fit_curve, proven_changes
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, dense, observe
+from valerie.statistics.units import Estimand
 from valerie.validation import problems_of
 
 #: Confidence of each interval of the ledger, not adjusted for the others.
@@ -218,6 +219,7 @@ class LedgerEntry:
         outcome: answer.
         finding: result of the run in words.
         estimate, low, high: the quantity and its interval; None if there is none.
+        estimand: what they are over.
         rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """
@@ -233,6 +235,7 @@ class LedgerEntry:
     high: float | None = None
     rows: int = 0
     places: int = 0
+    estimand: Estimand | None = None
     frames: tuple[str, ...] = ()
 
 
@@ -280,7 +283,13 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
         for name in claim.functions or (names[:1] if about_frames else names):
             own = rows & table.codes("function").where(name)
             entry = LedgerEntry(
-                claim.id, claim.source, claim.says, "" if about_frames else name, ClaimOutcome.UNDECIDED, ""
+                claim.id,
+                claim.source,
+                claim.says,
+                "" if about_frames else name,
+                ClaimOutcome.UNDECIDED,
+                "",
+                estimand=table.units.estimand,
             )
             entries.append(_test(claim, entry, table, own, field, seed))
     return tuple(entries)
@@ -289,13 +298,21 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
 def ledger_table(entries: Sequence[LedgerEntry]) -> pa.Table:
     """Return the ledger as a table, one row per entry."""
     return pa.Table.from_pylist(
-        [{**asdict(entry), "outcome": str(entry.outcome), "frames": " ".join(entry.frames)} for entry in entries],
+        [
+            {
+                **asdict(entry),
+                "outcome": str(entry.outcome),
+                "estimand": None if entry.estimand is None else entry.estimand.value,
+                "frames": " ".join(entry.frames),
+            }
+            for entry in entries
+        ],
         schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(LedgerEntry)]),
     )
 
 
 def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
-    """Return the ledger as a Markdown table."""
+    """Return the ledger as a Markdown table, and below it what its intervals are for."""
 
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
@@ -305,7 +322,18 @@ def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
     for entry in entries:
         cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
         lines.append(f"| {' | '.join(map(cell, cells))} |")
+    lines += ["", *ledger_notes(entries)]
     return "\n".join(lines) + "\n"
+
+
+def ledger_notes(entries: Sequence[LedgerEntry]) -> list[str]:
+    """Return what the quantities, and the intervals of differences and curves, are over."""
+    return [
+        f"Quantities are those of {estimand.population}; intervals of differences and along an axis are for "
+        f"{estimand.population_of_differences}, 95 % each."
+        for estimand in dict.fromkeys(entry.estimand for entry in entries)
+        if estimand is not None
+    ]
 
 
 _NUMBERS: Final = {

@@ -8,7 +8,14 @@ import pytest
 import yaml
 
 from tests.planted_tables import X, planted_table
-from valerie.analysis.claims.claims import ClaimOutcome, LedgerEntry, ledger_table, parse_claims, write_ledger
+from valerie.analysis.claims.claims import (
+    ClaimOutcome,
+    LedgerEntry,
+    ledger_table,
+    ledger_text,
+    parse_claims,
+    write_ledger,
+)
 from valerie.analysis.claims.published import numbers_beside
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -223,3 +230,13 @@ def test_the_papers_claims_are_a_document_whose_words_stand_in_the_paper():
     claims = parse_claims(yaml.safe_load(PAPER.read_text()))
     assert len({claim.id for claim in claims.claims}) == len(claims.claims)
     assert all(claim.source.startswith(("6.", "table", "figure")) for claim in claims.claims)
+
+
+def test_the_ledger_names_what_its_intervals_are_for(table):
+    entries = answers(table, difference={**COLOURS, "sign": "<"}, functions=["a-net"])
+    assert ledger_table(entries)["estimand"].to_pylist() == ["listed_grid"]
+    claims = parse_claims({"title": "planted", "claims": [{"id": "c", "says": "so", "slip": "no"}]})
+    assert ledger_text(claims, entries).endswith(
+        "Quantities are those of the listed variants; intervals of differences and along an axis are for places like these "
+        "on this site, 95 % each.\n"
+    )

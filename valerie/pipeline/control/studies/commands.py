@@ -24,7 +24,7 @@ from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
-from valerie.studies.wording import reason_text
+from valerie.studies.reasons import reason_text
 
 #: States of runs that can be cancelled with their study.
 _ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
+from valerie.perception.importing.checkpoints.unpickling import PickledArray, Storage, Tensor, load_plain, storage_of
 from valerie.plain import JsonObject
 
 #: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
@@ -213,7 +213,7 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
     tensors: dict[str, NDArray[Any]] = {}
     if isinstance(weights, dict):
         for name, value in weights.items():
-            if isinstance(value, Tensor | Array) and isinstance(name, str):
+            if isinstance(value, Tensor | PickledArray) and isinstance(name, str):
                 tensors[name.removeprefix("module.")] = value.array()
     if not tensors:
         raise InvalidInput(
