@@ -27,7 +27,9 @@ _LINE_SECONDS: Final = 5.0
 Where = Annotated[
     str,
     typer.Option(
-        "--where", metavar="EXPRESSION", help='Only frames with a person that meets this: "occlusion_rate < 0.5".'
+        "--where",
+        metavar="EXPRESSION",
+        help='Only frames with a person that satisfies this expression: "occlusion_rate < 0.5".',
     ),
 ]
 

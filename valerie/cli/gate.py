@@ -56,7 +56,7 @@ class PlacesOptions:
 
     before: Annotated[
         bool,
-        typer.Option("--before", help="Only say how many places a verdict will need, with RUN as the baseline."),
+        typer.Option("--before", help="Only print how many places a verdict will need, with RUN as the baseline."),
     ] = False
     deviation: Annotated[
         float | None,
@@ -118,7 +118,7 @@ def gate(
 
     Requirements that are not met or undecided fail. The baseline is compared on
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
-    expected to be reported by chance.
+    expected to be false alarms.
     """
     from valerie.analysis.verdicts.gate import called
     from valerie.analysis.verdicts.gate import gate as judge

@@ -1,4 +1,4 @@
-"""Workers as jobs of Slurm."""
+"""Run workers as Slurm jobs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from valerie.local.deployment import settings_of
 if TYPE_CHECKING:
     from valerie.settings import Settings
 
-app = typer.Typer(no_args_is_help=True, help="Workers as jobs of Slurm.")
+app = typer.Typer(no_args_is_help=True, help="Run workers as Slurm jobs.")
 
 _IDLE_SECONDS: Final = 300.0
 _OPTION: Final = re.compile(r"[a-z][a-z-]*(=.*)?")

@@ -36,10 +36,14 @@ Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU thre
 class WeaknessOptions:
     """Where a run found a function weak."""
 
-    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run that found the weakness.")] = None
+    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run in which the function was weak.")] = None
     where: Annotated[
         str | None,
-        typer.Option("--where", metavar="EXPRESSION", help='Selects its weak rows: "pacc < 0.5 and distance_m > 25".'),
+        typer.Option(
+            "--where",
+            metavar="EXPRESSION",
+            help='Expression that selects the weak rows: "pacc < 0.5 and distance_m > 25".',
+        ),
     ] = None
     function: Annotated[
         str | None,
@@ -99,15 +103,17 @@ class RetrainOptions:
     sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8
     broad_share: Annotated[
         float,
-        typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that need not be in the region."),
+        typer.Option(
+            "--broad-share", min=0.0, max=0.99, help="Share of the frames that are not restricted to the region."
+        ),
     ] = 0.5
-    anywhere: Annotated[bool, typer.Option("--anywhere", help="Draw all frames anywhere, as a control.")] = False
+    anywhere: Annotated[bool, typer.Option("--anywhere", help="Restrict no frame to the region, as a control.")] = False
     steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300
-    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 3e-4
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Peak learning rate.")] = 3e-4
     batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training.")] = 0
     held_out_frames: Annotated[
-        int, typer.Option("--held-out-frames", min=0, help="Frames for the figures on the card; 0 for none.")
+        int, typer.Option("--held-out-frames", min=0, help="Held-out frames for the scores on the card; 0 for none.")
     ] = 20
 
     def settings(self) -> RetrainSettings:
@@ -129,7 +135,7 @@ def train(
     weak: WeaknessOptions,
     version: VersionOptions,
     training: RetrainOptions,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
     threads: Threads = 1,
     as_json: Json = False,
     data_dir: DataDir = None,

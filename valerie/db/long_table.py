@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from sqlalchemy import (
     BigInteger,
@@ -186,12 +186,26 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
     yield from _read(LongRow, connection.execution_options(yield_per=5_000), run_id, query)
 
 
-def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[Any]]]:
-    """Read the long table in pieces, in the order of the variants: column of `COLUMNS` to its values."""
+class Piece(NamedTuple):
+    """Consecutive rows of the long table, as columns."""
+
+    variants: tuple[int, ...]
+    cameras: tuple[int, ...]
+    times: tuple[int, ...]
+    sensors: tuple[int, ...]
+    functions: tuple[int, ...]
+    instances: tuple[int, ...]
+    measures: dict[str, tuple[Cell, ...]]
+
+
+def pieces(connection: Connection, run_id: str) -> Iterator[Piece]:
+    """Read the long table in pieces, in the order of the variants."""
     query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
     query = query.order_by(*(COLUMNS[name] for name in KEY))
-    for piece in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
-        yield dict(zip(COLUMNS, zip(*piece, strict=True), strict=True))
+    for partition in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
+        variants, cameras, times, sensors, functions, instances, *values = zip(*partition, strict=True)
+        measures = dict(zip(_MEASURES, values, strict=True))
+        yield Piece(variants, cameras, times, sensors, functions, instances, measures)
 
 
 def assignments(connection: Connection, run_id: str) -> dict[int, Assignment]:

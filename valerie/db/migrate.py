@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 #: An arbitrary number: if several processes start at once on Postgres, its holder migrates and the others wait.
 _ADVISORY_LOCK: Final = 728_416_095
-#: Revisions of databases from before 0.1.0, the first release.
-_UNRELEASED: Final = frozenset({"0001", "0002", "0003", "0004", "0005", "0006"})
+#: How the revisions of databases from before 0.1.0, the first release, begin.
+_UNRELEASED: Final = "000"
 
 
 class _State(NamedTuple):
@@ -79,7 +79,7 @@ def require_current(engine: Engine) -> None:
 def _refuse_unknown(current: str | None) -> None:
     from alembic.script import ScriptDirectory
 
-    if current in _UNRELEASED:
+    if current is not None and current.startswith(_UNRELEASED):
         raise Conflict(
             f"the database is from before VALERIE 0.1.0 (revision {current}), which no released version reads; nothing in it "
             "was changed. Move it away or name another one (VALERIE_DATABASE_URL), and submit its specs again"
