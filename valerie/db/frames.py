@@ -48,10 +48,15 @@ def get(connection: Connection, key: FrameKey) -> StoredFrame:
     return StoredFrame.of(row)
 
 
-def page(
-    connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int
-) -> list[tuple[StoredFrame, tuple[ProductState, ProductState, ProductState]]]:
-    """Read the frames of a run after ``after``, in order, each with the states of its background, layer and truth."""
+class ListedFrame(NamedTuple):
+    """A frame, and the states of its background, layer and truth."""
+
+    frame: StoredFrame
+    states: tuple[ProductState, ...]
+
+
+def page(connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int) -> list[ListedFrame]:
+    """Read the frames of a run after ``after``, in order."""
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query = (
         select(
@@ -72,7 +77,7 @@ def page(
     if after is not None:
         query = query.where(tuple_(*frame_order(Frame)) > _place(after))
     return [
-        (StoredFrame.of(row), (row.background_state, row.layer_state, row.truth_state))
+        ListedFrame(StoredFrame.of(row), (row.background_state, row.layer_state, row.truth_state))
         for row in connection.execute(query)
     ]
 

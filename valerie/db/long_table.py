@@ -4,9 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
-from sqlalchemy import BigInteger, Connection, Double, Select, String, and_, case, func, literal, or_, select, tuple_
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Connection,
+    Double,
+    Select,
+    String,
+    and_,
+    case,
+    func,
+    literal,
+    or_,
+    select,
+    tuple_,
+)
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import LIGHT_OF_FRAME, LIGHT_OF_PERSON, VARIANT_OF_FRAME, same_frame
@@ -47,6 +61,12 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
     "instance_id": PersonView.instance_id,
     **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
+
+
+def measure_columns() -> tuple[Column[Any], ...]:
+    """Return the columns of the database that hold measures."""
+    return tuple(_TABLES[measure.source].__table__.columns[measure.name] for measure in measures_from(*_TABLES))
+
 
 #: Columns that identify a row in one run's long table.
 KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
@@ -163,12 +183,26 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
     yield from _read(LongRow, connection.execution_options(yield_per=5_000), run_id, query)
 
 
-def columns(connection: Connection, run_id: str) -> Iterator[dict[str, Sequence[Any]]]:
-    """Read the long table in pieces, in the order of the variants: column of `COLUMNS` to its values."""
+class Piece(NamedTuple):
+    """Consecutive rows of the long table, as columns."""
+
+    variants: tuple[int, ...]
+    cameras: tuple[int, ...]
+    times: tuple[int, ...]
+    sensors: tuple[int, ...]
+    functions: tuple[int, ...]
+    instances: tuple[int, ...]
+    measures: dict[str, tuple[Cell, ...]]
+
+
+def pieces(connection: Connection, run_id: str) -> Iterator[Piece]:
+    """Read the long table in pieces, in the order of the variants."""
     query = _select(run_id).with_only_columns(*COLUMNS.values(), maintain_column_froms=True)
     query = query.order_by(*(COLUMNS[name] for name in KEY))
-    for piece in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
-        yield dict(zip(COLUMNS, zip(*piece, strict=True), strict=True))
+    for partition in connection.execution_options(yield_per=_PIECE).execute(query).partitions():
+        variants, cameras, times, sensors, functions, instances, *values = zip(*partition, strict=True)
+        measures = dict(zip(_MEASURES, values, strict=True))
+        yield Piece(variants, cameras, times, sensors, functions, instances, measures)
 
 
 def assignments(connection: Connection, run_id: str) -> dict[int, Assignment]:

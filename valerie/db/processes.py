@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass
 from typing import Final
 
@@ -31,6 +32,16 @@ class WorkerRow:
     started_at: float
     seen_at: float
     resting: str | None = None
+
+
+def owner_of(worker_id: str) -> str:
+    """Return a new owner of leases for a process that works for a worker."""
+    return f"{worker_id}.{secrets.token_hex(2)}"
+
+
+def worker_of(owner: str) -> str:
+    """Return the id of the worker that an owner of leases works for."""
+    return owner.rpartition(".")[0]
 
 
 def register_worker(connection: Connection, worker: WorkerRow) -> None:

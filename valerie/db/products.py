@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
-from typing import Any, Final, NamedTuple
+from operator import attrgetter
+from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, func, or_, select, text, union, update
 from sqlalchemy.orm import InstrumentedAttribute
@@ -58,6 +58,22 @@ class Wanted(NamedTuple):
     input_c: str | None = None
 
 
+class _NewProduct(NamedTuple):
+    """The columns of a product that is inserted."""
+
+    digest: str
+    kind: str
+    route: str
+    cache_group: str
+    input_a: str | None
+    input_b: str | None
+    input_c: str | None
+    state: str
+    turn: float
+    sent_at: float | None
+    attempts: int = 0
+
+
 def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: Turns) -> list[Ready]:
     """Insert products that a run links to; return those to announce: they became ready, or are ready and have an earlier turn.
 
@@ -77,7 +93,7 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     known = select(*columns).where(among(connection, Product.digest, digests)).with_for_update()
     states = {digest: (state, turn) for digest, state, turn in connection.execute(known)}
     done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
-    rows: list[tuple[Any, ...]] = []
+    rows: list[_NewProduct] = []
     ready: list[Ready] = []
     earlier: list[dict[str, str | float]] = []
     for product in wanted:
@@ -93,16 +109,16 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
                 if state is ProductState.READY:
                     ready.append(Ready(digest, kind, route, group, turn))
         elif a in done and b in done and c in done:
-            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.READY), turn, 0, now))
+            rows.append(_NewProduct(digest, str(kind), route, group, a, b, c, str(ProductState.READY), turn, now))
             if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group, turn))
         else:
-            rows.append((digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), turn, 0, None))
-    rows.sort(key=itemgetter(0))  # neighbours in the primary key's pages, one after the other
+            rows.append(_NewProduct(digest, str(kind), route, group, a, b, c, str(ProductState.WAITING), turn, None))
+    rows.sort(key=attrgetter("digest"))  # neighbours in the primary key's pages, one after the other
     insert_rows(
         connection,
         Product,
-        (*Wanted._fields, "state", "turn", "attempts", "sent_at"),
+        _NewProduct,
         rows,
         on_conflict=(
             "(digest) DO UPDATE SET state = excluded.state, turn = excluded.turn, attempts = 0, error = NULL,"

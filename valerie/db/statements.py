@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import orjson
 from sqlalchemy import (
@@ -25,6 +25,11 @@ from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import Base, Product, Run, Study
 from valerie.runs.products.states import ProductState
+
+#: A row of a table; its fields name columns.
+Columns = TypeVar("Columns", bound=NamedTuple)
+#: Values of a row of any table, by column.
+Values = Mapping[str, object]
 
 
 def _spelled(state: ProductState) -> ColumnElement[ProductState]:
@@ -74,7 +79,7 @@ def newest_first(
     return page if before is None else page.where(tuple_(table.created_at, table.id) < before)
 
 
-def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Mapping[str, object]]) -> int:
+def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Values]) -> int:
     """Insert the rows of any table whose primary keys do not exist yet; return their number."""
     if not rows:
         return 0
@@ -86,12 +91,12 @@ def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Ma
 def insert_rows(
     connection: Connection,
     model: type[Base],
-    columns: Sequence[str],
-    rows: Sequence[tuple[Any, ...]],
+    form: type[Columns],
+    rows: Sequence[Columns],
     *,
     on_conflict: str = "",
 ) -> None:
-    """Insert tuples in the order of ``columns`` by one prepared statement.
+    """Insert named tuples by one prepared statement.
 
     SQLAlchemy's executemany builds a dictionary and calls a type's processor for every value, which takes a third of the time
     of feeding a large run. Values must already have the driver's types: JSON as text, enums as their values.
@@ -99,15 +104,15 @@ def insert_rows(
     Args:
         connection: SQLite or Postgres.
         model: the table.
-        columns: names of its columns.
-        rows: one tuple per row; may be empty.
+        form: the named tuple, whose fields are columns of the table.
+        rows: may be empty.
         on_conflict: SQL after ``ON CONFLICT``; empty: a conflict is an error.
     """
     if not rows:
         return
     mark = "%s" if connection.dialect.name == "postgresql" else "?"
-    names = ", ".join(f'"{name}"' for name in columns)
-    marks = ", ".join([mark] * len(columns))
+    names = ", ".join(f'"{name}"' for name in form._fields)
+    marks = ", ".join([mark] * len(form._fields))
     conflict = f" ON CONFLICT {on_conflict}" if on_conflict else ""
     statement = f'INSERT INTO "{model.__tablename__}" ({names}) VALUES ({marks}){conflict}'  # noqa: S608  our own names
     connection.exec_driver_sql(statement, list(rows))

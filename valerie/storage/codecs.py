@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -212,14 +212,31 @@ def _truth(arrays: dict[str, NDArray[Any]], meta: JsonObject, key: str) -> Groun
     )
 
 
+class _PersonEntry(NamedTuple):
+    """A person in the metadata of a truth."""
+
+    instance_id: int
+    padded_pixels: int
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def mask(self) -> str:
+        """Name of the array with the person's mask."""
+        return f"amodal.{self.instance_id}"
+
+
 def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]]) -> list[list[int]]:
-    """Add the persons' masks to ``arrays``; return instance, padded pixels and box of each person."""
+    """Add the persons' masks to ``arrays``; return a `_PersonEntry` for each person."""
+    entries: list[list[int]] = []
     for person in persons:
-        arrays[f"amodal.{person.instance_id}"] = np.packbits(person.mask)
-    return [
-        [person.instance_id, person.padded_pixels, person.box.x, person.box.y, person.box.width, person.box.height]
-        for person in persons
-    ]
+        box = person.box
+        entry = _PersonEntry(person.instance_id, person.padded_pixels, box.x, box.y, box.width, box.height)
+        arrays[entry.mask] = np.packbits(person.mask)
+        entries.append(list(entry))
+    return entries
 
 
 def _unpack_persons(
@@ -229,16 +246,17 @@ def _unpack_persons(
     entries = meta.get("persons")
     if not isinstance(entries, list):
         raise _corrupt(key, "the persons are no list")
-    for entry in entries:
-        if not isinstance(entry, list) or len(entry) != 6 or not all(isinstance(n, int) and n >= 0 for n in entry):
-            raise _corrupt(key, f"not a person: {entry!r}")
-        if persons and entry[0] <= persons[-1].instance_id:
-            raise _corrupt(key, f"instance {entry[0]} is out of order")
-        box = _rectangle(entry[2:], key)
+    for numbers in entries:
+        if not _counts(numbers, len(_PersonEntry._fields)):
+            raise _corrupt(key, f"not a person: {numbers!r}")
+        entry = _PersonEntry(*numbers)
+        if persons and entry.instance_id <= persons[-1].instance_id:
+            raise _corrupt(key, f"instance {entry.instance_id} is out of order")
+        box = Rectangle(entry.x, entry.y, entry.width, entry.height)
         if box.x + box.width > size[1] or box.y + box.height > size[0]:
-            raise _corrupt(key, f"the mask of instance {entry[0]} leaves the image")
-        mask = _mask(arrays, f"amodal.{entry[0]}", box, key)
-        persons.append(PersonTruth(entry[0], box, mask, entry[1], (size[0], size[1])))
+            raise _corrupt(key, f"the mask of instance {entry.instance_id} leaves the image")
+        mask = _mask(arrays, entry.mask, box, key)
+        persons.append(PersonTruth(entry.instance_id, box, mask, entry.padded_pixels, (size[0], size[1])))
     return tuple(persons)
 
 
@@ -250,9 +268,14 @@ def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle, key: str) 
 
 
 def _rectangle(values: object, key: str) -> Rectangle:
-    if not isinstance(values, list) or len(values) != 4 or not all(isinstance(n, int) and n >= 0 for n in values):
+    if not _counts(values, 4):
         raise _corrupt(key, f"not a rectangle: {values!r}")
     return Rectangle(*values)
+
+
+def _counts(values: object, length: int) -> TypeGuard[list[int]]:
+    """Return True for a list of this many integers from 0."""
+    return isinstance(values, list) and len(values) == length and all(isinstance(n, int) and n >= 0 for n in values)
 
 
 def _corrupt(key: str, message: str) -> CorruptArtifact:

@@ -6,7 +6,7 @@ import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
 
-from valerie.plain import JsonObject
+from valerie.document import Document
 from valerie.spelling import package_name
 
 
@@ -18,15 +18,32 @@ def software() -> str:
         return "valerie (not installed)"
 
 
-def environment() -> JsonObject:
-    """Return the versions of this program, Python and all installed packages, and the kind of machine, as JSON values."""
-    return {
-        "software": software(),
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "packages": dict(_packages()),
-    }
+class Environment(Document):
+    """The software of a process.
+
+    Attributes:
+        software: name and version of this program.
+        python: implementation and version.
+        system, machine: operating system and kind of processor.
+        packages: name to version of all installed packages.
+    """
+
+    software: str
+    python: str
+    system: str
+    machine: str
+    packages: dict[str, str]
+
+
+def environment() -> Environment:
+    """Return the software of this process."""
+    return Environment(
+        software=software(),
+        python=f"{platform.python_implementation()} {platform.python_version()}",
+        system=platform.system(),
+        machine=platform.machine(),
+        packages=dict(_packages()),
+    )
 
 
 @cache

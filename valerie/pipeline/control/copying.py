@@ -51,7 +51,7 @@ def copy_run(
             raise Conflict(f"run {run_id} is {run.state}: it can be copied when it has ended or is cancelled")
         pins = () if run.pins is None else run.pins.functions.values()
         registered = [row for pin in pins if (row := functions.of_digest(connection, pin.digest)) is not None]
-        stored = list(copying.stored_products(connection, run_id))
+        stored = copying.stored_products(connection, run_id)
     payloads = [row.document.payload for row in registered if row.document.payload is not None]
     keys = [function_key(payload.sha256, payload.format) for payload in payloads]
     keys += [product_key(product.kind, product.digest) for product in stored if product.kind.has_object]

@@ -17,7 +17,7 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import monitoring, webhooks
 from valerie.pipeline.control.loop import ROLE
-from valerie.runs.products.states import ProductState, RunState
+from valerie.runs.products.states import ProductState, RunState, stage_of
 from valerie.settings import NO_BROKER
 
 #: Difference between two clocks that is worth a remark, seconds. Leases are bounded by one clock, so it harms only logs.
@@ -130,11 +130,10 @@ def _workers(context: Context) -> Iterator[Check]:
         failures = totals.failure_reasons(connection)
     for queue in queues:
         if queue.ready and not queue.workers:
-            stage = queue.route.partition(".")[0]
             yield Check(
                 f"queue {queue.route}",
                 problem=f"{queue.ready:,} products are ready, and no worker serves this queue",
-                remedy=f"start one that offers this numeric class: `valerie worker {stage}`",
+                remedy=f"start one that offers this numeric class: `valerie worker {stage_of(queue.route)}`",
             )
         elif queue.workers:
             yield Check(

@@ -88,34 +88,34 @@ class Feeder:
             run = runs.fed(connection, self._run_id)
             if run.next_index != first or run.state is not RunState.RUNNING:
                 return WrittenBlock(0, [], ())
-            insert_rows(connection, Variant, _VARIANT, rows.variants)
+            insert_rows(connection, Variant, _VariantRow, rows.variants)
             present = products.present_turn(connection)
             turns = Turns(run.turn if present is None else max(run.turn, present), self._weight)
             ready = products.want(connection, rows.wanted.values(), now, turns)
-            insert_rows(connection, Frame, _FRAME, rows.frames)
-            insert_rows(connection, FrameAnnotation, _ANNOTATION, rows.annotations)
-            insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
+            insert_rows(connection, Frame, _FrameRow, rows.frames)
+            insert_rows(connection, FrameAnnotation, _AnnotationRow, rows.annotations)
+            insert_rows(connection, Evaluation, _EvaluationRow, rows.evaluations)
             blocks.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)
         # Most deployments write no traces, and never read them.
-        frames = (FrameKey(run_id, variant, camera, time) for run_id, variant, camera, time, *_ in rows.frames)
+        frames = (FrameKey(row.run_id, row.variant_index, row.camera_index, row.time_index) for row in rows.frames)
         return WrittenBlock(len(rows.wanted), ready, frames)
 
-    def _rows(self, first: int, limit: float) -> _Rows:
+    def _rows(self, first: int, limit: float) -> _BlockRows:
         run_id, resolved = self._run_id, self._resolved
         places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
         engine_route, truth_route = self._pins.engine.route, self._pins.truth.route
         targets = [_Target.of(self._pins.functions[name]) for name in resolved.spec.functions]
-        rows = _Rows()
+        rows = _BlockRows()
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
         for index, (block, assignment) in enumerate(resolved.space.values(first, last), start=first):
             if len(rows.wanted) >= limit:
                 break
             reason = resolved.rejection(assignment)
-            rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
+            rows.variants.append(_VariantRow(run_id, index, block, orjson.dumps(assignment).decode(), reason))
             if reason is not None:
                 rows.rejected += 1
                 continue
@@ -126,11 +126,11 @@ class Feeder:
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))
                 want(truth, Wanted(truth, ProductKind.TRUTH, truth_route, background))
-                rows.frames.append((run_id, index, camera, time, background, layer, truth))
+                rows.frames.append(_FrameRow(run_id, index, camera, time, background, layer, truth))
                 for kind, product, inputs in frame.annotations:
                     route = engine_route if kind is ProductKind.SCAN else truth_route
                     want(product, Wanted(product, kind, route, background, *inputs))
-                    rows.annotations.append((run_id, index, camera, time, kind.value, product))
+                    rows.annotations.append(_AnnotationRow(run_id, index, camera, time, kind.value, product))
                 for sensor, function, prediction, scores, third, distorted, empty in frame.evaluations:
                     route, group, scores_group = targets[function]
                     want(prediction, Wanted(prediction, ProductKind.PREDICTION, route, group, layer, background, third))
@@ -138,26 +138,66 @@ class Feeder:
                         want(empty, Wanted(empty, ProductKind.PREDICTION, route, group, background))
                     parts = prediction, truth, empty
                     want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, *parts))
-                    rows.evaluations.append(
-                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted, empty)
-                    )
+                    place = run_id, index, camera, time, sensor, function
+                    rows.evaluations.append(_EvaluationRow(*place, prediction, scores, distorted, empty))
         return rows
 
 
-@dataclass(slots=True)
-class _Rows:
-    """The rows of a block, as tuples in the order of the columns below; ``wanted`` contains each product once, by digest."""
+class _VariantRow(NamedTuple):
+    """The columns of a variant; its assignment is JSON text."""
 
-    variants: list[tuple[str, int, int, str, str | None]] = field(default_factory=list)
-    frames: list[tuple[str, int, int, int, str, str, str]] = field(default_factory=list)
-    annotations: list[tuple[str, int, int, int, str, str]] = field(default_factory=list)
-    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool, str | None]] = field(default_factory=list)
+    run_id: str
+    index: int  # type: ignore[assignment]  # a column, not tuple.index
+    block: int
+    assignment: str
+    rejection: str | None
+
+
+class _FrameRow(NamedTuple):
+    """The columns of a frame."""
+
+    run_id: str
+    variant_index: int
+    camera_index: int
+    time_index: int
+    background: str
+    layer: str
+    truth: str
+
+
+class _AnnotationRow(NamedTuple):
+    """The columns of a frame's annotation."""
+
+    run_id: str
+    variant_index: int
+    camera_index: int
+    time_index: int
+    kind: str
+    product: str
+
+
+class _EvaluationRow(NamedTuple):
+    """The columns of an evaluation."""
+
+    run_id: str
+    variant_index: int
+    camera_index: int
+    time_index: int
+    sensor_index: int
+    function_index: int
+    prediction: str
+    scores: str
+    distorted: bool
+    empty: str | None
+
+
+@dataclass(slots=True)
+class _BlockRows:
+    """The rows of a block; ``wanted`` contains each product once, by digest."""
+
+    variants: list[_VariantRow] = field(default_factory=list)
+    frames: list[_FrameRow] = field(default_factory=list)
+    annotations: list[_AnnotationRow] = field(default_factory=list)
+    evaluations: list[_EvaluationRow] = field(default_factory=list)
     wanted: dict[str, Wanted] = field(default_factory=dict)
     rejected: int = 0
-
-
-_VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
-_KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
-_FRAME: Final = (*_KEY, "background", "layer", "truth")
-_ANNOTATION: Final = (*_KEY, "kind", "product")
-_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted", "empty")

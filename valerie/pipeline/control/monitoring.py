@@ -27,6 +27,7 @@ from valerie.runs.products.states import (
     ProductState,
     RunState,
     Stage,
+    engine_of,
     stage_of,
 )
 
@@ -164,7 +165,7 @@ def demand(context: Context) -> Demand:
     for route, state, count in backlog:
         if route != UPLOADED_ROUTE and state in (ProductState.READY, ProductState.RUNNING):
             stage = stage_of(route)
-            products[route.split(".")[1] if stage is Stage.RENDER else stage] += count
+            products[engine_of(route) if stage is Stage.RENDER else stage] += count
     waiting = Counter(run.spec.engine for run in submitted)
     engines = (*plugins.renderer_names(testing=context.settings.testing_engines), TRUTH)
     return Demand(
@@ -188,7 +189,7 @@ def workers(context: Context) -> list[BusyWorker]:
         held = totals.held(connection)
     makes: defaultdict[str, Counter[ProductKind]] = defaultdict(Counter)
     for owner, kind, products in held:
-        makes[owner.rpartition(".")[0]][kind] += products
+        makes[processes.worker_of(owner)][kind] += products
     return [BusyWorker(**vars(worker), makes=dict(makes[worker.id])) for worker in alive]
 
 

@@ -98,12 +98,19 @@ class FrameEntry(Document):
     @property
     def pictures(self) -> tuple[FramePicture, ...]:
         """The pictures: the plain one, the truth, each function's prediction, and each person as each function sees them."""
-        shown: list[tuple[str, int | None, int | None]] = [("picture", None, None), ("truth", None, None)]
-        shown += [("prediction", function, None) for function in self.functions]
-        shown += [("close-up", function, person) for function in self.functions for person in self.persons]
         stem = f"{PICTURES}/{self.variant}.{self.camera}.{self.time}/sensor-{self.sensor}"
-        return tuple(
-            FramePicture(*one, f"{stem}-{'-'.join(str(part) for part in one if part is not None)}.png") for one in shown
+        return (
+            FramePicture("picture", None, None, f"{stem}-picture.png"),
+            FramePicture("truth", None, None, f"{stem}-truth.png"),
+            *(
+                FramePicture("prediction", function, None, f"{stem}-prediction-{function}.png")
+                for function in self.functions
+            ),
+            *(
+                FramePicture("close-up", function, person, f"{stem}-close-up-{function}-{person}.png")
+                for function in self.functions
+                for person in self.persons
+            ),
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -15,11 +15,11 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses, all_classes
 from valerie.db import long_table, results
 from valerie.db.engine import reading
-from valerie.db.long_table import LongRow
+from valerie.db.long_table import LongRow, Piece
 from valerie.db.models import Assignment
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON
-from valerie.measures import Measures, TableRow
+from valerie.measures import Cell, Measures, TableRow
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
@@ -42,7 +42,7 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
         assignments = long_table.assignments(connection, run.id)
         pieces = [
             EvaluationTable.from_columns(_table_columns(piece, run, assignments, varied), varied)
-            for piece in long_table.columns(connection, run.id)
+            for piece in long_table.pieces(connection, run.id)
         ]
     if not pieces:
         return EvaluationTable.from_rows((), varied, designs_of(run))
@@ -50,15 +50,14 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
 
 
 def _table_columns(
-    piece: dict[str, Sequence[Any]], run: StoredRun, assignments: Mapping[int, Assignment], varied: Iterable[str]
-) -> dict[str, Sequence[Any]]:
+    piece: Piece, run: StoredRun, assignments: Mapping[int, Assignment], varied: Iterable[str]
+) -> dict[str, Sequence[Cell]]:
     """Return a piece of the long table as columns, equal to those of `table_row`.
 
     Columns that depend only on frame or variant are computed once for each of them.
     """
     resolved, spec = run.resolved, run.resolved.spec
-    keys = [piece.pop(name) for name in long_table.KEY]
-    variants, cameras, times, sensors, functions, instances = keys
+    variants, cameras, times, sensors, functions, instances, measures = piece
     places = list(zip(variants, cameras, times, strict=True))
     frames = {
         place: frame_columns(FrameKey(run.id, *place), assignments[place[0]], resolved)
@@ -69,16 +68,16 @@ def _table_columns(
         person: character_of(person[0], assignments[person[1]], resolved) for person in dict.fromkeys(persons)
     }
     of_frames = [frames[place] for place in places]
-    columns: dict[str, Sequence[Any]] = {**piece}
+    columns: dict[str, Sequence[Cell]] = {**measures}
     columns |= {name: [frame[name] for frame in of_frames] for name in of_frames[0]}
     columns["character"] = [characters[person] for person in persons]
     columns["instance_id"] = [instance or None for instance in instances]
     for name in _PIXELS:
-        columns[name] = [value if instance else None for value, instance in zip(piece[name], instances, strict=True)]
+        columns[name] = [value if instance else None for value, instance in zip(measures[name], instances, strict=True)]
     columns["sensor"] = [spec.sensors[index].name for index in sensors]
     columns["function"] = [spec.functions[index] for index in functions]
     for name in ("tp", "fn"):  # an absent person has no counts
-        columns[name] = [value or 0 for value in piece[name]]
+        columns[name] = [value or 0 for value in measures[name]]
     return columns | {path: [assignments[variant].get(path) for variant in variants] for path in varied}
 
 

@@ -98,7 +98,7 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
     context.store.put(run_key(run.id, SUMMARY), summary_json(run_results.analysis, run_results.verdicts), replace=True)
     context.store.put(run_key(run.id, REPORT), write_report(context, run_results).encode(), replace=True)
-    context.store.put(run_key(run.id, ENVIRONMENT), orjson.dumps(environment()), replace=True)
+    context.store.put(run_key(run.id, ENVIRONMENT), environment().model_dump_json().encode(), replace=True)
 
 
 def summary_json(analysis: Analysis, verdicts: Sequence[RequirementVerdict]) -> bytes:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import secrets
 import signal
 import subprocess
 import sys
@@ -84,7 +83,7 @@ class Presence:
                 log.warning("worker.presence", reason=str(error))
             return reason is None
 
-        return replace(context, owner=f"{worker.id}.{secrets.token_hex(2)}", fitness=Fitness(test, failures))
+        return replace(context, owner=processes.owner_of(worker.id), fitness=Fitness(test, failures))
 
     def join(self) -> None:
         """Become visible.

@@ -122,3 +122,8 @@ def route_of(stage: Stage, *parts: str) -> str:
 def stage_of(route: str) -> Stage:
     """Return the stage whose workers serve a queue."""
     return Stage(route.partition(".")[0])
+
+
+def engine_of(route: str) -> str:
+    """Return the first part of a queue's numeric class: the render engine, or the truth pass."""
+    return route.split(".")[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import structlog
 
@@ -124,19 +124,27 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                 yield ShownPicture(caption, shown, values, str(key), picture)
 
 
+class _Scored(NamedTuple):
+    """The score of a variant, by its batch and its place in that batch."""
+
+    score: float
+    batch: int
+    place: int
+
+
 def _extremes(study: ResolvedStudy, batches: Sequence[BatchRow]) -> list[_Place]:
     scores = [
-        (score, batch.number, index)
+        _Scored(score, batch.number, index)
         for batch in batches
         if batch.outcomes is not None
         for index, score in enumerate(batch.outcomes.scores)
         if score is not None
     ]
-    failing = sorted(entry for entry in scores if entry[0] < study.measure.at_least)[:_LOWEST]
-    passing = sorted(entry for entry in scores if entry[0] >= study.measure.at_least)[:_NEXT]
+    failing = sorted(variant for variant in scores if variant.score < study.measure.at_least)[:_LOWEST]
+    passing = sorted(variant for variant in scores if variant.score >= study.measure.at_least)[:_NEXT]
     return [
-        *((number, index, "It fails") for _, number, index in failing),
-        *((number, index, "It passes, barely") for _, number, index in passing),
+        *((variant.batch, variant.place, "It fails") for variant in failing),
+        *((variant.batch, variant.place, "It passes, barely") for variant in passing),
     ]
 
 
