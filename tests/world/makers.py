@@ -16,7 +16,7 @@ from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs

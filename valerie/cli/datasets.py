@@ -62,7 +62,7 @@ def export(
     The folder appears when it is complete. Run the same command again to continue an interrupted export.
     """
     from valerie.pipeline.export.datasets import export_run
-    from valerie.pipeline.export.plan import FORMATS, ExportSettings
+    from valerie.pipeline.export.export_plan import FORMATS, ExportSettings
 
     for name in formats or ():
         if name not in FORMATS:
@@ -76,7 +76,7 @@ def export(
         annotations=annotation_names(annotations),
         polygons=polygons,
     )
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
 
     def tell(now: ExportProgress) -> None:
         lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} already there" if now.resumed else "")
@@ -118,7 +118,7 @@ def parse_splits(text: str) -> dict[str, float]:
     return shares
 
 
-class Lines:
+class ProgressLines:
     """Prints progress as one line every few seconds: how many, how fast, how long."""
 
     def __init__(self, what: str) -> None:

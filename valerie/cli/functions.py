@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.registry import import_file, open_registry, register_file
+from valerie.cli.registering import import_file, open_registry, register_file
 from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say, template, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -140,11 +140,11 @@ def quantize(
     The card states the change of pACC. Nothing is rendered.
     """
     from valerie.analysis.comparison.drawing import comparison_renderable
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.local.deployment import context_of
     from valerie.pipeline.retraining.quantization import quantize_function
 
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with context_of(data_dir) as deployment:
         made = quantize_function(
             deployment,

@@ -17,7 +17,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed
@@ -217,14 +217,14 @@ def copy(
 
     Every command works on the copy: `valerie up --data-dir FOLDER` shows it. Your own assets are not part of it.
     """
-    from valerie.cli.datasets import Lines
-    from valerie.pipeline.control.copying import copy_run
+    from valerie.cli.datasets import ProgressLines
+    from valerie.pipeline.control.copy_run import copy_run
 
     if (to is None) == (source is None):
         raise InvalidInput(
             "a copy goes to one data folder or comes from one", field="--to, --from", limit="one of both"
         )
-    lines = Lines("objects")
+    lines = ProgressLines("objects")
     with ExitStack() as stack:
         if source is not None:
             first = stack.enter_context(folder_context(source, create=False))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.registry import Remote, open_registry
+from valerie.cli.registering import Remote, open_registry
 from valerie.cli.shell import DataDir, EndWithParent, Exit, Json, RunId, Stopped, Url, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.registry import Opening, functions_named, open_registry, say_missing_files
+from valerie.cli.registering import Opening, functions_named, open_registry, say_missing_files
 from valerie.cli.shell import DataDir, Json, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
@@ -124,7 +124,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
 
     Args:
         path: file of the spec; ``-`` is standard input.
-        functions: see `valerie.cli.registry.functions_named`.
+        functions: see `valerie.cli.registering.functions_named`.
         opening: opens the registry for files among the functions.
 
     Raises:
@@ -166,7 +166,7 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
     if url is not None or running.find(settings.data_dir) is not None:
         with client_of(settings, url) as client, own_assets(settings, client):
             return client.plan(text)
-    from valerie.pipeline.control.plan import plan_run
+    from valerie.pipeline.control.planning import plan_run
     from valerie.runs.resolving.spec import parse
 
     spec = parse(text)

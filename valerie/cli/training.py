@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from valerie.analysis.comparison.before_after import VersionComparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
-    from valerie.pipeline.retraining.loop import Retrained
+    from valerie.pipeline.retraining.retrain import Retrained
     from valerie.pipeline.retraining.weakness import Weakness
 
 app = typer.Typer(help="Train functions under test, on random frames or where a run found them weak.")
@@ -90,7 +90,7 @@ def train(
     if out is not None and out.exists():
         raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
-    from valerie.pipeline.retraining.loop import (
+    from valerie.pipeline.retraining.retrain import (
         TrainingResources,
         Watcher,
         register_retrained,
@@ -194,14 +194,14 @@ def _compare(
     threads: int | None = None,
     mixed: bool = False,
 ) -> VersionComparison:
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.pipeline.functions.references import open_reference
-    from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+    from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
     from valerie.pipeline.retraining.weakness import selected_region
 
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with context_of(data_dir) as deployment:
-        return compare_versions(
+        return compare_on_run(
             deployment,
             run,
             versions,
@@ -244,9 +244,9 @@ class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
-        from valerie.cli.datasets import Lines
+        from valerie.cli.datasets import ProgressLines
 
-        self._lines = Lines("steps")
+        self._lines = ProgressLines("steps")
 
     def __call__(self, now: TrainingProgress) -> None:
         self._lines.tell(now.step, now.steps, now.step / max(now.elapsed_s, 1e-9), f"loss {now.loss:.3f}")

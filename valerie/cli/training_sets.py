@@ -44,7 +44,7 @@ def frames(
     ] = None,
 ) -> None:
     """Render a training set into an empty folder: of sites whose seeds no run uses by default."""
-    from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
+    from valerie.pipeline.retraining.training_frames import FrameSettings, render_training_frames
 
     width, height = _size(size)
     with _named_by_option(context):
@@ -67,7 +67,7 @@ def frames(
             rate = done * settings.per_site / (time.monotonic() - started)
             typer.echo(f"site {shard.site_seed}: {done}/{settings.sites} sites, {rate:.1f} frames/s")
 
-        rendered = render_frames(folder, settings, processes=processes, progress=tell)
+        rendered = render_training_frames(folder, settings, processes=processes, progress=tell)
     typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
 
 

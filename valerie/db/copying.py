@@ -11,8 +11,8 @@ from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import (
     Base,
-    Block,
     Evaluation,
+    FedBlock,
     Frame,
     FrameAnnotation,
     MarkTag,
@@ -44,7 +44,7 @@ _CONTENTS: Final[Mapping[type[Base], InstrumentedAttribute[str]]] = {
     PersonScore: PersonScore.digest,
 }
 #: The rows of a run, tables that others refer to first.
-_PARTS: Final = (Block, Variant, Frame, Evaluation, FrameAnnotation, Note, MarkTag)
+_PARTS: Final = (FedBlock, Variant, Frame, Evaluation, FrameAnnotation, Note, MarkTag)
 
 
 class StoredProduct(NamedTuple):

@@ -23,7 +23,7 @@ _CACHE_KIB = 32 * 1024
 _CHECKPOINT_PAGES = 10_000
 _OPTIONS: Final = {
     "hide_parameters": True,  # keep thousands of rows out of the log
-    # `valerie.db.documents` reads and writes JSON text itself.
+    # `valerie.db.column_types` reads and writes JSON text itself.
     "json_serializer": lambda text: text,
     "json_deserializer": lambda text: text,
 }
@@ -34,7 +34,7 @@ _FORK = threading.Lock()
 os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_in_child=_FORK.release)
 
 
-def open_engine(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
+def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
     """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
     On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails

@@ -26,7 +26,7 @@ from valerie.db.models import (
 from valerie.db.rows import read_all
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell, Measures, Source, measures_from
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 #: The table that holds the measures from each source.
 _TABLES: Final[dict[Source, type[Base]]] = {

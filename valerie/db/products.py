@@ -201,7 +201,7 @@ def to_send(rows: Iterable[Row[str, ProductKind, str, str, float]]) -> list[Read
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class EvaluationLink:
     """One function's evaluation of a frame through one sensor.
 
     Attributes:
@@ -231,7 +231,7 @@ class Job:
     kind: ProductKind
     attempts: int
     frame: StoredFrame
-    look: Look | None = None
+    look: EvaluationLink | None = None
 
 
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -347,7 +347,7 @@ _JOB_OF_KIND: Final = {
     ProductKind.EVALUATION: _evaluation_job(Evaluation.scores),
 }
 _EMPTY_JOB: Final = _evaluation_job(Evaluation.empty)
-#: Kinds of products whose jobs have a `Look`.
+#: Kinds of products whose jobs have a `EvaluationLink`.
 _LOOKS: Final = frozenset({ProductKind.PREDICTION, ProductKind.EVALUATION})
 
 
@@ -357,7 +357,7 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
         row = connection.execute(_EMPTY_JOB, {"digest": digest}).first()
     if row is None:
         return None
-    look = Look(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
+    look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
     return Job(digest, kind, attempts, StoredFrame.of(row), look)
 
 
@@ -391,11 +391,11 @@ class Finished:
     picture: Measures | None = None
     score: FrameScore | None = None
     person_scores: tuple[MeasuredPerson, ...] = ()
-    part: Part | None = None
+    part: SharedStatics | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SharedStatics:
     """The statics that several truths are stored over; its row keeps it from being freed while one of them exists.
 
     Attributes:

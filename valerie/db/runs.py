@@ -11,7 +11,17 @@ from sqlalchemy import Connection, Subquery, delete, func, insert, select, union
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
-from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, StudyBatch, Variant
+from valerie.db.models import (
+    Assignment,
+    Evaluation,
+    FedBlock,
+    Frame,
+    FrameAnnotation,
+    Product,
+    Run,
+    StudyBatch,
+    Variant,
+)
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
@@ -309,7 +319,7 @@ def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues])
 
 def remove(connection: Connection, run_id: str) -> None:
     """Delete a run with its variants, frames, links and marks; its products stay until `gc` frees those without a link."""
-    for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
+    for table in (Evaluation, FrameAnnotation, Frame, Variant, FedBlock):
         connection.execute(delete(table).where(table.run_id == run_id))
     marks.remove_all(connection, run_id)
     connection.execute(delete(Run).where(Run.id == run_id))

@@ -19,7 +19,7 @@ from valerie.guided.rank import Effect, Ranking
 from valerie.guided.strategy import Reason, Result, Why
 from valerie.guided.verify import Verification
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.study.document import CascadeGoal, CompareGoal, VerifyGoal
+from valerie.runs.study.study_document import CascadeGoal, CompareGoal, VerifyGoal
 from valerie.statistics.intervals import Interval
 from valerie.studies.resolved import ResolvedStudy
 

@@ -29,9 +29,9 @@ from valerie.pipeline.reading.frame_details import frame_details
 from valerie.pipeline.reading.frame_details import list_frames as frames_after
 from valerie.pipeline.reading.frame_pictures import find_picture, label_map, paint_picture
 from valerie.pipeline.reading.painting import png
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.storage.keys import product_key
 

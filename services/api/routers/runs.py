@@ -24,7 +24,7 @@ from valerie.db import marks, results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
-from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan

@@ -46,7 +46,7 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
         spec("validation", asset="urban-street", vary=along_the_street, functions=["semantic-fpn-small"])
     )
     world.context.engine.dispose()
-    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
     little = ["--frames", "1", "--sites", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]

@@ -23,12 +23,12 @@ from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, 
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pins import PinChoice, choose_pins
+from valerie.pipeline.base.pinning import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
-from valerie.pipeline.control.progress import ProgressBook
+from valerie.pipeline.control.progress_counting import ProgressBook
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer

@@ -19,9 +19,9 @@ from valerie.datasets import coco, croissant, openlabel
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.db import runs
 from valerie.db.engine import reading
+from valerie.pipeline.export.export_plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.export.folder import FRAGMENTS
 from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
-from valerie.pipeline.export.plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.reading.tables import read_table
 from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS

@@ -28,14 +28,14 @@ from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import software
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
+from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
-from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState

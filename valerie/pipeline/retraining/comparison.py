@@ -23,12 +23,12 @@ from valerie.metrics.scoring import score_frame
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     evaluated_persons,
@@ -38,8 +38,8 @@ from valerie.pipeline.reading.selection import (
 )
 from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
-from valerie.pipeline.retraining.targets import run_values
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.retraining.weak_scenes import run_values
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.storage import codecs
 
 
@@ -87,7 +87,7 @@ class Grouping:
     region: Region | None = None
 
 
-def compare_versions(
+def compare_on_run(
     context: Context,
     run_id: str,
     references: Sequence[str],

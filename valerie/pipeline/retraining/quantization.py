@@ -23,9 +23,9 @@ from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import pinned_payload
 from valerie.pipeline.functions.registry import SHORT, Registered, register, require_free
 from valerie.pipeline.reading.capture import capture_of
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import finished_frames, function_index
-from valerie.pipeline.retraining.comparison import compare_versions
+from valerie.pipeline.retraining.comparison import compare_on_run
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 
 #: Entries of the provenance: the function before, the frames that gave the ranges, and the change of pACC.
@@ -94,7 +94,7 @@ def quantize_function(
         file.write_bytes(data)
         unnamed = quantized.model_copy(update={"name": name, "provenance": provenance})
         settings = context.settings
-        comparison = compare_versions(
+        comparison = compare_on_run(
             context,
             run_id,
             [function, name],

@@ -24,10 +24,10 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import plan
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions.bounded import open_bounded
-from valerie.pipeline.functions.loader import open_document
+from valerie.pipeline.functions.loader import open_function_document
 from valerie.pipeline.reading.painting import paint_errors
 from valerie.rendering.base import View
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import load_asset
@@ -117,7 +117,7 @@ def try_function(
     threads = settings.inference_threads
 
     def opened() -> PerceptionFunction:
-        return open_document(document, payload, settings, threads=threads)
+        return open_function_document(document, payload, settings, threads=threads)
 
     with closing(open_bounded(opened, settings, name=document.name)) as function:
         tried = [_tried(document, frame, function.predict(frame.picture)) for frame in frames]

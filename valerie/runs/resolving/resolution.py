@@ -17,7 +17,7 @@ from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import Varied
 from valerie.runs.resolving.backgrounds import few_backgrounds
 from valerie.runs.resolving.motion import Times, resolve_times

@@ -11,10 +11,10 @@ from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.rendering.base import GroundTruth
 from valerie.storage import codecs

@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.work.preview``: small pictures of variants, for the process that started this one.
+"""``python -m valerie.pipeline.work.preview_process``: small pictures of variants, for the process that started this one.
 
 `valerie.pipeline.control.preview` sends one job after the other over standard input, as JSON behind its length, and gets the
 pictures back in the same way. The asset stays in memory between them. This process ends with its parent, at its limit of

@@ -27,7 +27,7 @@ from valerie.perception.training.start_weights import start_file
 from valerie.perception.training.training_set import TrainingSet
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
-from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
+from valerie.pipeline.retraining.training_frames import FrameSettings, render_training_frames
 from valerie.pipeline.retraining.weakness import Weakness
 from valerie.runs.study.retraining import RetrainSettings
 
@@ -241,7 +241,7 @@ def _frames(
     if folder.exists():  # shards without their list, of an interrupted attempt
         for path in folder.iterdir():
             path.unlink()
-    return render_frames(folder, settings, processes=processes, progress=progress)
+    return render_training_frames(folder, settings, processes=processes, progress=progress)
 
 
 def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, processes: int) -> FrameFolder | None:

@@ -20,8 +20,8 @@ from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
 from valerie.pipeline.reading.painting import FramePainter
-from valerie.pipeline.reading.products import ProductReader
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
 #: Kinds of picture that a thumbnail can show.

@@ -31,7 +31,7 @@ _KEPT: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class ConfusionCell:
     """A cell of the matrix: pixels of the class ``truth`` that are predicted as ``predicted`` (a class, or `VOID`)."""
 
     truth: str
@@ -100,7 +100,7 @@ class Confusions:
         selection: Selection,
         function: str,
         *,
-        cell: Cell | None = None,
+        cell: ConfusionCell | None = None,
         limit: int = 48,
     ) -> Confusion:
         """Return the confusion of a function in the evaluations that have a selected row.
