@@ -66,7 +66,7 @@ class DrawingMaker:
 
 
 def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> NDArray[np.uint8]:
-    """What a function of middling quality would see: worse far away, with crumbled edges and a few false persons."""
+    """Return the prediction of a function of middling quality: worse far away, with crumbled edges and a few false persons."""
     generator = np.random.default_rng(seed)
     seen = to_train_ids(truth.class_map).copy()
     chance = generator.random(seen.shape)

@@ -96,8 +96,8 @@ def export(
     rest = f"; {dataset.left_out:,} finished frames do not meet the expression" if dataset.left_out else ""
     typer.echo(f"{dataset.folder}: {split_text}{rest}")
     if dataset.polygons_lose_percent:
-        lost = ", ".join(f"{share:g} % of {name}" for name, share in dataset.polygons_lose_percent.items())
-        typer.echo(f"The polygons lose {lost}; the label pictures are exact.")
+        losses = ", ".join(f"{share:g} % of {name}" for name, share in dataset.polygons_lose_percent.items())
+        typer.echo(f"The polygons lose {losses}; the label pictures are exact.")
 
 
 def parse_splits(text: str) -> dict[str, float]:

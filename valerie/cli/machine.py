@@ -119,14 +119,14 @@ def gc(
     with context_of(data_dir) as context:
         from valerie.pipeline.control.gc import collect
 
-        freed = collect(context, dry_run=dry_run)
+        space = collect(context, dry_run=dry_run)
     if as_json:
-        typer.echo(json.dumps({"products": freed.products, "objects": freed.objects, "bytes": freed.bytes}))
+        typer.echo(json.dumps({"products": space.products, "objects": space.objects, "bytes": space.bytes}))
         return
     verb = "would remove" if dry_run else "removed"
     typer.echo(
-        f"{verb} {freed.products:,} products that no run needs, and {freed.objects:,} orphaned objects "
-        f"({freed.bytes / 1e6:,.1f} MB)"
+        f"{verb} {space.products:,} products that no run needs, and {space.objects:,} orphaned objects "
+        f"({space.bytes / 1e6:,.1f} MB)"
     )
 
 
@@ -234,11 +234,11 @@ def copy(
             assert to is not None
             first = stack.enter_context(context_of(data_dir))
             second = stack.enter_context(folder_context(to, create=True))
-        copied = copy_run(first, second, run, progress=lines.tell)
+        copy = copy_run(first, second, run, progress=lines.tell)
     if as_json:
-        typer.echo(copied.model_dump_json())
+        typer.echo(copy.model_dump_json())
     else:
-        typer.echo(f"copied run {run} with {copied.objects:,} objects ({copied.bytes / 1e6:,.1f} MB)")
+        typer.echo(f"copied run {run} with {copy.objects:,} objects ({copy.bytes / 1e6:,.1f} MB)")
 
 
 def _document(product: Replayed) -> JsonObject:

@@ -353,8 +353,8 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
     from valerie.cli.specs import show_plan
     from valerie.runs.forecasting.forecast import Plan
 
-    rejected = f", {batch.rejected} rejected" if batch.rejected else ""
-    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejected}.\n")
+    rejections = f", {batch.rejected} rejected" if batch.rejected else ""
+    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}.\n")
     show_plan(Plan.model_validate(batch.plan))
 
 

@@ -115,20 +115,20 @@ def train(
         if function is None and len(choices := functions_of(deployment, run)) > 1:
             raise InvalidInput(_choose_one(context, choices), field="--function")
         weakness = find_weakness(deployment, run, where, function)
-        called = name or weakness.next_name
-        require_free(called)
+        new_name = name or weakness.next_name
+        require_free(new_name)
         _say_weakness(weakness)
         trainings = settings_of(data_dir).data_dir.parent / "training"
-        folder = trainings / training_folder(weakness, settings, called)
+        folder = trainings / training_folder(weakness, settings, new_name)
         retrained = retrain(
             weakness,
-            folder / f"{called}.safetensors" if out is None else out,
+            folder / f"{new_name}.safetensors" if out is None else out,
             settings,
             folder=folder,
             resources=TrainingResources(processes, threads),
             watcher=Watcher(say_site, Steps()),
         )
-        registered, new = register_retrained(deployment, retrained, called)
+        registered, new = register_retrained(deployment, retrained, new_name)
     _say_retrained(retrained, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
     say(f"functions: [{weakness.reference}, {registered.reference}]")
@@ -228,8 +228,8 @@ def _say_weakness(weakness: Weakness) -> None:
 
 def say_site(shard: Shard) -> None:
     """Report that the frames of a site are rendered."""
-    drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
-    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
+    scenes = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
+    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{scenes}")
 
 
 def _say_retrained(retrained: Retrained, folder: Path) -> None:

@@ -204,20 +204,22 @@ def _named_by_option(context: typer.Context) -> Iterator[None]:
 
     from valerie.validation import problem_of
 
-    shown = {
+    options = {
         str(parameter.name): parameter.opts[0]
         if isinstance(parameter, typer.core.TyperOption)
         else str(parameter.metavar)
         for parameter in context.command.params
     }
-    shown |= {setting: shown[name] for setting, name in _PARAMETERS.items() if name in shown}
+    options |= {setting: options[name] for setting, name in _PARAMETERS.items() if name in options}
     try:
         yield
     except ValidationError as error:
-        raise InvalidInputs([problem_of(detail, shown[str(detail["loc"][0])]) for detail in error.errors()]) from None
+        raise InvalidInputs([problem_of(detail, options[str(detail["loc"][0])]) for detail in error.errors()]) from None
     except InvalidInput as error:
-        if type(error) is InvalidInput and error.field in shown:
-            raise InvalidInput(error.message, field=shown[error.field], value=error.value, limit=error.limit) from None
+        if type(error) is InvalidInput and error.field in options:
+            raise InvalidInput(
+                error.message, field=options[error.field], value=error.value, limit=error.limit
+            ) from None
         raise
 
 

@@ -287,8 +287,8 @@ def points(connection: Connection, run_id: str, column: str | None, *, share: fl
     """
     if column is not None and column not in COLUMNS:
         raise UnknownName("column", column, COLUMNS, field="column")
-    wanted = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
-    query = _select(run_id).with_only_columns(*wanted, maintain_column_froms=True)
+    selection = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
+    query = _select(run_id).with_only_columns(*selection, maintain_column_froms=True)
     if share < 1.0:
         spread = Evaluation.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
         query = query.where(spread < literal(int(share * 2**32), BigInteger))

@@ -465,7 +465,7 @@ class MarkTag(Base):
 
 
 class Delivery(Base):
-    """What a receiver of webhooks has heard of the ending of a run; no row before the first attempt."""
+    """The state of telling a receiver of webhooks that a run ended; no row before the first attempt."""
 
     __tablename__ = "deliveries"
 

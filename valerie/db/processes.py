@@ -69,8 +69,8 @@ def remove_worker(connection: Connection, worker_id: str) -> None:
 def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
     """Return the live workers, the longest-running first."""
     # A heartbeat from the future is of a worker that died before the clock was set back: a live one sends another.
-    seen = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
-    query = select(*columns_of(WorkerRow, Worker)).where(seen)
+    alive = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
+    query = select(*columns_of(WorkerRow, Worker)).where(alive)
     return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
 
 

@@ -90,8 +90,8 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     digests = {digest for digest in links if digest is not None}
     # Locked until the commit (SQLite: no one else writes): a worker must not park what this transaction is about to link.
     columns = Product.digest, Product.state, Product.turn
-    known = select(*columns).where(among(connection, Product.digest, digests)).with_for_update()
-    states = {digest: (state, turn) for digest, state, turn in connection.execute(known)}
+    locked = select(*columns).where(among(connection, Product.digest, digests)).with_for_update()
+    states = {digest: (state, turn) for digest, state, turn in connection.execute(locked)}
     done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
     rows: list[_NewProduct] = []
     ready: list[Ready] = []

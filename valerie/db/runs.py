@@ -172,10 +172,10 @@ def of_key(connection: Connection, key: str | None, spec_digest: str) -> str | N
     """
     if key is None:
         return None
-    known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
-    if known is None:
+    row = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
+    if row is None:
         return None
-    run_id, known_digest = known
+    run_id, known_digest = row
     if known_digest != spec_digest:
         raise Conflict(f"the idempotency key {key!r} was used for another spec (run {run_id})")
     return run_id

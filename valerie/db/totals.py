@@ -43,7 +43,7 @@ class HeldProducts(NamedTuple):
 
 
 class CostBin(NamedTuple):
-    """What the products of one kind cost that were finished in one span of time.
+    """The cost of the products of one kind that were finished in one span of time.
 
     Attributes:
         kind: of the products.

@@ -202,7 +202,7 @@ class Frame:
 
     @cached_property
     def picture(self) -> NDArray[np.uint8]:
-        """What the functions are given: (H, W, 3) uint8 sRGB."""
+        """The picture that the functions see: (H, W, 3) uint8 sRGB."""
         return self._source.picture(self.id, self.sensor)
 
     @cached_property

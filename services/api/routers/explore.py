@@ -326,11 +326,11 @@ def refine(
 ) -> SpecRead:
     _require_one(run)
     resolved = read_run(context, run[0]).resolved
-    chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
+    table = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
     if form == "nearby":
-        child = similar_spec(chosen, exploration.table, resolved.spec, resolved.definitions, count)
+        child = similar_spec(table, exploration.table, resolved.spec, resolved.definitions, count)
     else:
-        child = drawn_spec(chosen, resolved.spec, resolved.definitions, count)
+        child = drawn_spec(table, resolved.spec, resolved.definitions, count)
     return SpecRead(yaml=child.to_yaml())
 
 

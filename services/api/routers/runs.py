@@ -200,7 +200,7 @@ def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
 )
 def lineage(run_id: RunId, context: ContextDependency) -> list[RelativeRead]:
     with reading(context.engine) as connection:
-        return [RelativeRead.model_validate(one) for one in runs.lineage(connection, run_id)]
+        return [RelativeRead.model_validate(relative) for relative in runs.lineage(connection, run_id)]
 
 
 @router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")

@@ -73,13 +73,13 @@ def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture
         Refused: a document of the folder is not valid.
     """
     entries = _document(folder, FRAMES, FrameList).frames
-    chosen = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
-    if not chosen:
+    sample = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
+    if not sample:
         return []
     try:
         with _deployment(folder, settings) as (context, run):
             frames = _Frames(context, run)
-            return [picture for entry in chosen for picture in frames.compare(folder, entry)]
+            return [picture for entry in sample for picture in frames.compare(folder, entry)]
     except Refused:
         raise
     except ValerieError as error:

@@ -144,12 +144,12 @@ class Confusions:
                 continue
             with reading(self._context.engine) as connection:
                 for sensor, setting in enumerate(spec.sensors):
-                    found = results.predictions(connection, run_id, sensor, spec.functions.index(function))
-                    if len(counts) + len(found) > MAX_EVALUATIONS:
+                    predictions = results.predictions(connection, run_id, sensor, spec.functions.index(function))
+                    if len(counts) + len(predictions) > MAX_EVALUATIONS:
                         raise InvalidInput(
                             "too many evaluations for a confusion matrix", field="run", limit=f"{MAX_EVALUATIONS:,}"
                         )
-                    for frame, stored in found.items():
+                    for frame, stored in predictions.items():
                         places[str(frame), setting.name] = len(counts)
                         counts.append(decode_counts(stored.confusion).astype(np.uint32))
         return _Matrices(places, np.array(counts, np.uint32).reshape(-1, *SHAPE))

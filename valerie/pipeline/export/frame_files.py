@@ -115,8 +115,8 @@ class FrameWriter:
         split, formats, name = plan.split(frame), plan.settings.formats, plan.name(frame)
         capture = capture_of(plan.run.resolved, frame.stored, plan.sensor)
         if capture.distorted:
-            seen = capture.seen_truth(self._reader)
-            frame = replace(frame, persons=tuple(measured_again(person, seen) for person in frame.persons))
+            truth = capture.seen_truth(self._reader)
+            frame = replace(frame, persons=tuple(measured_again(person, truth) for person in frame.persons))
         annotations = self._annotations(frame)
         for kind, arrays in annotations.items():
             path = root / "annotations" / split / name.city / f"{name}_{kind}.npz"

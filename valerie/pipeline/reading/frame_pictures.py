@@ -52,13 +52,13 @@ class ShownProducts:
     @property
     def tag(self) -> str:
         """Digest of the picture, 32 hexadecimal characters, known before it is painted."""
-        shown = self.prediction or self.annotation or ""
-        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
+        product = self.prediction or self.annotation or ""
+        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, product)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSources:
-    """What the database has of one frame: all that its pictures may show.
+    """The rows of one frame that its pictures may show.
 
     Attributes:
         resolved: its run.

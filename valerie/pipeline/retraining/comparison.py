@@ -202,8 +202,8 @@ def _groups(
         groups["in the region"], groups["outside the region"] = inside, present & ~inside
     if where:
         condition = run_where(where, run.resolved)
-        chosen = np.array([condition.holds(row) for row in rows], np.bool_)
-        groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & present, present & ~chosen
+        mask = np.array([condition.holds(row) for row in rows], np.bool_)
+        groups[f"selected by the scores of {before}"], groups["not selected"] = mask & present, present & ~mask
     return groups
 
 
@@ -242,10 +242,10 @@ def _evaluate(
             scored = score_frame(truth, labels, function.card.judged_ids)
             matrices[frame.key], scores = scored.matrix, scored.scores
             for person in frame.persons:
-                seen = measured_again(person, truth) if capture.distorted else person
+                view = measured_again(person, truth) if capture.distorted else person
                 counts = scored.person(person.instance_id)
                 row = {
-                    **frame.row(seen, run.resolved),
+                    **frame.row(view, run.resolved),
                     **{path: frame.stored.assignment.get(path) for path in varied},
                     "function": name,
                     **counts.measures,

@@ -80,14 +80,14 @@ def quantize_function(
     run = read_run(context, run_id)
     function_index(function, run.resolved)
     document, payload = pinned_payload(function, run.pins.functions[function], context=context)
-    chosen = _spread(context, run, frames)
+    sample = _spread(context, run, frames)
     reader = ProductReader(context.store)
-    pictures = (capture_of(run.resolved, frame, 0).picture(reader) for frame in chosen)
+    pictures = (capture_of(run.resolved, frame, 0).picture(reader) for frame in sample)
     quantized, data = quantize(document, payload, pictures)
     provenance = {
         **{entry: text for entry, text in document.provenance.items() if entry != REASON},
         BEFORE: f"{function}, {_digest(document)}",
-        FRAMES: f"{len(chosen)} frames of run {run_id}",
+        FRAMES: f"{len(sample)} frames of run {run_id}",
     }
     with TemporaryDirectory(prefix="valerie-quantize-") as folder:
         file = Path(folder, f"{name}.onnx")

@@ -138,7 +138,7 @@ def retrain(
         start_from=start,
         threads=resources.threads,
     )
-    drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
+    scenes = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
     provenance = training_provenance(TrainingSet([frames]), held_out, start)
     provenance |= {
         "started-from": _digest(weakness.document),
@@ -156,7 +156,7 @@ def retrain(
         digest=read_header(out).digest,
         before=weakness.document,
         frames=len(frames),
-        drawn=drawn,
+        drawn=scenes,
         steps=model.steps,
         curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
         site_seeds=(seeds[0], seeds[-1]),

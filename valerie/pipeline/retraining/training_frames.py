@@ -205,16 +205,16 @@ def frames_of(
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
                 setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
                 as_made = AS_MADE if target is None else target.as_made
-                drawn = draw_scene(crowd, rng, setting=setting, as_made=as_made)
+                scene = draw_scene(crowd, rng, setting=setting, as_made=as_made)
                 draws.count += 1
-                view = View(drawn.camera, settings.width, settings.height)
-                if target is not None and not target.possible(drawn):
+                view = View(scene.camera, settings.width, settings.height)
+                if target is not None and not target.possible(scene):
                     continue
-                truth = truth_pass.truth(drawn.scene, view)
-                if target is not None and not target.hit(drawn, truth, view):
+                truth = truth_pass.truth(scene.scene, view)
+                if target is not None and not target.hit(scene, truth, view):
                     continue
                 try:
-                    background = renderer.background(drawn.scene, view)
+                    background = renderer.background(scene.scene, view)
                     break
                 except RenderingError:
                     # The camera sees only sky or a wall; the next attempt draws another scene.
@@ -226,8 +226,8 @@ def frames_of(
                     f"no drawn scene of site {seed} is in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
-            image = renderer.layer(drawn.scene, view).over(background)
-            picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))
+            image = renderer.layer(scene.scene, view).over(background)
+            picture = develop(image.pixels, scene.sensor, Shot(run_seed=seed, content=(str(number),)))
             yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
     finally:
         truth_pass.close()

@@ -162,7 +162,7 @@ class Flow:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a flow needs around it.
+    """The deployment and the callbacks that a flow needs.
 
     Attributes:
         wait: returns when the study with this id no longer runs.
@@ -376,9 +376,9 @@ class _Meter:
         now = self._now()
         self.total += now - self._last
         self._last = now
-        written = self._file.with_suffix(".new")
-        written.write_text(json.dumps(self.total))
-        written.replace(self._file)
+        draft = self._file.with_suffix(".new")
+        draft.write_text(json.dumps(self.total))
+        draft.replace(self._file)
 
     @staticmethod
     def _now() -> float:

@@ -99,17 +99,17 @@ def _stages(flow: Flow, now: Round, *, last: bool) -> tuple[ShownStage, ...]:
         ("Find failures", None if now.search is None else _searched(now.search)),
         ("Train", None if now.training is None else _trained(now.training)),
     )
-    shown: list[ShownStage] = []
+    stages: list[ShownStage] = []
     working = last and flow.ending is None
     for name, known_facts in facts:
         if known_facts is not None:
-            shown.append(ShownStage(name, StageState.DONE, known_facts))
+            stages.append(ShownStage(name, StageState.DONE, known_facts))
         elif flow.ending is not None:
             break
         else:
-            shown.append(ShownStage(name, StageState.WORKING if working else StageState.OPEN))
+            stages.append(ShownStage(name, StageState.WORKING if working else StageState.OPEN))
             working = False
-    return tuple(shown)
+    return tuple(stages)
 
 
 def _estimate(verified: Studied) -> str:

@@ -146,10 +146,8 @@ class _Replay:
         return codecs.encode_truth(fresh) == codecs.encode_truth(stored)
 
 
-def _differing(made: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
+def _differing(new: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
     """Return name to the stored and the new value of each score that differs; empty if none are stored."""
-    if made is None or stored is None:
+    if new is None or stored is None:
         return {}
-    return {
-        name: (stored.figures[name], value) for name, value in made.figures.items() if stored.figures[name] != value
-    }
+    return {name: (stored.figures[name], value) for name, value in new.figures.items() if stored.figures[name] != value}

@@ -272,11 +272,11 @@ def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
 
     def beat() -> None:
         # Read before the transaction, since the holder of the batch's lock may be waiting for the database.
-        held = batch.held
+        digests = batch.held
         try:
             with writing(context.engine) as connection:
                 until = database_time(connection) + context.settings.lease_seconds
-                products.renew(connection, held, owner=context.owner, until=until)
+                products.renew(connection, digests, owner=context.owner, until=until)
         except TransientError as error:
             log.warning("stage.heartbeat", reason=str(error))
 

@@ -176,8 +176,8 @@ def ailment(stage: Stage, offers: Sequence[AnyOffer]) -> str | None:
     return None
 
 
-def _offers_same(found: Sequence[AnyOffer], offer: AnyOffer) -> bool:
-    return any((one.route, one.name) == (offer.route, offer.name) for one in found)
+def _offers_same(offers: Sequence[AnyOffer], offer: AnyOffer) -> bool:
+    return any((other.route, other.name) == (offer.route, offer.name) for other in offers)
 
 
 class _Probed(NamedTuple):

@@ -110,7 +110,7 @@ class Machine:
 
 
 def told(flow: Flow) -> list[tuple[Any, ...]]:
-    """What a flow decided, without ids, times, and digests of files that name the ids of runs."""
+    """Return the decisions of a flow, without ids, times, and digests of files that name the ids of runs."""
     return [
         (
             each.function.partition("@")[0],

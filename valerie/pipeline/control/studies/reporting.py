@@ -118,9 +118,9 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                 except ValerieError as error:
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
-                shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
+                score_text = "none" if score is None else f"{study.measure.shown(score):.3g}"
                 caption = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
-                yield ShownPicture(caption, shown, values, str(key), picture)
+                yield ShownPicture(caption, score_text, values, str(key), picture)
 
 
 class _Scored(NamedTuple):

@@ -41,14 +41,14 @@ class EvaluateMaker:
         prediction = self._reader.prediction(job.look.prediction)
         empty = None if job.look.empty is None else self._reader.prediction(job.look.empty)
         scored = score_frame(truth, prediction, card.judged_ids, empty=empty)
-        packed = codecs.encode_counts(scored.matrix)
+        counts = codecs.encode_counts(scored.matrix)
         return Finished(
             digest=job.digest,
-            bytes=len(packed),
+            bytes=len(counts),
             pixels=int(prediction.size),
             cpu_seconds=time.process_time() - started,
             score=FrameScore(
-                confusion=packed,
+                confusion=counts,
                 tp=scored.scores.counts.tp,
                 fn=scored.scores.counts.fn,
                 tn=scored.scores.counts.tn,

@@ -84,7 +84,7 @@ class RenderMaker:
                 raise RenderingError(f"product {job.digest}: no sensor of the frame has a rolling shutter")
             camera = focal_length_mm(resolved.manifest, view.camera, resolved.at(assignment, key.time))
             products = job.frame.products
-            made = scan(
+            frame_scan = scan(
                 engine,
                 self._truth_pass(run.pins.truth.numeric_class),
                 lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
@@ -96,7 +96,7 @@ class RenderMaker:
                     shutter.blurs,
                 ),
             )
-            data = encode_annotation(AnnotationKind.SCAN, made)
+            data = encode_annotation(AnnotationKind.SCAN, frame_scan)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
