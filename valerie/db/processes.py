@@ -102,6 +102,22 @@ def hold_lease(connection: Connection, name: str, *, owner: str, now: float, sec
     return False
 
 
+def renew_lease(connection: Connection, name: str, *, owner: str, until: float) -> None:
+    """Extend a role that ``owner`` still holds; unlike `hold_lease` it never takes one."""
+    connection.execute(update(Lease).where(Lease.name == name, Lease.owner == owner).values(until=until))
+
+
+def holds_lease(connection: Connection, name: str, *, owner: str) -> bool:
+    """Return True if ``owner`` still holds a role; nobody else takes it before the commit."""
+    query = select(Lease.name).where(Lease.name == name, Lease.owner == owner).with_for_update()
+    return connection.scalar(query) is not None
+
+
+def drop_lease(connection: Connection, name: str, *, owner: str) -> None:
+    """Release a role that ``owner`` holds and that is not needed again."""
+    connection.execute(delete(Lease).where(Lease.name == name, Lease.owner == owner))
+
+
 def release_lease(connection: Connection, name: str, *, owner: str) -> None:
     """Release a role, so that another process may take it at once."""
     connection.execute(update(Lease).where(Lease.name == name, Lease.owner == owner).values(until=0.0))

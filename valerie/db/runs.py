@@ -204,13 +204,16 @@ def require(connection: Connection, run_id: str) -> None:
 
 
 def fed(connection: Connection, run_id: str) -> Fed:
-    """Return the part of a run that has rows.
+    """Return the part of a run that has rows; the run stays as it is until the commit.
+
+    Transactions that write a run and its products do so in this order.
 
     Raises:
         NotFound: no such run.
     """
     columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
-    row = connection.execute(select(*columns).where(Run.id == run_id)).first()
+    query = select(*columns).where(Run.id == run_id).with_for_update(key_share=True)  # SQLite: no one else writes
+    row = connection.execute(query).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)

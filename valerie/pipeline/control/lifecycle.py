@@ -10,6 +10,7 @@ from sqlalchemy import Connection
 
 from valerie.db import fed_blocks, products, runs
 from valerie.db.engine import database_time, writing
+from valerie.db.statements import lock
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
@@ -107,6 +108,7 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
         fed_blocks.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
+        lock(connection, digests)
         products.revive(connection, digests)
         ready = products.promote(connection, digests, now)
     send_ready(context, ready)
