@@ -1,6 +1,7 @@
 """Measure guided validation on planted scores, compared with plain Monte Carlo.
 
-``make bench-guided``, or ``python -m benchmarks.bench_guided [--seed S --repetitions N --rate P --budget N --batch N]``.
+``make bench-guided``, or ``python -m benchmarks.bench_guided [--seed S --repetitions N --rate P --budget N --batch N
+--families NAME…]``.
 The planted scores (`benchmarks.planted_scores`) follow from the seed, which differs between repetitions. For each family:
 
 - *explain*: evaluations of minimal pairs from one failing and one passing point;
@@ -218,6 +219,8 @@ def main() -> None:
     parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
+    every = (*planted_scores.FAMILIES, *planted_scores.HELD_OUT)
+    parser.add_argument("--families", nargs="+", choices=every, default=every, help="of the estimates")
     parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
     chosen = parser.parse_args()
     others = [name for name in chosen.goals if name != "estimate"]
@@ -229,7 +232,7 @@ def main() -> None:
     rows: list[Row] = []
     for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:
         print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
-        for family in planted_scores.FAMILIES:
+        for family in chosen.families:
             rows.append(
                 measure(family, seed=chosen.seed, repetitions=chosen.repetitions, rate=rate, budget=budget, batch=batch)
             )

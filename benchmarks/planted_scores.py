@@ -9,7 +9,13 @@ interaction-only  a product of pairs is high; no parameter matters alone
 discontinuous     a point lies in a box of three parameters; scores step elsewhere
 hidden mode       half as smooth, half in a ball that the scores around it do not reveal
 partly undefined  as smooth; scores are undefined in a tenth of the cube
+*band*            a point lies near a curved sheet that crosses the cube
+*worst of three*  the largest of three linear combinations is high: the boundary has edges
+*waves*           as smooth, with waves of half its size and a quarter of the cube's length
+*saturated*       as smooth, but most scores are close to 1, so that they hardly fall before a failure
 ================= ============================================================================
+
+The last four, `HELD_OUT`, were drawn up after the constants of the strategies were chosen and must not be used to choose any.
 
 A score is the logistic function of a margin, and fails below 0.5. The margin is shifted to give the requested failure rate on
 points that no repetition draws: 2^18 of them, or 2^21 for a rate below 0.005.
@@ -30,6 +36,7 @@ Floats = NDArray[np.float64]
 Score = Callable[[Floats], Floats]
 
 FAMILIES: Final = ("smooth", "disjoint", "interaction-only", "discontinuous", "hidden mode", "partly undefined")
+HELD_OUT: Final = ("band", "worst of three", "waves", "saturated")
 AT_LEAST: Final = 0.5
 _TRUTH_POINTS: Final = 2**18
 _TRUTH_POINTS_OF_RARE: Final = 2**21
@@ -40,7 +47,7 @@ class Planted:
     """A planted score.
 
     Attributes:
-        family: one of `FAMILIES`.
+        family: one of `FAMILIES` or `HELD_OUT`.
         dimensions: number of the cube's dimensions, 6 to 12.
         score: (n, dimensions) points to (n,) scores in 0…1, NaN where undefined.
         rate: the failure rate.
@@ -127,6 +134,34 @@ def _hidden_mode(rng: np.random.Generator, dimensions: int, cube: Floats, rate: 
     return lambda points: np.where(distance(points) < radius, -1.0, smooth(points))
 
 
+def _band(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    weights, bend = rng.normal(size=dimensions), rng.normal(size=dimensions)
+
+    def height(points: Floats) -> Floats:
+        return np.asarray((points - 0.5) @ weights + ((points - 0.5) @ bend) ** 2)
+
+    middle = float(np.quantile(height(cube), rng.uniform(0.2, 0.8)))
+    return _shifted(lambda x: -np.abs(height(x) - middle), cube, rate)
+
+
+def _worst_of_three(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    weights = rng.normal(size=(dimensions, 3))
+    return _shifted(lambda x: ((x - 0.5) @ weights).max(axis=1), cube, rate)
+
+
+def _waves(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    weights, directions = rng.normal(size=dimensions), rng.normal(size=(dimensions, 3))
+    directions *= 8 * np.pi / np.abs(directions).sum(axis=0)
+    phases = rng.uniform(0, 2 * np.pi, 3)
+    size = 0.5 * float(((cube - 0.5) @ weights).std())
+    return _shifted(lambda x: (x - 0.5) @ weights + size * np.sin(x @ directions + phases).sum(axis=1), cube, rate)
+
+
+def _saturated(rng: np.random.Generator, dimensions: int, cube: Floats, rate: float) -> Margin:
+    smooth = _smooth(rng, dimensions, cube, rate)
+    return lambda points: 12 * np.tanh(smooth(points))
+
+
 MARGINS: Final[dict[str, Callable[[np.random.Generator, int, Floats, float], Margin]]] = {
     "smooth": _smooth,
     "disjoint": _disjoint,
@@ -134,4 +169,8 @@ MARGINS: Final[dict[str, Callable[[np.random.Generator, int, Floats, float], Mar
     "discontinuous": _discontinuous,
     "hidden mode": _hidden_mode,
     "partly undefined": _smooth,
+    "band": _band,
+    "worst of three": _worst_of_three,
+    "waves": _waves,
+    "saturated": _saturated,
 }

@@ -19,6 +19,7 @@ from valerie.parameters.space import ParameterSpace
 from valerie.runs.resolving.requirements import Requirement, resolve_requirements
 from valerie.runs.resolving.spec import RunSpec
 from valerie.statistics.contrasts import Matching
+from valerie.statistics.units import Estimand
 
 X = "scene.person-1.pos.x"
 DEFINITION, *_FURTHER = (
@@ -78,6 +79,7 @@ def planted_finding(before: ScoredPerson, after: ScoredPerson) -> Finding:
         function=after.function,
         steps=(Step("sun-1.elevation", "40°", "5°"),),
         matching=Matching.BLOCKS,
+        estimand=Estimand.LISTED_GRID,
         confirmed=True,
         effect=-0.2,
         low=-0.3,

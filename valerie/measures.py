@@ -2,7 +2,8 @@
 
 All other code with such columns takes them from here: Arrow and SQL tables, REST models and their examples, plot axes,
 selections, the index of an exported data set, and the labels of reports and of the dashboard. A new measure of a person needs
-an entry here, the code that computes it, and a migration.
+an entry here, the code that computes it, and a higher revision of the products that hold it. `valerie.db.migrate` adds its
+column to existing databases.
 """
 
 from __future__ import annotations
@@ -84,9 +85,13 @@ class Measure:
         unit: unit of the shown number, which is multiplied by ``scale``.
         scale: factor from the column's unit to the shown one. Rates are shown in per cent.
         digits: decimals of a shown number.
-        required: whether every row of the long table has a value.
+        required: whether every row of the long table has a value. A new measure is not required, since rows from before lack it.
         low, high: bounds of the values, in the column's unit; None if unbounded.
-        bin_width: width of the bins of pACC over this column, in the column's unit; None if the report does not plot it.
+        bin_width: width of the bins of pACC over this column, in the column's unit; None if the report does not plot it. Only for
+            measures that do not depend on a function.
+        is_tested: whether findings test it as an explanation of pACC. Redundant measures are not tested: they would hide each
+            other.
+        is_queried: whether error models are fitted over it by default.
     """
 
     name: str
@@ -102,6 +107,8 @@ class Measure:
     low: float | None = None
     high: float | None = None
     bin_width: float | None = None
+    is_tested: bool = False
+    is_queried: bool = False
 
     @property
     def is_number(self) -> bool:
@@ -121,12 +128,20 @@ class Measure:
 
 
 def _rate(
-    name: str, source: Source, title: str, description: str, example: float, bin_width: float | None = None
+    name: str,
+    source: Source,
+    title: str,
+    description: str,
+    example: float,
+    *,
+    bin_width: float | None = None,
+    is_tested: bool = False,
+    is_queried: bool = False,
 ) -> Measure:
     """Return the measure of a share, 0…1 in tables and in per cent for users."""
     return Measure(
         name, ColumnType.FLOAT, source, title, description, example,
-        unit="%", scale=100.0, digits=1, low=0.0, high=1.0, bin_width=bin_width,
+        unit="%", scale=100.0, digits=1, low=0.0, high=1.0, bin_width=bin_width, is_tested=is_tested, is_queried=is_queried,
     )  # fmt: skip
 
 
@@ -174,7 +189,7 @@ MEASURES: Final = (
     Measure(
         "distance_m", ColumnType.FLOAT, Source.PLACE, "distance",
         "Euclidean distance from the optical centre to the point on the ground between the person's feet",
-        17.09, unit="m", digits=2, low=0.0, bin_width=5.0,
+        17.09, unit="m", digits=2, low=0.0, bin_width=5.0, is_tested=True, is_queried=True,
     ),
     Measure(
         "depth_m", ColumnType.FLOAT, Source.PLACE, "depth",
@@ -191,14 +206,18 @@ MEASURES: Final = (
     _rate(
         "occlusion_rate", Source.PIXELS, "occlusion",
         "share of the person's pixels within the image that other objects hide: 1 − visible pixels / pixels of the "
-        "person rendered alone", 0.0519, bin_width=0.05,
+        "person rendered alone", 0.0519, bin_width=0.05, is_tested=True, is_queried=True,
     ),
-    _rate("truncation_rate", Source.PIXELS, "truncation", "share of the person that lies beyond the image border", 0.0),
+    _rate(
+        "truncation_rate", Source.PIXELS, "truncation", "share of the person that lies beyond the image border", 0.0,
+        is_tested=True,
+    ),
     _count("pixel_area", Source.PIXELS, "pixel area", "visible pixels of the person", 2190, unit="pixels"),
     Measure(
         "pixel_area_percent", ColumnType.FLOAT, Source.PIXELS, "pixel area",
         "visible pixels of the person as a share of all pixels of the image, in per cent",
-        0.4225, unit="% of the image", digits=3, low=0.0, high=100.0, bin_width=0.05,
+        0.4225, unit="% of the image", digits=3, low=0.0, high=100.0, bin_width=0.05, is_tested=True,
+        is_queried=True,
     ),
     _count(
         "pixel_area_amodal", Source.PIXELS, "amodal pixel area",
@@ -207,16 +226,16 @@ MEASURES: Final = (
     Measure(
         "irradiance", ColumnType.FLOAT, Source.LIGHT, "light on the body",
         "light that arrives on the visible body; 1 is a clear noon sun",
-        0.71, unit="of a clear noon sun", digits=2, low=0.0, bin_width=0.1,
+        0.71, unit="of a clear noon sun", digits=2, low=0.0, bin_width=0.1, is_tested=True, is_queried=True,
     ),
     _rate(
         "shadow_share", Source.LIGHT, "body in shadow",
-        "share of the visible body in shadow; empty without a sun", 0.13, bin_width=0.1,
+        "share of the visible body in shadow; empty without a sun", 0.13, bin_width=0.1, is_tested=True,
     ),
     Measure(
         "contrast", ColumnType.FLOAT, Source.LIGHT, "contrast to the surroundings",
         "Michelson contrast of the visible body to the ring of pixels around it, −1…1; negative for a darker body",
-        0.22, unit="Michelson", digits=2, low=-1.0, high=1.0, bin_width=0.1,
+        0.22, unit="Michelson", digits=2, low=-1.0, high=1.0, bin_width=0.1, is_tested=True, is_queried=True,
     ),
     Measure(
         "time_s", ColumnType.FLOAT, Source.CONDITIONS, "time",

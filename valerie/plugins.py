@@ -123,9 +123,9 @@ def require_function(name: str, *, field: str) -> None:
         UnknownName: no such function.
         InvalidInput: the operator does not allow its package.
     """
-    known = function_names(testing=True)
-    if name not in known:
-        raise _FUNCTIONS.unknown(name, known, field=field)
+    names = function_names(testing=True)
+    if name not in names:
+        raise _FUNCTIONS.unknown(name, names, field=field)
 
 
 def declared_engine(name: str) -> Engine:
@@ -151,13 +151,13 @@ def create_renderer(name: str, settings: Mapping[str, Value] | None = None) -> R
         InvalidInputs: see `engine_settings`.
     """
     engine = declared_engine(name)
-    chosen = engine_settings(name, engine, settings or {})
+    checked_settings = engine_settings(name, engine, settings or {})
     module, _, attribute = engine.renderer.partition(":")
     try:
         opened = getattr(import_module(module), attribute)
     except ImportError as error:
         raise MissingDependency(f"a dependency of the renderer {name!r} is not installed: {error}") from error
-    renderer: Renderer = opened(chosen) if engine.has_settings else opened()
+    renderer: Renderer = opened(checked_settings) if engine.has_settings else opened()
     return renderer
 
 

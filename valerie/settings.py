@@ -310,10 +310,10 @@ def load_settings(environ: Mapping[str, str] | None = None, **overrides: object)
         UnknownName: a variable begins with ``VALERIE_`` and is not a setting.
         InvalidInputs: values are invalid. Each problem names its variable.
     """
-    known = {PREFIX + name.upper() for name in Settings.model_fields}
+    names = {PREFIX + name.upper() for name in Settings.model_fields}
     for name in sorted(environ if environ is not None else os.environ):
-        if name.startswith(PREFIX) and not name.startswith(_FOREIGN) and name.upper() not in known:
-            raise UnknownName("setting", name, known)
+        if name.startswith(PREFIX) and not name.startswith(_FOREIGN) and name.upper() not in names:
+            raise UnknownName("setting", name, names)
     fields = {name: value for name, value in overrides.items() if value is not None}
     try:
         return Settings(**fields)  # type: ignore[arg-type]  # pydantic checks them

@@ -34,8 +34,8 @@ def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
     composed = unicodedata.normalize("NFC", text)
     parts = unicodedata.normalize("NFKD", composed.translate(_SPELLED))
     spelled = "".join(part for part in parts if not unicodedata.combining(part))
-    lost = any(character.isalnum() and not character.isascii() for character in spelled)
-    mark = sha256(composed.encode("utf-8", "surrogatepass")).hexdigest()[:_MARK] if lost else ""
+    loses_letters = any(character.isalnum() and not character.isascii() for character in spelled)
+    mark = sha256(composed.encode("utf-8", "surrogatepass")).hexdigest()[:_MARK] if loses_letters else ""
     plain = re.sub(f"[^A-Za-z0-9{re.escape(also)}]+", "-", spelled).strip("-" + also)
     room = None if longest is None else longest - len(mark) - 1 if mark else longest
     return "-".join(part for part in (plain[:room].strip("-" + also), mark) if part)

@@ -18,7 +18,7 @@ from tests.simulation.parts import Database, Maker, Queues, Store, Weather, pixe
 from tests.simulation.schedule import Process, Schedule
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
-from valerie.broker import FINISH, Message
+from valerie.broker import FINISH, TaskMessage
 from valerie.db.engine import open_database
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
@@ -166,7 +166,7 @@ class Simulation:
             beating=self._schedule.beating,
         )
         self._processes: dict[str, tuple[Process, Callable[[Process, Context], None]]] = {}
-        self._held: dict[Process, Message] = {}
+        self._held: dict[Process, TaskMessage] = {}
         self._numbers = 0
         if faults:
             self._weather.lost, self._weather.doubled = self._random.choice(((0, 0), (0.05, 0.2), (0.3, 0.05)))

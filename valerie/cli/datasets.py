@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from valerie.cli.frames import Annotations, annotation_names
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, Json, say
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of
 
 if TYPE_CHECKING:
     from valerie.pipeline.export.datasets import ExportProgress
+    from valerie.pipeline.export.export_plan import ExportSettings
 
 app = typer.Typer(no_args_is_help=True, help="Export runs as data sets.")
 
@@ -24,36 +27,67 @@ _LINE_SECONDS: Final = 5.0
 Where = Annotated[
     str,
     typer.Option(
-        "--where", metavar="EXPRESSION", help='Only frames with a person that meets this: "occlusion_rate < 0.5".'
+        "--where",
+        metavar="EXPRESSION",
+        help='Only frames with a person that satisfies this expression: "occlusion_rate < 0.5".',
     ),
 ]
 
 
-@app.command()
-def export(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to create.")],
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """Parts of a run that a data set has."""
+
     formats: Annotated[
         list[str] | None,
         typer.Option("--format", metavar="cityscapes|coco|openlabel|parquet", help="Can be repeated; by default all."),
-    ] = None,
-    where: Where = "",
+    ] = None
+    where: Where = ""
     splits: Annotated[
         str, typer.Option("--split", metavar="SPLITS", help="One split, or shares: train=0.8,val=0.2.")
-    ] = "val",
+    ] = "val"
     sensor: Annotated[
         str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; by default the run's first.")
-    ] = None,
+    ] = None
     predictions: Annotated[
         list[str] | None,
         typer.Option(
             "--predictions", metavar="FUNCTION", help="Include the predictions of a function; can be repeated."
         ),
-    ] = None,
-    annotations: Annotations = None,
-    polygons: Annotated[
-        bool, typer.Option("--polygons", help="Include Cityscapes polygons (larger and slower).")
-    ] = False,
+    ] = None
+    annotations: Annotations = None
+    polygons: Annotated[bool, typer.Option("--polygons", help="Include Cityscapes polygons (larger and slower).")] = (
+        False
+    )
+
+    def settings(self) -> ExportSettings:
+        """Return them as settings.
+
+        Raises:
+            UnknownName, InvalidInput: a format, a split or an annotation is not known.
+        """
+        from valerie.pipeline.export.export_plan import FORMATS, ExportSettings
+
+        for name in self.formats or ():
+            if name not in FORMATS:
+                raise UnknownName("format", name, FORMATS, field="--format")
+        return ExportSettings(
+            formats=tuple(name for name in FORMATS if name in (self.formats or FORMATS)),
+            where=self.where,
+            splits=parse_splits(self.splits),
+            sensor=self.sensor,
+            predictions=tuple(self.predictions or ()),
+            annotations=annotation_names(self.annotations),
+            polygons=self.polygons,
+        )
+
+
+@app.command()
+@takes_documents
+def export(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to create.")],
+    options: ExportOptions,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
@@ -62,20 +96,8 @@ def export(
     The folder appears when it is complete. Run the same command again to continue an interrupted export.
     """
     from valerie.pipeline.export.datasets import export_run
-    from valerie.pipeline.export.export_plan import FORMATS, ExportSettings
 
-    for name in formats or ():
-        if name not in FORMATS:
-            raise UnknownName("format", name, FORMATS, field="--format")
-    settings = ExportSettings(
-        formats=tuple(name for name in FORMATS if name in (formats or FORMATS)),
-        where=where,
-        splits=parse_splits(splits),
-        sensor=sensor,
-        predictions=tuple(predictions or ()),
-        annotations=annotation_names(annotations),
-        polygons=polygons,
-    )
+    settings = options.settings()
     lines = ProgressLines("frames")
 
     def tell(now: ExportProgress) -> None:

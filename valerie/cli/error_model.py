@@ -9,6 +9,7 @@ import typer
 
 from valerie.cli.shell import DataDir, Exit, Json, RunId, say, write_output
 from valerie.local.deployment import context_of, settings_of
+from valerie.measures import MEASURES
 
 if TYPE_CHECKING:
     from valerie.analysis.error_model.files import ErrorModelCard
@@ -35,7 +36,7 @@ def error_model(
             "--given",
             metavar="COLUMN,…",
             help="Columns that the model takes as inputs.",
-            show_default="those of distance, occlusion, pixel area, irradiance and contrast that the run has",
+            show_default=f"those of {', '.join(m.name for m in MEASURES if m.is_queried)} that the run has",
         ),
     ] = None,
     as_json: Json = False,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput, NotFound
 from valerie.local.deployment import settings_of
@@ -17,29 +19,22 @@ from valerie.local.terminal import console
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from valerie.datasets.cityscapes import CityscapesFolder
     from valerie.metrics.collection import Averages, CollectionScores
     from valerie.perception.base import PerceptionFunction
     from valerie.pipeline.retraining.dataset_evaluation import DatasetResult, TwinScores
 
 
-def evaluate(
+@dataclass(frozen=True, slots=True)
+class DatasetOptions:
+    """A data set, and the one to compare it with."""
+
     dataset: Annotated[
         Path, typer.Option("--dataset", metavar="DIR", help="Folder in Cityscapes layout (leftImg8bit, gtFine).")
-    ],
-    functions: Annotated[
-        list[str],
-        typer.Option("--function", metavar="NAME", help="A function, or a function file; can be repeated."),
-    ],
+    ]
     split: Annotated[
         str | None, typer.Option("--split", metavar="NAME", help="Split to evaluate; by default the only one, or val.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Also write evaluation.json and Parquet tables here.")
-    ] = None,
-    beside: Annotated[
-        str | None,
-        typer.Option("--beside", metavar="RUN", help="Compare with a run's scores of the same function versions."),
-    ] = None,
+    ] = None
     twin: Annotated[
         Path | None,
         typer.Option(
@@ -47,6 +42,33 @@ def evaluate(
             metavar="DIR",
             help="Compare with a second data set that shows the same scenes in frames of equal names.",
         ),
+    ] = None
+
+    def open(self) -> tuple[CityscapesFolder, CityscapesFolder | None]:
+        """Open the data set and its twin.
+
+        Raises:
+            NotFound, InvalidInput: a folder is no data set, or has several splits.
+        """
+        from valerie.datasets.cityscapes import CityscapesFolder
+
+        folder = CityscapesFolder(self.dataset, self.split or _split(self.dataset))
+        return folder, None if self.twin is None else CityscapesFolder(self.twin, _split(self.twin, self.split))
+
+
+@takes_documents
+def evaluate(
+    data: DatasetOptions,
+    functions: Annotated[
+        list[str],
+        typer.Option("--function", metavar="NAME", help="A function, or a function file; can be repeated."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Also write evaluation.json and Parquet tables here.")
+    ] = None,
+    beside: Annotated[
+        str | None,
+        typer.Option("--beside", metavar="RUN", help="Compare with a run's scores of the same function versions."),
     ] = None,
     threads: InferenceThreads = None,
     as_json: Json = False,
@@ -59,14 +81,12 @@ def evaluate(
     both data sets agree, such as recorded frames and their rendered twins.
     """
     from valerie.cli.datasets import ProgressLines
-    from valerie.datasets.cityscapes import CityscapesFolder
     from valerie.datasets.twins import person_twins
     from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.functions.references import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import compare_twins, evaluate_dataset, run_side
 
-    folder = CityscapesFolder(dataset, split or _split(dataset))
-    other = None if twin is None else CityscapesFolder(twin, _split(twin, split))
+    folder, other = data.open()
     # Before hours of work.
     persons = [] if other is None else person_twins(folder, other)
     lines = ProgressLines("frames")
@@ -159,8 +179,8 @@ def _tables(result: DatasetResult, beside: str | None, run_scores: dict[str, Col
             *(_percent(value) for value in (frames.mean, frames.minimum, frames.maximum, person.pacc.pooled)),
             *_both(person.precision),
             *_both(person.iou),
-            *_both(all_classes["miou"]),
-            _percent(all_classes["miou_cityscapes"].pooled),
+            *_both(all_classes.miou),
+            _percent(all_classes.miou_cityscapes.pooled),
         )
 
     classes = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))

@@ -126,11 +126,11 @@ def try_(
 @app.command()
 def quantize(
     function: Annotated[str, typer.Argument(metavar="FUNCTION", help="One of the run's functions.")],
-    run: Annotated[str, typer.Option("--from", metavar="RUN", help="Run whose frames show the ranges of values.")],
+    run: Annotated[str, typer.Option("--from", metavar="RUN", help="Run whose frames calibrate the ranges of values.")],
     name: Annotated[
         str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of FUNCTION-int8.")
     ] = None,
-    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames that show the ranges.")] = 32,
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Number of calibration frames.")] = 32,
     threads: InferenceThreads = None,
     as_json: Json = False,
     data_dir: DataDir = None,

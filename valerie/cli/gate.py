@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, Exit, Json, RunId, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -22,25 +23,19 @@ if TYPE_CHECKING:
     from valerie.analysis.verdicts.gate import GateResult, GateRun
 
 
-def gate(
-    run_id: RunId,
+@dataclass(frozen=True, slots=True)
+class BaselineOptions:
+    """The baseline of a gate, and the comparison with it."""
+
     baseline: Annotated[
         str | None,
         typer.Option(
             "--baseline", metavar="RUN|FUNCTION", help="A run on the same frames, or another function of this run."
         ),
-    ] = None,
+    ] = None
     function: Annotated[
         str | None, typer.Option("--function", metavar="NAME", help="Compare only this function with the baseline.")
-    ] = None,
-    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML.")] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Also write the verdicts: FILE.csv, .parquet or .json."),
-    ] = None,
-    allow_undecided: Annotated[
-        bool, typer.Option("--allow-undecided", help="Let undecided requirements pass.")
-    ] = False,
+    ] = None
     effect: Annotated[
         float,
         typer.Option(
@@ -49,11 +44,20 @@ def gate(
             max=0.999,
             help="Smallest drop of pACC to detect; decides how many places are needed.",
         ),
-    ] = 0.05,
+    ] = 0.05
+    mixed: Annotated[
+        bool, typer.Option("--mixed", help="Also compare functions that ran in unequal numeric classes.")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True)
+class PlacesOptions:
+    """The question how many places a verdict will need."""
+
     before: Annotated[
         bool,
-        typer.Option("--before", help="Only say how many places a verdict will need, with RUN as the baseline."),
-    ] = False,
+        typer.Option("--before", help="Only print how many places a verdict will need, with RUN as the baseline."),
+    ] = False
     deviation: Annotated[
         float | None,
         typer.Option(
@@ -62,9 +66,47 @@ def gate(
             help="With --before: standard deviation of a place's change.",
             show_default="as between two functions of the run",
         ),
-    ] = None,
-    mixed: Annotated[
-        bool, typer.Option("--mixed", help="Also compare functions that ran in unequal numeric classes.")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictFiles:
+    """Files that a gate writes."""
+
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML.")] = None
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Also write the verdicts: FILE.csv, .parquet or .json."),
+    ] = None
+
+    def require_known_format(self) -> None:
+        """Check the name of the file for the verdicts.
+
+        Raises:
+            InvalidInput: it has no known format.
+        """
+        if self.output is not None and self.output.suffix not in (".csv", ".parquet", ".json"):
+            value, limit = str(self.output), ".csv, .parquet or .json"
+            raise InvalidInput("unknown file format", field="--output", value=value, limit=limit)
+
+    def write(self, result: GateResult) -> None:
+        """Write the requested files."""
+        from valerie.analysis.verdicts.junit import junit_xml
+
+        if self.junit is not None:
+            write_output(self.junit, junit_xml(result))
+        if self.output is not None:
+            write_output(self.output, _verdicts(result, self.output.suffix))
+
+
+@takes_documents
+def gate(
+    run_id: RunId,
+    versions: BaselineOptions,
+    places: PlacesOptions,
+    files: VerdictFiles,
+    allow_undecided: Annotated[
+        bool, typer.Option("--allow-undecided", help="Let undecided requirements pass.")
     ] = False,
     as_json: Json = False,
     url: Annotated[
@@ -76,25 +118,27 @@ def gate(
 
     Requirements that are not met or undecided fail. The baseline is compared on
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
-    expected to be reported by chance.
+    expected to be false alarms.
     """
     from valerie.analysis.verdicts.gate import called
     from valerie.analysis.verdicts.gate import gate as judge
-    from valerie.analysis.verdicts.junit import junit_xml
 
-    if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
-        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
+    files.require_known_format()
     read = run_reader(url, data_dir)
     run = read(run_id)
-    if before:
-        _say_places(run, function=function, effect=effect, deviation=deviation, as_json=as_json)
+    if places.before:
+        _say_places(run, versions, places.deviation, as_json=as_json)
         return
-    other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
-    result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
-    if junit is not None:
-        write_output(junit, junit_xml(result))
-    if output is not None:
-        write_output(output, _verdicts(result, output.suffix))
+    other = versions.baseline
+    result = judge(
+        run,
+        other if other is None or called(other, run) is not None else read(other),
+        function=versions.function,
+        effect=versions.effect,
+        mixed=versions.mixed,
+        allow_undecided=allow_undecided,
+    )
+    files.write(result)
     if as_json:
         typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
     else:
@@ -104,12 +148,13 @@ def gate(
         raise typer.Exit(Exit.GATE_FAILED)
 
 
-def _say_places(run: GateRun, *, function: str | None, effect: float, deviation: float | None, as_json: bool) -> None:
+def _say_places(run: GateRun, versions: BaselineOptions, deviation: float | None, *, as_json: bool) -> None:
     from rich.text import Text
 
     from valerie.analysis.verdicts.gate import places_before
 
-    needs = places_before(run, function=function, effect=effect, deviation=deviation)
+    effect = versions.effect
+    needs = places_before(run, function=versions.function, effect=effect, deviation=deviation)
     if as_json:
         typer.echo(json.dumps(list(map(asdict, needs)), ensure_ascii=False))
         return

@@ -29,7 +29,7 @@ IdleSeconds = Annotated[
         "--idle",
         min=0,
         max=86_400,
-        help="End after this many seconds without work. Such a worker asks the database and needs no broker.",
+        help="End after this many seconds without work. Such a worker polls the database and needs no broker.",
         show_default=False,
     ),
 ]
@@ -52,7 +52,7 @@ def worker(
     VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL describe.
     """
     from valerie import plugins
-    from valerie.embedded.process import python_command
+    from valerie.embedded.guarded_process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
     if stage not in WORKERS:
@@ -140,7 +140,7 @@ def migrate(data_dir: DataDir = None) -> None:
 
 
 def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Diagnose a deployment and say how to mend it. Exits with 5 if anything is wrong."""
+    """Diagnose a deployment and say how to fix it. Exits with 5 if anything is wrong."""
     with context_of(data_dir) as context:
         from valerie.broker import Broker
         from valerie.pipeline.control.diagnosis import diagnose
@@ -159,11 +159,11 @@ def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
 def backup(
     folder: Annotated[Path, typer.Argument(help="A new folder.")],
     products: Annotated[
-        bool, typer.Option("--products", help="Also products, which would otherwise be computed again when read.")
+        bool, typer.Option("--products", help="Include products, which are otherwise computed again when needed.")
     ] = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Back up database, functions and results into a folder, beside running work.
+    """Back up database, functions and results into a folder, while work continues.
 
     Your own assets are not part of it: back up their folder, too.
     """

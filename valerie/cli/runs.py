@@ -137,7 +137,7 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
-    tag: Annotated[str | None, typer.Option("--tag", help="Only runs that carry this tag.")] = None,
+    tag: Annotated[str | None, typer.Option("--tag", help="Only runs with this tag.")] = None,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -294,8 +294,8 @@ def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Continue a paused or cancelled run.
 
-    Where no server runs on the data folder, this command starts one, works the
-    run off and shows its result. That also continues a run whose server ended.
+    If no server runs on the data folder, this command starts one, completes the
+    run and shows its result. That also continues a run whose server ended.
     """
     from valerie.cli.connecting import source_of, system_of
     from valerie.cli.following import report_path
@@ -340,7 +340,7 @@ def mark(
         int | None, typer.Option("--finding", metavar="N", help="A finding of the run, by its number.")
     ] = None,
     tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
-    untag: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,
+    untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
     note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
     as_json: Json = False,
     url: Url = None,
@@ -348,7 +348,7 @@ def mark(
 ) -> None:
     """Put tags and a note on a run, a frame or a finding; without options, show those of the run.
 
-    They are for people: no spec, digest or result contains them. They go when the run is deleted.
+    They are for people: no spec, digest or result contains them. They are deleted with the run.
     """
     from valerie.client import Mark
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from valerie.client import Client, NextBatch, Study
 
 app = typer.Typer(
-    no_args_is_help=True, help="Ask a question with a budget: the system proposes, runs, decides, explains."
+    no_args_is_help=True,
+    help="Answer a question within a budget: a study proposes and runs batches of variants, decides, and explains.",
 )
 
 StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study as YAML or JSON; - reads standard input.")]
@@ -84,10 +85,10 @@ def run(
     ] = None,
     retrain: Annotated[
         bool,
-        typer.Option("--retrain", help="Where the requirement is not met: find failures, train on them, verify again."),
+        typer.Option("--retrain", help="If the requirement is not met, find failures, train on them and verify again."),
     ] = False,
     until_met: Annotated[
-        bool, typer.Option("--until-met", help="With --retrain: as often as `rounds` and the budget allow.")
+        bool, typer.Option("--until-met", help="With --retrain: repeat as often as `rounds` and the budget allow.")
     ] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -111,7 +112,9 @@ def run(
     known = None if file.exists() or str(file) == "-" else str(file)
     text = b"" if known else read_spec(file)
     if not known:
-        parse_study(text)
+        document = parse_study(text)
+        if by_hand:  # in the document, so that no batch starts before it is said
+            text = document.model_copy(update={"mode": "by hand"}).to_yaml().encode()
     with system_of(settings) as system:
         client = system.client
         if known:
@@ -247,7 +250,7 @@ def mode(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Let a study run by itself, or accept its batches by hand."""
+    """Let a study run by itself, or ask before each batch."""
     if how not in ("automatic", "by-hand"):
         raise InvalidInput("no such mode", field="MODE", value=how, limit="automatic, by-hand")
     with _client(url, data_dir) as client:
@@ -342,6 +345,8 @@ def _show(study: Study, *, as_json: bool) -> None:
         cost = "" if batch.cpu_seconds is None else duration(batch.cpu_seconds)
         table.add_row(str(batch.number + 1), batch.run_id or "", str(batch.legal), state, cost, batch.reason)
     out.print(table)
+    if study.result is None:
+        out.print("The study ended without a result." if study.state in ("finished", "stopped") else "No result yet.")
     for sentence in () if study.result is None else study.result.sentences:
         out.print(sentence)
 
@@ -368,7 +373,8 @@ def refine(
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default="printed")
     ] = None,
     where: Annotated[
-        str | None, typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that meet this.")
+        str | None,
+        typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that satisfy this expression."),
     ] = None,
     finding: Annotated[
         int | None, typer.Option("--finding", min=1, metavar="N", help="A finding, numbered as in the report.")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valerie.cli import training_sets
+from valerie.cli.option_documents import takes_documents
 from valerie.cli.shell import DataDir, InferenceThreads, Json, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of, settings_of
@@ -21,47 +23,119 @@ if TYPE_CHECKING:
     from valerie.perception.training.frame_folder import Shard
     from valerie.pipeline.retraining.retrain import Retrained
     from valerie.pipeline.retraining.weakness import Weakness
+    from valerie.runs.study.retraining import RetrainSettings
 
 app = typer.Typer(help="Train functions under test, on random frames or where a run found them weak.")
-app.command()(training_sets.frames)
-app.command()(training_sets.fit)
+app.command()(takes_documents(training_sets.frames))
+app.command()(takes_documents(training_sets.fit))
 
 Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU threads.")]
 
 
-@app.callback(invoke_without_command=True)
-def train(
-    context: typer.Context,
-    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run that found the weakness.")] = None,
+@dataclass(frozen=True, slots=True)
+class WeaknessOptions:
+    """Where a run found a function weak."""
+
+    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run in which the function was weak.")] = None
     where: Annotated[
         str | None,
-        typer.Option("--where", metavar="EXPRESSION", help='Selects its weak rows: "pacc < 0.5 and distance_m > 25".'),
-    ] = None,
+        typer.Option(
+            "--where",
+            metavar="EXPRESSION",
+            help='Expression that selects the weak rows: "pacc < 0.5 and distance_m > 25".',
+        ),
+    ] = None
     function: Annotated[
         str | None,
         typer.Option("--function", metavar="NAME", help="One of the run's functions; optional if it has one."),
-    ] = None,
+    ] = None
+
+    def chosen(self, context: typer.Context) -> tuple[str, str] | None:
+        """Return run and expression; None if the command has no option at all.
+
+        Raises:
+            InvalidInput: one of the two is missing.
+        """
+        if self.run is None:
+            sources = [context.get_parameter_source(option) for option in context.params]
+            if all(source is None or source.name == "DEFAULT" for source in sources):
+                return None
+            raise InvalidInput(
+                "this option is missing", field="--from", limit="the id of the run that found the weakness"
+            )
+        if self.where is None:
+            raise InvalidInput(
+                "this option is missing", field="--where", limit="an expression that selects rows of the run"
+            )
+        return self.run, self.where
+
+
+@dataclass(frozen=True, slots=True)
+class VersionOptions:
+    """Name and file of the new version."""
+
     name: Annotated[
         str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of the function's.")
-    ] = None,
+    ] = None
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Also write the function file here (….safetensors).")
-    ] = None,
-    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
-    sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8,
+    ] = None
+
+    def require_new_file(self) -> None:
+        """Check the name of the file.
+
+        Raises:
+            InvalidInput: it is not that of a new function file.
+        """
+        if self.out is not None and self.out.suffix != ".safetensors":
+            raise InvalidInput(
+                "not the name of a function file", field="--out", value=str(self.out), limit="….safetensors"
+            )
+        if self.out is not None and self.out.exists():
+            raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(self.out))
+
+
+@dataclass(frozen=True, slots=True)
+class RetrainOptions:
+    """Size of the training set and length of the training."""
+
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120
+    sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8
     broad_share: Annotated[
         float,
-        typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that need not be in the region."),
-    ] = 0.5,
-    anywhere: Annotated[bool, typer.Option("--anywhere", help="Draw all frames anywhere, as a control.")] = False,
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300,
-    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 3e-4,
-    batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training.")] = 0,
+        typer.Option(
+            "--broad-share", min=0.0, max=0.99, help="Share of the frames that are not restricted to the region."
+        ),
+    ] = 0.5
+    anywhere: Annotated[bool, typer.Option("--anywhere", help="Restrict no frame to the region, as a control.")] = False
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Peak learning rate.")] = 3e-4
+    batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training.")] = 0
     held_out_frames: Annotated[
-        int, typer.Option("--held-out-frames", min=0, help="Frames for the figures on the card; 0 for none.")
-    ] = 20,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
+        int, typer.Option("--held-out-frames", min=0, help="Held-out frames for the scores on the card; 0 for none.")
+    ] = 20
+
+    def settings(self) -> RetrainSettings:
+        """Return them as settings.
+
+        Raises:
+            ValidationError: a setting is out of bounds.
+        """
+        from valerie.runs.study.retraining import RetrainSettings
+
+        options = asdict(self)
+        return RetrainSettings(targeted=not options.pop("anywhere"), **options)
+
+
+@app.callback(invoke_without_command=True)
+@takes_documents
+def train(
+    context: typer.Context,
+    weak: WeaknessOptions,
+    version: VersionOptions,
+    training: RetrainOptions,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
     threads: Threads = 1,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -73,22 +147,12 @@ def train(
     """
     if context.invoked_subcommand is not None:
         return
-    if run is None:
-        sources = [context.get_parameter_source(option) for option in context.params]
-        if any(source is not None and source.name != "DEFAULT" for source in sources):
-            raise InvalidInput(
-                "this option is missing", field="--from", limit="the id of the run that found the weakness"
-            )
+    chosen = weak.chosen(context)
+    if chosen is None:
         typer.echo(context.get_help())
         raise typer.Exit
-    if where is None:
-        raise InvalidInput(
-            "this option is missing", field="--where", limit="an expression that selects rows of the run"
-        )
-    if out is not None and out.suffix != ".safetensors":
-        raise InvalidInput("not the name of a function file", field="--out", value=str(out), limit="….safetensors")
-    if out is not None and out.exists():
-        raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
+    run, where = chosen
+    version.require_new_file()
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.retrain import (
         TrainingResources,
@@ -98,37 +162,26 @@ def train(
         training_folder,
     )
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
-    from valerie.runs.study.retraining import RetrainSettings
 
-    settings = RetrainSettings(
-        frames=frames,
-        sites=sites,
-        broad_share=broad_share,
-        targeted=not anywhere,
-        steps=steps,
-        learning_rate=learning_rate,
-        batch=batch,
-        seed=seed,
-        held_out_frames=held_out_frames,
-    )
+    settings = training.settings()
     with context_of(data_dir) as deployment:
-        if function is None and len(choices := functions_of(deployment, run)) > 1:
+        if weak.function is None and len(choices := functions_of(deployment, run)) > 1:
             raise InvalidInput(_choose_one(context, choices), field="--function")
-        weakness = find_weakness(deployment, run, where, function)
-        new_name = name or weakness.next_name
-        require_free(new_name)
+        weakness = find_weakness(deployment, run, where, weak.function)
+        name = version.name or weakness.next_name
+        require_free(name)
         _say_weakness(weakness)
         trainings = settings_of(data_dir).data_dir.parent / "training"
-        folder = trainings / training_folder(weakness, settings, new_name)
+        folder = trainings / training_folder(weakness, settings, name)
         retrained = retrain(
             weakness,
-            folder / f"{new_name}.safetensors" if out is None else out,
+            version.out or folder / f"{name}.safetensors",
             settings,
             folder=folder,
             resources=TrainingResources(processes, threads),
             watcher=Watcher(say_site, Steps()),
         )
-        registered, new = register_retrained(deployment, retrained, new_name)
+        registered, new = register_retrained(deployment, retrained, name)
     _say_retrained(retrained, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
     say(f"functions: [{weakness.reference}, {registered.reference}]")

@@ -85,8 +85,10 @@ def lost_pixels(document: PolygonsDocument, class_map: NDArray[np.uint8]) -> dic
         class_map: (H, W) label ids that the polygons represent.
     """
     wrong = painted(document) != class_map
-    counts, lost = (np.bincount(ids, minlength=256).tolist() for ids in (class_map.ravel(), class_map[wrong]))
-    return {label.name: (counts[label.id], lost[label.id]) for label in BY_ID.values() if label.id and counts[label.id]}
+    counts, losses = (np.bincount(ids, minlength=256).tolist() for ids in (class_map.ravel(), class_map[wrong]))
+    return {
+        label.name: (counts[label.id], losses[label.id]) for label in BY_ID.values() if label.id and counts[label.id]
+    }
 
 
 def _lines(mask: NDArray[np.bool_], label: str) -> list[Polygon]:

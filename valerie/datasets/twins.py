@@ -46,8 +46,8 @@ def person_twins(here: CityscapesFolder, there: CityscapesFolder) -> list[Twin]:
             limit=f"frames with names such as {here.names[0]}",
         )
     twins = []
-    for name, own, other in shared:
-        instances, twin = here.instance_map(own), there.instance_map(other)
+    for name, own, counterpart in shared:
+        instances, twin = here.instance_map(own), there.instance_map(counterpart)
         if instances.shape != twin.shape:
             raise InvalidInput(
                 f"the twin of {name} has another size", field="--twin", value=twin.shape, limit=instances.shape

@@ -6,7 +6,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, TypeVar
 
-from sqlalchemy import BigInteger, Connection, Double, Select, String, and_, case, func, literal, or_, select, tuple_
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Connection,
+    Double,
+    Select,
+    String,
+    and_,
+    case,
+    func,
+    literal,
+    or_,
+    select,
+    tuple_,
+)
 from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.links import LIGHT_OF_FRAME, LIGHT_OF_PERSON, VARIANT_OF_FRAME, same_frame
@@ -47,6 +61,12 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
     "instance_id": PersonView.instance_id,
     **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
+
+
+def measure_columns() -> tuple[Column[Any], ...]:
+    """Return the columns of the database that hold measures."""
+    return tuple(_TABLES[measure.source].__table__.columns[measure.name] for measure in measures_from(*_TABLES))
+
 
 #: Columns that identify a row in one run's long table.
 KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")

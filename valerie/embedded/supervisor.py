@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from valerie.embedded import redis_server, running
-from valerie.embedded.process import Command, GuardedProcess, python_command
+from valerie.embedded.guarded_process import Command, GuardedProcess, python_command
 from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
 from valerie.settings import NO_BROKER, Settings
 

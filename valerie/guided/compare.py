@@ -42,7 +42,7 @@ class Difference(Result):
         better: 0 or 1, the function with the higher mean; None while undecided.
         pairs: number of points on which both have a score.
         undefined: number of points on which a function has no score.
-        further: number of further pairs until the half width is reached, at the current spread.
+        further: number of further pairs until the half width is reached, at the current spread; None below `FEWEST` pairs.
         falls, rises: points on which the second function does worst, and best, compared with the first.
     """
 
@@ -54,7 +54,7 @@ class Difference(Result):
     better: int | None
     pairs: int
     undefined: int
-    further: int
+    further: int | None
     falls: UnitPoints
     rises: UnitPoints
 
@@ -103,8 +103,12 @@ class Compare:
             return self._open.add(self._points[:0], Reason(Why.NARROW))
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
-        numbers = {"points": count} if known is None else {"points": count, "further": known.further}
-        return self._open.add(self.domain.draw(rng, count), Reason(Why.OPERATIONAL, numbers))
+        numbers: dict[str, float] = {"points": count, "within": self.within, "pairs": 0, "fewest": FEWEST}
+        if known is not None:
+            numbers |= {"pairs": known.pairs, "estimate": known.estimate, "half_width": known.half_width}
+        if known is not None and known.further is not None:
+            numbers["further"] = known.further
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.PAIRING, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores, (n, 2), of the oldest batch that has none.
@@ -129,7 +133,7 @@ class Compare:
         estimate, (low, high) = float(differences.mean()), self._interval(differences)
         half, count = (high - low) / 2, len(differences)
         # The width shrinks with the root of the number of pairs.
-        further = max(math.ceil(max(count, FEWEST) * (half / self.within) ** 2), FEWEST) - count
+        further = None if count < FEWEST else max(math.ceil(count * ((half / self.within) ** 2 - 1)), 0)
         verdict = judge_sample(
             (differences + 1) / 2, np.arange(len(differences)), at_least=0.5, confidence=self.level
         ).outcome
@@ -148,7 +152,7 @@ class Compare:
             better,
             count,
             undefined,
-            max(further, 0),
+            further,
             falls,
             rises,
         )

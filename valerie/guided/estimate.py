@@ -17,7 +17,8 @@ weighted sums, with the largest weight that an unseen failure can have (Fay and 
 791-801).
 
 Only the operational share can detect a mode of failures that the surrogate does not know, so the model-assisted interval can
-miss it. `FailureRate.hidden_mode` bounds the probability of a mode that no operational point hit.
+miss it. `FailureRate.hidden_mode` bounds the probability of a mode that no operational point hit, and
+`FailureRate.calibrated` says whether the operational failures show that the surrogate knows most of them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv, stdtrit
+from scipy.special import betaincinv, gammaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -57,6 +58,9 @@ HEAVIEST: Final = 0.1
 KNOWN: Final = 0.05
 #: Largest weighted share of failures unknown to the surrogate at which the assisted number may be used.
 MOST_UNKNOWN: Final = 0.2
+#: Largest upper bound (Clopper and Pearson, 95 %) of the share of unknown failures at which it may be used: few operational
+#: failures are no evidence that the surrogate knows them all.
+MOST_HIDDEN: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,8 @@ class FailureRate(Result):
         hidden_mode: largest probability of a mode of failures that no operational point hit, at 95 %: about 3 / n.
         unknown: weighted share of the failures of guided batches to which the surrogate of their batch gave a probability
             below `KNOWN`; NaN without failures.
+        judged: number of failures among the operational points of guided batches.
+        unforeseen: number of these that are unknown to the surrogate in the same sense.
         evaluations: number of all points.
     """
 
@@ -79,12 +85,21 @@ class FailureRate(Result):
     undefined: Interval
     hidden_mode: float
     unknown: float
+    judged: int
+    unforeseen: int
     evaluations: int
 
     @property
+    def hidden_share(self) -> float:
+        """Upper bound of the share of failures that the surrogate does not expect, at 95 %: 1 without failures."""
+        if self.unforeseen == self.judged:
+            return 1.0
+        return float(betaincinv(self.unforeseen + 1, self.judged - self.unforeseen, 0.95))
+
+    @property
     def calibrated(self) -> bool:
-        """True if the surrogate expected most failures (`MOST_UNKNOWN`), so that ``assisted`` may be used."""
-        return self.assisted is not None and self.unknown <= MOST_UNKNOWN
+        """True if ``assisted`` may be used: the surrogate expected most failures, and enough were seen to tell."""
+        return self.assisted is not None and self.unknown <= MOST_UNKNOWN and self.hidden_share <= MOST_HIDDEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +127,11 @@ class Draws:
     control: float
     share: float
     counted: int
+
+    @property
+    def operational(self) -> int:
+        """Number of operational points; they come first."""
+        return round(self.share * len(self.points))
 
 
 class Estimate:
@@ -159,7 +179,7 @@ class Estimate:
         else:
             draws = self._guided(rng, self.draws[-1].number + 1, count)
         self.draws.append(draws)
-        return self._open.add(draws.points, _reason(draws))
+        return self._open.add(draws.points, self._reason(draws))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.
@@ -168,6 +188,16 @@ class Estimate:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         self.scores.append(self._open.close(points, scores))
+
+    def _reason(self, draws: Draws) -> Reason:
+        scores = np.concatenate([np.empty(0), *self.scores])
+        known = {"scored": np.count_nonzero(~np.isnan(scores)), "failed": np.count_nonzero(scores < self.at_least)}
+        numbers = {"points": len(draws.points), **known}
+        if draws.predicted is not None:
+            doubtful = len(draws.points) - draws.operational
+            expected = {"operational": draws.operational, "doubtful": doubtful, "expected": draws.pool_mean}
+            return Reason(Why.DOUBTFUL, {**numbers, **expected})
+        return Reason(Why.UNMODELLED if draws.number else Why.FIRST, {**numbers, "first": self.first})
 
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         zeros = np.zeros(count)
@@ -269,8 +299,19 @@ class Estimate:
             _share_interval(np.isnan(counted), level),
             1 - 0.05 ** (1 / len(counted)),
             self._unknown(told),
+            *self._unforeseen(told),
             evaluations,
         )
+
+    def _unforeseen(self, told: list[tuple[Draws, Scores]]) -> tuple[int, int]:
+        """Return the number of failures among the operational points of guided batches, and of those not expected."""
+        judged = unforeseen = 0
+        for draws, scores in told:
+            if draws.predicted is not None:
+                failing = (scores < self.at_least)[: draws.operational]
+                judged += int(np.count_nonzero(failing))
+                unforeseen += int(np.count_nonzero(failing & (draws.expected < KNOWN)[: draws.operational]))
+        return judged, unforeseen
 
     def _assisted(self, told: list[tuple[Draws, Scores]], level: float) -> Interval:
         failing = np.concatenate([scores < self.at_least for _, scores in told])
@@ -309,14 +350,6 @@ class Estimate:
             low, high = estimate / factor, estimate * factor
             method = "Student's t on the logarithm"
         return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
-
-
-def _reason(draws: Draws) -> Reason:
-    if draws.predicted is None:
-        return Reason(Why.OPERATIONAL, {"points": len(draws.points)})
-    operational = round(draws.share * len(draws.points))
-    doubtful = len(draws.points) - operational
-    return Reason(Why.DOUBTFUL, {"operational": operational, "doubtful": doubtful, "expected": draws.pool_mean})
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

@@ -61,6 +61,8 @@ STEPS: Final = 3
 SURPRISING: Final = 0.25
 #: Growth of the number of points after which the surrogate is fitted again.
 REFIT: Final = 1.2
+#: Repeats without a score after which a failure is given up.
+UNSCORED: Final = 3
 #: Modes that a point is compared with at a time.
 COMPARED: Final = 3
 #: Standard deviation of a mode's members below which a parameter matters to it.
@@ -103,6 +105,7 @@ class Modes(Result):
         failures: number of variants that failed under every seed.
         unplaced: number of these that are not yet compared with all modes.
         unrepeated: failures that did not repeat under another seed.
+        unscored: failures whose repeats had no score, so that nothing is known of them.
         explored: number of points that explored.
         smallest: smallest probability of a mode that they hit with 95 % probability.
         evaluations: number of all points.
@@ -112,6 +115,7 @@ class Modes(Result):
     failures: int
     unplaced: int
     unrepeated: int
+    unscored: int
     explored: int
     smallest: float
     evaluations: int
@@ -144,6 +148,7 @@ class _Failure:
     row: int
     asked: int = 0
     repeated: int = 0
+    unscored: int = 0
     waiting: int = 0
     apart: set[int] = field(default_factory=set)
     joined: int | None = None
@@ -204,7 +209,7 @@ class Find:
         self._features = np.empty((0, 0))
         self._margins = np.empty(0)
         self._explores = np.empty(0, np.bool_)
-        self._evaluations = self._unrepeated = self._descended = 0
+        self._evaluations = self._unrepeated = self._unscored = self._descended = 0
         self._descents: list[_Descent] = []
         self._started: set[int] = set()
         self._candidates: list[int] = []
@@ -226,7 +231,16 @@ class Find:
             [np.array([point for point, _ in wanted]).reshape(-1, self.domain.dimensions), explores]
         )
         self._tags.append([tag for _, tag in wanted] + [_EXPLORES] * len(explores))
-        numbers = {"exploring": len(explores), "descending": descending, "low": len(self._descents), "checking": checks}
+        explored = int(np.count_nonzero(self._explores))
+        numbers = {
+            "explored": explored,
+            "modes": len(self._modes),
+            "smallest": _smallest(explored),
+            "exploring": len(explores),
+            "descending": descending,
+            "low": len(self._descents),
+            "checking": checks,
+        }
         return self._open.add(points, Reason(Why.SEARCH, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -245,9 +259,12 @@ class Find:
         self._features = self._with_covariates(points[new], self._features)
         self._margins = np.concatenate([self._margins, margins(values[new], self.at_least)])
         self._explores = np.concatenate([self._explores, np.array([tag is _EXPLORES for tag in tags])[new]])
-        for tag, row, failed in zip(tags, rows.tolist(), fails.tolist(), strict=True):
+        for tag, row, failed, lacks in zip(tags, rows.tolist(), fails.tolist(), np.isnan(values), strict=True):
             if tag.failure is not None:
-                self._examined(tag.failure, tag.mode, row, failed=failed)
+                if lacks and tag.mode is None:
+                    self._lacks_repeat(tag.failure)
+                else:
+                    self._examined(tag.failure, tag.mode, row, failed=failed)
                 continue
             if failed and tag.mode is None:
                 self._failures.append(_Failure(row))
@@ -312,6 +329,15 @@ class Find:
         if isinstance(self.domain, Domain):
             halfway = np.where(self.domain.periodic, halfway % 1.0, halfway)
         return halfway if self.domain.legal(halfway[None])[0] else None
+
+    def _lacks_repeat(self, failure: _Failure) -> None:
+        """Repeat a failure once more, since an undefined score is neither a failure nor a pass; give up after a few."""
+        failure.waiting -= 1
+        failure.asked -= 1
+        failure.unscored += 1
+        if failure.unscored == UNSCORED:
+            self._unscored += 1
+            self._failures.remove(failure)
 
     def _examined(self, failure: _Failure, mode: int | None, row: int, *, failed: bool) -> None:
         failure.waiting -= 1
@@ -453,14 +479,14 @@ class Find:
         )
         repeated = sum(failure.repeated >= self.repeats for failure in self._failures)
         unplaced = sum(failure.joined is None for failure in self._failures)
-        smallest = 1 - 0.05 ** (1 / explored) if explored else 1.0
         return Modes(
             tuple(modes),
             repeated,
             unplaced,
             self._unrepeated,
+            self._unscored,
             explored,
-            smallest,
+            _smallest(explored),
             self._evaluations,
         )
 
@@ -473,3 +499,8 @@ class Find:
         )
         hits = int(np.count_nonzero(self._explores[members]))
         return Mode(points[middle], tuple(narrow.tolist()), len(members), hits, hits / max(explored, 1))
+
+
+def _smallest(explored: int) -> float:
+    """Return the probability of a mode that so many points hit with 95 % probability."""
+    return 1 - 0.05 ** (1 / explored) if explored else 1.0

@@ -20,6 +20,7 @@ is left out; if more than `BROKEN` of the blocks are, the indices are refused, s
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Final
@@ -42,6 +43,8 @@ NEGLIGIBLE: Final = 0.1
 FEWEST: Final = 32
 #: Largest share of broken blocks.
 BROKEN: Final = 0.2
+#: Share of blocks with illegal points at which no more are asked for: the indices would be refused in the end.
+HOPELESS: Final = 2 * BROKEN
 _JUMP: Final = 2 / 3
 _RESAMPLES: Final = 500
 _BELOW_ONE: Final = float(np.nextafter(1.0, 0.0))
@@ -62,7 +65,7 @@ class Effect:
 
     Attributes:
         dimension: index of its dimension; None for all that were screened out together.
-        elementary: μ*, the mean size of its effects in the screening; the largest of a group.
+        elementary: μ*, the mean size of its effects in the screening; the largest of a group; NaN where no jump has scores.
         alone: share of the variance by this parameter alone; None without enough blocks.
         total: the same with all its interactions.
         shapley: the same with an even part of each interaction.
@@ -73,6 +76,12 @@ class Effect:
     alone: Share | None
     total: Share | None
     shapley: Share | None
+
+    @property
+    def size(self) -> float:
+        """The number that ranks it: the total share, or μ* without shares; −∞ where nothing is known."""
+        size = self.total.estimate if self.total else self.elementary
+        return size if math.isfinite(size) else -math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,24 +136,32 @@ class Rank:
         self._groups: NDArray[np.bool_] | None = None
         self._scores: list[Floats] = []
         self._told: list[int] = []
+        self._illegal = 0
         #: The order of the groups along the path of each block.
         self._paths: list[NDArray[np.int64]] = []
         self._sobol = qmc.Sobol(2 * domain.dimensions, rng=np.random.default_rng([seed, 1]))
 
     def ask(self, count: int) -> Proposal:
-        """Return the next batch; an empty one while scores of the screening are missing."""
+        """Return the next batch; an empty one while scores of the screening are missing, or if blocks are hopeless."""
         no_points = np.empty((0, self.domain.dimensions))
         if self._groups is None and not self._left:
             return self._open.add(no_points, Reason(Why.SCREENING_SCORES))
-        while self._groups is not None and len(self._left) < count:
+        while self._groups is not None and (len(self._left) < count or len(self._scores) < FEWEST):
             self._add_block(self._groups)
+            if len(self._scores) >= FEWEST and self._illegal > HOPELESS * len(self._scores):
+                numbers = {"illegal": self._illegal, "drawn": len(self._scores)}
+                return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, numbers))
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
         self._rows.append([(block, place) for block, place, _ in chosen])
-        reason = (
-            Reason(Why.SCREENING, {"walks": TRAJECTORIES, "parameters": self.domain.dimensions})
-            if self._groups is None
-            else Reason(Why.BLOCKS, {"groups": len(self._groups)})
-        )
+        numbers: dict[str, float] = {"points": len(chosen), "parameters": self.domain.dimensions}
+        if self._groups is None:
+            numbers |= {"walks": TRAJECTORIES, "scored": self._evaluations}
+            reason = Reason(Why.SCREENING, numbers)
+        else:
+            ended = (told == len(scores) for told, scores in zip(self._told, self._scores, strict=True))
+            numbers |= {"blocks": sum(ended) - self._illegal, "fewest": FEWEST}
+            numbers["screened"] = int(np.count_nonzero(_negligible(self._elementary())))
+            reason = Reason(Why.BLOCKS, numbers)
         return self._open.add(np.array([point for _, _, point in chosen]).reshape(-1, self.domain.dimensions), reason)
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -182,19 +199,20 @@ class Rank:
         return np.array(walks), np.array(orders)
 
     def _elementary(self) -> Floats:
-        """Return μ* of each parameter; 0 where no jump has both scores."""
+        """Return μ* of each parameter; NaN where no jump has both scores."""
         jumps = np.take_along_axis(np.diff(self._walks, axis=1), self._orders[:, :, None], axis=2)[:, :, 0]
         effects = np.abs(np.diff(self._walk_scores, axis=1) / jumps)
-        sizes = np.zeros(self.domain.dimensions)
+        sizes = np.full(self.domain.dimensions, np.nan)
         for dimension in range(self.domain.dimensions):
             of_it = effects[self._orders == dimension]
             of_it = of_it[~np.isnan(of_it)]
-            sizes[dimension] = of_it.mean() if len(of_it) else 0.0
+            if len(of_it):
+                sizes[dimension] = of_it.mean()
         return sizes
 
     def _kept_groups(self) -> NDArray[np.bool_]:
-        sizes = self._elementary()
-        kept = sizes >= NEGLIGIBLE * sizes.max()
+        # A parameter without any score is unknown, not negligible.
+        kept = ~_negligible(self._elementary())
         groups = np.eye(self.domain.dimensions, dtype=np.bool_)[kept]
         return groups if kept.all() else np.concatenate([groups, ~kept[None]])
 
@@ -213,12 +231,7 @@ class Rank:
             self._left.extend((block, place, point) for place, point in enumerate(points))
         else:
             self._told[block] = len(points)
-            if block > 20 * FEWEST and np.mean([np.isnan(scores).all() for scores in self._scores]) > 1 - 1 / 20:
-                raise InvalidInput(
-                    f"fewer than 5 % of the {block} blocks drawn so far contain only legal variants; widen the ranges or "
-                    "relax the constraints",
-                    field="vary",
-                )
+            self._illegal += 1
 
     @property
     def result(self) -> Ranking | None:
@@ -236,14 +249,14 @@ class Rank:
             effects.append(
                 Effect(
                     int(members[0]) if place < len(self._groups) - 1 or len(members) == 1 else None,
-                    float(sizes[members].max()),
+                    float(np.fmax.reduce(sizes[members])),
                     alone,
                     total,
                     shapley,
                 )
             )
-        effects.sort(key=lambda effect: -(effect.total.estimate if effect.total else effect.elementary))
-        screened = np.flatnonzero(sizes < NEGLIGIBLE * sizes.max())
+        effects.sort(key=lambda effect: -effect.size)
+        screened = np.flatnonzero(_negligible(sizes))
         if len(screened) == 1:  # a group of one looks like a parameter that was kept
             effects = [replace(e, dimension=None) if e.dimension == screened[0] else e for e in effects]
         return Ranking(
@@ -274,6 +287,11 @@ class Rank:
             )
             for place in range(len(self._groups))
         ]
+
+
+def _negligible(sizes: Floats) -> NDArray[np.bool_]:
+    """Return True for each parameter whose μ* is known to be far below the largest."""
+    return np.asarray(sizes < NEGLIGIBLE * np.fmax.reduce(sizes))
 
 
 def indices(table: Floats, paths: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:

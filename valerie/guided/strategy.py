@@ -8,8 +8,8 @@ variant has no score either; the operational domain contains only legal variants
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Protocol
 
@@ -26,7 +26,10 @@ Scores = NDArray[np.float64]
 class Why(StrEnum):
     """Names of the reasons of the built-in strategies."""
 
-    OPERATIONAL = "points as they occur in operation"
+    FIRST = "first points"
+    UNMODELLED = "too few scores for a model"
+    JUDGING = "points for the test"
+    PAIRING = "points for both functions"
     DOUBTFUL = "points where the model is unsure"
     FIRST_SCORES = "first scores are missing"
     SEARCH = "search for failures"
@@ -34,6 +37,7 @@ class Why(StrEnum):
     SCREENING = "screening of parameters"
     SCREENING_SCORES = "screening scores are missing"
     BLOCKS = "blocks for the indices"
+    ILLEGAL_BLOCKS = "too many blocks have illegal variants"
     DECIDED = "decided"
     NARROW = "narrow enough"
     CHEAP = "points for the cheap engine"
@@ -51,6 +55,8 @@ class Why(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Reason:
     """The reason for a batch, or for no more points. `valerie.studies.wording` puts it into words.
+
+    The numbers of a batch say what was known, what is uncertain, and what the batch decides.
 
     Attributes:
         name: one of `Why`, or a name of another strategy's own.
@@ -86,6 +92,22 @@ class Result:
     """Base class of the results of strategies: frozen dataclasses of numbers, enums and points."""
 
     __slots__ = ()
+
+    def sentences(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the result in words, the most important sentence first; by default, the numbers by name.
+
+        `valerie.studies.wording` has the words for the built-in strategies, which know the measure.
+
+        Args:
+            names: names of the parameters, by dimension.
+        """
+        del names
+        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return tuple(
+            f"{name.replace('_', ' ').capitalize()}: {value:g}."
+            for name, value in values.items()
+            if isinstance(value, int | float)
+        )
 
 
 class Strategy(Protocol):

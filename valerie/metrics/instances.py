@@ -101,8 +101,8 @@ def person_counts(
         return np.bincount(numbers[labels.ravel()[places] == label.train_id], minlength=1000)
 
     tp, tp_empty = hits(predicted), None if empty is None else hits(empty)
-    listed = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}
+    persons = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}
     return tuple(
         InstanceCounts(first + n, int(tp[n]), int(visible[n] - tp[n]), None if tp_empty is None else int(tp_empty[n]))
-        for n in sorted(listed | set(np.flatnonzero(visible).tolist()))
+        for n in sorted(persons | set(np.flatnonzero(visible).tolist()))
     )

@@ -185,12 +185,12 @@ def frame_scores(
 def _margins(
     matrix: ConfusionMatrix, classes: Sequence[int] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return true positives, pixels of the truth and pixels of the union, each (C,) int64 over the chosen classes."""
-    chosen = list(range(NUM_TRAIN_CLASSES)) if classes is None else list(classes)
-    _require(matrix, chosen)
-    tp = np.diagonal(matrix)[chosen]
-    truth = matrix.sum(axis=1)[chosen]
-    predicted = matrix.sum(axis=0)[chosen]
+    """Return true positives, pixels of the truth and pixels of the union, each (C,) int64 over the requested classes."""
+    train_ids = list(range(NUM_TRAIN_CLASSES)) if classes is None else list(classes)
+    _require(matrix, train_ids)
+    tp = np.diagonal(matrix)[train_ids]
+    truth = matrix.sum(axis=1)[train_ids]
+    predicted = matrix.sum(axis=0)[train_ids]
     return tp, truth, truth + predicted - tp
 
 

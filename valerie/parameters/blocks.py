@@ -53,7 +53,7 @@ class Block:
     points: tuple[Mapping[str, Value], ...] = ()
 
 
-class Rows(Protocol):
+class BlockRows(Protocol):
     """The variants of one block: path to value, without the constants."""
 
     @property
@@ -71,7 +71,7 @@ def rows_of(
     seed: int,
     index: int,
     samplers: Mapping[str, SamplerFactory] = SAMPLERS,
-) -> Rows:
+) -> BlockRows:
     """Return the rows of a block.
 
     Args:
@@ -101,13 +101,13 @@ def rows_of(
 
 
 def _check_variations(block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
-    seen: set[str] = set()
+    paths: set[str] = set()
     for i, variation in enumerate(block.variations):
         if variation.path not in definitions:
             raise UnknownName("parameter", variation.path, definitions, field=f"vary.{i}")
-        if variation.path in seen:
+        if variation.path in paths:
             raise InvalidInput("the parameter is varied twice", field=f"vary.{i}", value=variation.path)
-        seen.add(variation.path)
+        paths.add(variation.path)
         try:
             variation.distribution.check(definitions[variation.path])
         except InvalidInput as problem:

@@ -207,8 +207,8 @@ def compile_constraint(
 def _parser(names: frozenset[str]) -> Lark:
     """Build the parser for a set of names. Its lexer takes the longest name that matches."""
     longest_first = sorted((re.escape(name) for name in names - _WORDS if name), key=len, reverse=True)
-    known = "|".join(longest_first) or "(?!)"
-    return Lark(_GRAMMAR + f"NAME.3: /(?:{known})(?![A-Za-z0-9_])/\n", parser="lalr", propagate_positions=True)
+    alternatives = "|".join(longest_first) or "(?!)"
+    return Lark(_GRAMMAR + f"NAME.3: /(?:{alternatives})(?![A-Za-z0-9_])/\n", parser="lalr", propagate_positions=True)
 
 
 @v_args(meta=True, inline=True)
@@ -329,10 +329,10 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
         if left.kind is not _Kind.NUMBER and sign not in ("==", "!="):
             raise self._error(f"{left.kind} is compared with == or !=, not with {sign}", meta)
         for name, literal in ((left, right), (right, left)):
-            known = name.definition.choices if name.definition is not None else ()
-            if known and literal.text is not None and literal.text not in known:
+            choices = name.definition.choices if name.definition is not None else ()
+            if choices and literal.text is not None and literal.text not in choices:
                 assert name.definition is not None, "choices come from a definition"
-                raise UnknownName(f"choice of {name.definition.name}", literal.text, known, field=self._field)
+                raise UnknownName(f"choice of {name.definition.name}", literal.text, choices, field=self._field)
 
     def _truth(self, meta: Meta, term: _Term) -> _Term:
         if term.kind is not _Kind.TRUTH:

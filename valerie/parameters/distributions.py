@@ -274,12 +274,12 @@ class Choice(_Distribution):
     values: Annotated[tuple[Value, ...], Field(min_length=1)]
 
     def check(self, definition: ParameterDefinition) -> None:
-        seen: set[Value] = set()
+        values: set[Value] = set()
         for i, value in enumerate(self.values):
             checked = definition.check(value, field=f"values.{i}")
-            if checked in seen:
+            if checked in values:
                 raise InvalidInput("listed twice", field=f"values.{i}", value=value)
-            seen.add(checked)
+            values.add(checked)
 
     def count(self, definition: ParameterDefinition) -> int:  # noqa: ARG002  the protocol's signature
         return len(self.values)

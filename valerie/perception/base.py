@@ -39,12 +39,12 @@ class FunctionCard:
     judged_by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        known = [label.name for label in TRAIN_LABELS]
+        names = [label.name for label in TRAIN_LABELS]
         for name in self.judged_by:
-            if name not in known:
-                raise UnknownName("evaluated class", name, known, field="judged_by")
+            if name not in names:
+                raise UnknownName("evaluated class", name, names, field="judged_by")
         # All 19 have one spelling, also after a round trip through JSON: the empty tuple.
-        judged = tuple(name for name in known if name in self.judged_by)
+        judged = tuple(name for name in names if name in self.judged_by)
         object.__setattr__(self, "judged_by", judged if len(judged) < NUM_TRAIN_CLASSES else ())
 
     @property

@@ -91,17 +91,17 @@ def _gaps(mask: Mask, depth: NDArray[np.float32], radius: int) -> Mask:
     cv2 = _opencv()
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     padded = cv2.copyMakeBorder(mask.astype(np.uint8), radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[radius:-radius, radius:-radius]
-    count, numbers, boxes, _ = cv2.connectedComponentsWithStats((closed == 0).astype(np.uint8), connectivity=4)
-    rows, columns = closed.shape
+    solid = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[radius:-radius, radius:-radius]
+    count, numbers, boxes, _ = cv2.connectedComponentsWithStats((solid == 0).astype(np.uint8), connectivity=4)
+    rows, columns = solid.shape
     for number in range(1, count):
         x, y, width, height, area = boxes[number]
         on_border = x == 0 or y == 0 or x + width == columns or y + height == rows
         if not on_border and area <= np.pi * (2 * radius) ** 2:
-            closed[numbers == number] = 1
+            solid[numbers == number] = 1
     wider = cv2.getStructuringElement(cv2.MORPH_RECT, (4 * radius + 1, 4 * radius + 1))
     nearest = cv2.erode(np.where(mask, depth, np.float32(np.inf)), wider)
-    gaps: Mask = (closed > 0) & ~mask & (depth >= _BEHIND * nearest)
+    gaps: Mask = (solid > 0) & ~mask & (depth >= _BEHIND * nearest)
     return gaps
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import InvalidInput
-from valerie.statistics.contrasts import Change, Contrast, contrasts
+from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts
 from valerie.statistics.observations import Observations
 from valerie.statistics.power import places_needed
 
@@ -132,13 +132,17 @@ def search(
     )
 
 
-def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Confirmations:
+def confirm(
+    candidates: Search, observations: Observations, *, level: float = 0.95, between: bool = True
+) -> Confirmations:
     """Test candidates on places that the search did not see: the other half, or a fresh run.
 
     Args:
         candidates: from `search`.
         observations: rows of other places, with the same factors and codes.
         level: joint confidence; the chance of any false confirmed finding is at most 1 − ``level``.
+        between: whether places are independent evidence of differences between them. If not
+            (`valerie.statistics.neighbours`), such a difference is neither confirmed nor has it an interval.
 
     Raises:
         InvalidInput: the level lies outside 0…1.
@@ -146,7 +150,11 @@ def confirm(candidates: Search, observations: Observations, *, level: float = 0.
     if not 0 < level < 1:
         raise InvalidInput("has to lie between 0 and 1", field="level", value=level)
     chosen = candidates.candidates
-    shown = {item.changes: item for item in contrasts(observations, only=[item.changes for item in chosen])}
+    shown = {
+        item.changes: item
+        for item in contrasts(observations, only=[item.changes for item in chosen])
+        if between or item.matching is not Matching.MODEL
+    }
     tested = [shown.get(item.changes) for item in chosen]
     adjusted = holm([1.0 if item is None else item.p_value for item in tested])
     agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
@@ -168,6 +176,7 @@ def find(
     interactions: bool = True,
     only: Sequence[tuple[Change, ...]] | None = None,
     level: float = 0.95,
+    between: bool = True,
 ) -> Confirmations:
     """Search half of the places and confirm in the other half; with too few places, search only.
 
@@ -175,14 +184,14 @@ def find(
         observations: all rows of a run.
         seed: of the halves.
         interactions, only: as of `search`.
-        level: as of `confirm`.
+        level, between: as of `confirm`.
     """
     searching = halves(observations.places, seed)
     if np.count_nonzero(searching) < FEWEST_PLACES:
         nowhere = observations.of_places(np.zeros(observations.places, np.bool_))
         return confirm(search(observations, interactions=interactions, only=only), nowhere, level=level)
     candidates = search(observations.of_places(searching), interactions=interactions, only=only)
-    return confirm(candidates, observations.of_places(~searching), level=level)
+    return confirm(candidates, observations.of_places(~searching), level=level, between=between)
 
 
 def named(

@@ -6,6 +6,8 @@ Restrictions*), and the bins' own averages, *free*. Cross-validation over whole 
 best, a level where it predicts as well as the monotone fit (within one standard error: Breiman et al. 1984, section 3.4.3).
 If the bins contradict a shape, the next one is tried.
 
+Where the choice must not depend on the rows that the band is computed from, other places make it (``choosing``).
+
 The band rests on averages over all ranges of adjacent bins, with simultaneous intervals. At every x, a rising curve is
 above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
 doi:10.3150/bj/1065444813). So the band is valid for cliffs as well as slopes and needs no smoothness. A level may rise or
@@ -91,7 +93,13 @@ class Curve:
 
 
 def fit_curve(
-    x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int, confidence: float = 0.95
+    x: ArrayLike,
+    values: ArrayLike,
+    places: ArrayLike,
+    *,
+    seed: int,
+    confidence: float = 0.95,
+    choosing: NDArray[np.bool_] | None = None,
 ) -> Curve | None:
     """Fit values over x.
 
@@ -101,6 +109,8 @@ def fit_curve(
         places: (N,) whole numbers, the independent unit of each row.
         seed: of folds and random weights.
         confidence: that the whole band holds.
+        choosing: (N,) bool, rows of the places that choose the shape; curve and band are those of all other rows. None: all
+            rows serve both purposes.
 
     Returns:
         The curve; None with too few places for two bins.
@@ -108,8 +118,12 @@ def fit_curve(
     Raises:
         InvalidInput: a value lies outside 0…1, or the lengths differ.
     """
-    data = _sums(x, values, places, seed)
-    if data is None or data.count.shape[1] < 2:
+    known = np.asarray(values, np.float64)
+    data, choice = (
+        _sums(x, np.where(rows, known, np.nan), places, seed)
+        for rows in ((True, True) if choosing is None else (~choosing, choosing))
+    )
+    if data is None or choice is None or min(data.count.shape[1], choice.count.shape[1]) < 2:
         return None
     fits = {shape: data.fit(shape) for shape in Shape}
     alone = _Band(data, True, confidence, seed)
@@ -120,7 +134,7 @@ def fit_curve(
         drawn = np.interp(data.along, grid, np.interp(grid, data.centre, fits[shape]))
         return shape is Shape.FREE or not alone.leaves_out(data.averages(drawn)).any()
 
-    shape = next(shape for shape in _by_simplicity(data, seed) if stands(shape))
+    shape = next(shape for shape in _by_simplicity(choice, seed) if stands(shape))
     band = alone if shape is Shape.FREE else _Band(data, False, confidence, seed)
     if shape is Shape.FREE:
         bin_of = np.searchsorted(data.low[1:], grid, side="right")
@@ -136,17 +150,62 @@ def fit_curve(
         tuple(y.tolist()),
         tuple(np.minimum(low, y).tolist()),
         tuple(np.maximum(high, y).tolist()),
-        CurveBins(
-            tuple(data.low.tolist()),
-            tuple(data.high.tolist()),
-            tuple(data.centre.tolist()),
-            tuple(data.mean.tolist()),
-            tuple(data.rows.tolist()),
-            tuple(data.seen_from.tolist()),
-        ),
+        data.averaged(),
         data.places,
         int(data.rows.sum()),
         data.undefined,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Changes along an axis that simultaneous intervals prove, whatever the shape of the curve.
+
+    Attributes:
+        falls, rises: whether the average over some range of bins is proven to be below (above) that of a range before it.
+        most: largest difference between the averages of two bins that the intervals allow.
+        bins: the averages.
+        places: number of places.
+    """
+
+    falls: bool
+    rises: bool
+    most: float
+    bins: CurveBins
+    places: int
+
+
+def proven_changes(
+    x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int, confidence: float = 0.95
+) -> Changes | None:
+    """Return whether values fall and rise over x; nothing is chosen, so the same rows may answer.
+
+    Args:
+        x, values, places, seed: as of `fit_curve`.
+        confidence: that no proven change is wrong.
+
+    Returns:
+        The changes; None with too few places for two bins.
+    """
+    data = _sums(x, values, places, seed)
+    if data is None or data.count.shape[1] < 2:
+        return None
+    ranges, alone = (_Band(data, single, confidence, seed) for single in (False, True))
+    # Of all ranges that end at or before a bin, and of all that begin after it.
+    low_before, high_before = (
+        np.maximum.accumulate(ranges.low.max(axis=0))[:-1],
+        np.minimum.accumulate(ranges.high.min(axis=0))[:-1],
+    )
+    low_after, high_after = (
+        np.maximum.accumulate(ranges.low.max(axis=1)[::-1])[::-1][1:],
+        np.minimum.accumulate(ranges.high.min(axis=1)[::-1])[::-1][1:],
+    )
+    return Changes(
+        bool((low_before > high_after).any()),
+        bool((high_before < low_after).any()),
+        float(alone.high.diagonal().max() - alone.low.diagonal().min()),
+        data.averaged(),
+        data.places,
     )
 
 
@@ -235,6 +294,12 @@ class _Sums:
     def fit(self, shape: Shape) -> NDArray[np.float64]:
         """Return the (B,) values of a shape at the bins."""
         return _fit(shape, self.total.sum(axis=0), self.count.sum(axis=0))
+
+    def averaged(self) -> CurveBins:
+        """Return the bins' own averages."""
+        columns = (self.low, self.high, self.centre, self.mean, self.rows, self.seen_from)
+        low, high, centre, mean, rows, places = (tuple(column.tolist()) for column in columns)
+        return CurveBins(low, high, centre, mean, rows, places)
 
     def averages(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B,) means over the bins of a curve's values at the (M,) rows."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.statistics.intervals import Interval, mean_interval
-from valerie.statistics.units import Units
+from valerie.statistics.units import Estimand, Units
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,7 @@ class Fidelity:
     Attributes:
         both, only_here, only_there, neither: numbers of persons; a person counts once in each frame.
         low, high: 95 % interval of the share on which the sides agree, by sampling unit; None if the design allows none.
+        estimand: what the share is over.
     """
 
     both: int
@@ -30,6 +31,7 @@ class Fidelity:
     neither: int
     low: float | None
     high: float | None
+    estimand: Estimand = Estimand.LISTED_GRID
 
     @property
     def persons(self) -> int:
@@ -82,4 +84,5 @@ def instance_fidelity(missed_here: NDArray[np.bool_], missed_there: NDArray[np.b
         neither=int(np.count_nonzero(~missed_here & ~missed_there)),
         low=low,
         high=high,
+        estimand=units.estimand,
     )

@@ -271,6 +271,8 @@ def strategy_of(study: ResolvedStudy) -> Strategy:
 def _fewest(study: ResolvedStudy) -> int:
     """Return the least number of variants that can lead to an answer."""
     match study.document.goal:
+        case EstimateGoal():
+            return first_of(study)
         case MapGoal():
             # The first prediction uses all scores but those of the last batch.
             batch = study.document.batch

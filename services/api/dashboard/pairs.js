@@ -77,7 +77,7 @@ function verdict({ difference, low, high, places }, before, after) {
   const [worse, better, ends] = difference < 0 ? [after, before, [low, high]] : [before, after, [-high, -low]];
   const sure = low !== null && (low > 0 || high < 0);
   return h("p", {}, h("strong", {}, `${worse} ${sure ? "is worse" : "scores lower"} than ${better}`), `: mean pACC is ${points(difference)} points lower`,
-    low === null ? `, over ${plural(places, "place")}.` : ` (95 % interval of the change ${signed(ends[0])} to ${signed(ends[1])}), over ${plural(places, "place")}.`,
+    low === null ? `, over ${plural(places, "place")}.` : ` (95 % interval of the change ${signed(ends[0])} to ${signed(ends[1])} for places like these), over ${plural(places, "place")}.`,
     low === null ? " There is no interval." : sure ? "" : " The interval contains 0, so the order may be chance.");
 }
 

@@ -95,6 +95,13 @@ def _selected(exploration: Opened, where: WhereText = "") -> Selection:
 Selected = Annotated[Selection, Depends(_selected)]
 
 
+def _detected(run: Runs, context: ContextDependency, threshold: Threshold = None) -> float:
+    return threshold or read_run(context, run[0]).resolved.spec.detection_threshold
+
+
+Detected = Annotated[float, Depends(_detected)]
+
+
 @router.get("/explore/columns", responses=problems(404, 409, 422), summary="Columns of the rows of some runs")
 def columns(exploration: Opened, run: Runs, context: ContextDependency) -> ColumnsRead:
     specs = {run_id: read_run(context, run_id).resolved.spec for run_id in run}
@@ -187,12 +194,9 @@ def rows(
     responses=problems(404, 409, 422),
     summary="Mean pACC and detection rate of the selected rows beside the rest, with intervals",
 )
-def rates(
-    exploration: Opened, selection: Selected, run: Runs, context: ContextDependency, threshold: Threshold = None
-) -> RatesRead:
-    t = threshold or read_run(context, run[0]).resolved.spec.detection_threshold
-    groups = linked_views.rates(exploration, selection, t)
-    return RatesRead(selected=selection.count, scored=selection.scored, threshold=t, groups=groups)
+def rates(exploration: Opened, selection: Selected, threshold: Detected) -> RatesRead:
+    groups = linked_views.rates(exploration, selection, threshold)
+    return RatesRead(selected=selection.count, scored=selection.scored, threshold=threshold, groups=groups)
 
 
 def _side(text: str, field: str) -> Side:
@@ -213,12 +217,10 @@ _SideText = Annotated[str, Query(max_length=240, description="run:function", exa
 def comparison(
     exploration: Opened,
     selection: Selected,
-    run: Runs,
-    context: ContextDependency,
+    threshold: Detected,
     before: _SideText,
     after: _SideText,
     outcome: Annotated[PairOutcome, Query(description="of the pairs to return")] = PairOutcome.BROKEN,
-    threshold: Threshold = None,
     limit: Annotated[int, Query(ge=1, le=200)] = 24,
 ) -> ComparisonRead:
     compared = compare_sides(
@@ -226,7 +228,7 @@ def comparison(
         selection,
         _side(before, "before"),
         _side(after, "after"),
-        threshold=threshold or read_run(context, run[0]).resolved.spec.detection_threshold,
+        threshold=threshold,
         outcome=outcome,
         limit=limit,
     )

@@ -4,6 +4,7 @@ from valerie.analysis.findings.findings import Finding, Findings, Inequality, St
 from valerie.analysis.findings.wording import finding_sentence, searched_sentence
 from valerie.analysis.wording import setting_labels
 from valerie.statistics.contrasts import Matching
+from valerie.statistics.units import Estimand
 
 
 def test_with_one_sensor_a_label_is_the_name_of_the_function() -> None:
@@ -24,14 +25,21 @@ def finding(
     effect: float, *steps: Step, low: float | None = None, high: float | None = None, **more: object
 ) -> Finding:
     """A finding of six places and 36 pairs."""
-    known = {"function": "net", "matching": Matching.BLOCKS, "confirmed": True, "places_needed": 50, **more}
+    known = {
+        "function": "net",
+        "matching": Matching.BLOCKS,
+        "estimand": Estimand.LISTED_GRID,
+        "confirmed": True,
+        "places_needed": 50,
+        **more,
+    }
     return Finding(sentence="", steps=steps, effect=effect, low=low, high=high, places=6, pairs=36, **known)  # type: ignore[arg-type]
 
 
 def test_a_finding_within_places_says_effect_condition_interval_and_numbers() -> None:
     assert finding_sentence(finding(-0.1234, SUN, low=-0.2, high=-0.05)) == (
         "net: pACC is 12.3 points lower with sun-1.azimuth 260° than with 140°, all else equal "
-        "(joint 95 % interval −20.0 to −5.0, 6 places, 36 pairs)."
+        "(joint 95 % interval −20.0 to −5.0 for places like these on this site, 6 places, 36 pairs)."
     )
 
 
@@ -56,7 +64,7 @@ def test_of_two_functions_the_better_one_is_named_first() -> None:
     functions = Step("function", "deeplab", "fpn")
     assert finding_sentence(finding(-0.05, functions, function="", low=-0.08, high=-0.02)) == (
         "deeplab sees more than fpn on identical frames: pACC is 5.0 points higher "
-        "(joint 95 % interval 2.0 to 8.0, 6 places, 36 pairs)."
+        "(joint 95 % interval 2.0 to 8.0 for places like these on this site, 6 places, 36 pairs)."
     )
 
 
@@ -70,7 +78,8 @@ def test_a_run_without_findings_says_how_much_was_looked_at() -> None:
 
 
 def test_a_change_between_versions_has_its_interval_and_its_flips() -> None:
-    own = GroupDifference(0.048, 0.01, 0.09, 20, 2, 7, "better")
+    own = GroupDifference(0.048, 0.01, 0.09, 20, 2, 7, "better", Estimand.DESIGN_BOX)
     assert change_sentence(VersionChange("group", "far", 0.5, 0.55, 0.048, own)) == (
-        "far: mean pACC 50.0 → 55.0 % (+4.8 points by place, 95 % [+1.0, +9.0], 20 places; 2 lost, 7 gained)"
+        "far: mean pACC 50.0 → 55.0 % (+4.8 points by place, 95 % [+1.0, +9.0] for the space that the design "
+        "draws from, 20 places; 2 lost, 7 gained)"
     )

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import bench_guided, planted_modes, planted_scores
 
 
-@pytest.mark.parametrize("family", planted_scores.FAMILIES)
+@pytest.mark.parametrize("family", [*planted_scores.FAMILIES, *planted_scores.HELD_OUT])
 def test_a_planted_score_fails_as_often_as_it_says_and_follows_from_the_seed(family: str) -> None:
     planted, again = planted_scores.plant(family, 5, 0.02), planted_scores.plant(family, 5, 0.02)
     points = np.random.default_rng(9).random((50_000, planted.dimensions))

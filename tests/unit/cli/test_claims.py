@@ -81,7 +81,10 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
 
     html = report(KEPT / "paper-cycles.json")
     in_short = html[html.index("In short") : html.index("<h2>Findings")]
-    assert "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−5.5, +2.7] on 216 equal views" in in_short
+    assert (
+        "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−5.5, +2.7] for places like these on this "
+        "site, on 216 equal views" in in_short
+    )
     assert "made apart from this run" in html
     with pytest.raises(InvalidInput, match="not a comparison of two runs"):
         report(other)

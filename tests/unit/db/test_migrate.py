@@ -5,13 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from alembic import command
 from alembic.autogenerate import compare_metadata
-from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import Engine, text
 
-import migrations
 from valerie.db.engine import open_database
 from valerie.db.migrate import migrate, require_current
 from valerie.db.models import REVISION, Base
@@ -55,26 +52,7 @@ def test_a_second_migration_changes_nothing(empty: Engine) -> None:
     assert contents(empty) == before
 
 
-def test_a_database_of_the_first_release_keeps_its_rows(empty: Engine) -> None:
-    with empty.begin() as connection:
-        config = Config()
-        config.set_main_option("script_location", str(Path(migrations.__file__).parent))
-        config.attributes["connection"] = connection
-        command.upgrade(config, "0001_initial")
-        connection.execute(
-            text(
-                "INSERT INTO workers (id, stage, host, pid, offers, started_at, seen_at) "
-                "VALUES ('w1', 'render', 'h', 1, '[]', 1.0, 2.0)"
-            )
-        )
-    migrate(empty)
-    require_current(empty)
-    with empty.begin() as connection:
-        assert connection.execute(text("SELECT id, seen_at, resting FROM workers")).one() == ("w1", 2.0, None)
-        assert connection.execute(text("SELECT count(*) FROM tokens")).scalar() == 0
-
-
-@pytest.mark.parametrize("revision", ["0001", "0002", "0003", "0004", "0006"])
+@pytest.mark.parametrize("revision", ["0001", "0006", "0001_initial", "0005_deliveries"])
 def test_a_database_from_before_the_first_release_is_refused_unchanged(empty: Engine, revision: str) -> None:
     at_revision(empty, revision)
     before = contents(empty)
@@ -90,6 +68,46 @@ def test_a_database_of_a_newer_version_is_refused_unchanged(empty: Engine) -> No
     for use in (migrate, require_current):
         with pytest.raises(Conflict, match="written by a newer one"):
             use(empty)
+    assert contents(empty) == before
+
+
+def without_measure(engine: Engine) -> None:
+    """Leave the tables of a version that lacks the measure ``contrast``, with a person's light."""
+    migrate(engine)
+    with engine.begin() as connection:
+        connection.execute(text("ALTER TABLE person_lights DROP COLUMN contrast"))
+        connection.execute(
+            text(
+                "INSERT INTO products (digest, kind, state, route, cache_group, turn, attempts) "
+                "VALUES ('p1', 'light', 'done', 'render', 'g', 0.0, 1)"
+            )
+        )
+        connection.execute(
+            text(
+                "INSERT INTO person_lights (product, instance_id, irradiance, shadow_share) VALUES ('p1', 24001, 0.75, 0.25)"
+            )
+        )
+
+
+def test_a_new_measure_gets_its_column_and_is_empty_in_old_rows(empty: Engine) -> None:
+    without_measure(empty)
+    with pytest.raises(Conflict, match=r"lacks columns of measures.*run `valerie migrate`"):
+        require_current(empty)
+    migrate(empty)
+    require_current(empty)
+    with empty.begin() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        query = text("SELECT irradiance, shadow_share, contrast FROM person_lights")
+        assert connection.execute(query).one() == (0.75, 0.25, None)
+
+
+def test_a_measure_of_a_newer_version_disturbs_nobody(empty: Engine) -> None:
+    migrate(empty)
+    with empty.begin() as connection:
+        connection.execute(text("ALTER TABLE person_lights ADD COLUMN glare FLOAT"))
+    before = contents(empty)
+    require_current(empty)
+    migrate(empty)
     assert contents(empty) == before
 
 

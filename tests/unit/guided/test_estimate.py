@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -83,6 +84,29 @@ def test_scores_that_tell_nothing_of_failures_give_the_gamma_interval_and_are_no
     assert rate.assisted.method == "Fay and Feuer"
     assert rate.assisted.low <= 0.0225 <= rate.assisted.high
     assert not rate.calibrated
+
+
+@pytest.mark.parametrize(
+    ("judged", "unforeseen", "usable"), [(0, 0, False), (4, 0, False), (5, 0, True), (7, 1, False), (8, 1, True)]
+)
+def test_few_operational_failures_do_not_show_that_the_model_knows_them(
+    judged: int, unforeseen: int, usable: bool
+) -> None:
+    known = told(smooth, 0, 640).rate()
+    rate = replace(known, unknown=0.0, judged=judged, unforeseen=unforeseen)
+    assert rate.calibrated is usable
+    exact = 1.0 if not judged else binomtest(unforeseen, judged, alternative="less").proportion_ci(0.95).high
+    assert rate.hidden_share == pytest.approx(exact)
+
+
+def test_the_judged_failures_are_those_of_operational_points_in_guided_batches() -> None:
+    strategy = told(smooth, 3, 640)
+    rate = strategy.rate()
+    guided = [*zip(strategy.draws, strategy.scores, strict=True)][1:]
+    failing = [(scores < 0.5)[: draws.operational] for draws, scores in guided]
+    assert rate.judged == sum(map(np.count_nonzero, failing)) > 0
+    low = [(draws.expected < 0.05)[: draws.operational] for draws, _ in guided]
+    assert rate.unforeseen == sum(np.count_nonzero(f & u) for f, u in zip(failing, low, strict=True))
 
 
 def test_without_any_failure_the_upper_bounds_are_those_of_no_event() -> None:

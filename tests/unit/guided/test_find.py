@@ -52,6 +52,25 @@ def test_a_failure_that_does_not_repeat_is_no_failure() -> None:
     assert modes.unrepeated > 10
 
 
+def test_a_repeat_without_a_score_is_neither_a_failure_nor_a_pass() -> None:
+    seen: dict[bytes, int] = {}
+
+    def lacking(points: Points) -> Points:
+        times = []
+        for point in points:
+            seen[point.tobytes()] = seen.get(point.tobytes(), 0) + 1
+            times.append(seen[point.tobytes()])
+        # The first repeat has no score; in one half, no repeat has.
+        undefined = (np.array(times) == 2) | ((np.array(times) > 1) & (points[:, 2] < 0.5))
+        return np.where(points[:, 3] < 0.1, np.where(undefined, np.nan, 0.1), 0.9)
+
+    _, modes = found(lacking)
+    assert modes.unrepeated == 0
+    assert modes.failures > 0
+    assert modes.unscored > 0
+    assert max(seen.values()) == 4
+
+
 def test_the_smallest_mode_that_was_surely_met_follows_from_the_points_that_explored() -> None:
     _, modes = found(lambda points: np.full(len(points), 0.9), 300)
     assert (1 - modes.smallest) ** modes.explored == pytest.approx(0.05)

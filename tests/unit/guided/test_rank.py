@@ -13,7 +13,7 @@ from valerie.errors import InvalidInput
 from valerie.guided.cascade import Cascade
 from valerie.guided.domain import Cube
 from valerie.guided.rank import Rank, Ranking, indices
-from valerie.guided.strategy import Strategy, pursue
+from valerie.guided.strategy import Strategy, Why, pursue
 from valerie.testing.strategies import StrategyContract
 
 Points = np.ndarray
@@ -151,6 +151,33 @@ def test_costs_and_bounds_out_of_range_are_refused() -> None:
         Cascade(Cube(2), seed=0, costs=(0, 1))
     with pytest.raises(InvalidInput, match="at_least"):
         Cascade(Cube(2), seed=0, costs=(1, 2), at_least=2)
+
+
+def test_a_parameter_whose_jumps_have_no_score_is_unknown_and_not_negligible() -> None:
+    strategy = Rank(Cube(3), seed=0)
+    points = strategy.ask(40).points
+    jumps = np.abs(np.diff(points.reshape(10, 4, 3), axis=1))
+    scores = 0.5 + 0.3 * points[:, 0].reshape(10, 4)
+    for walk in range(10):
+        # Neither side of the third parameter's jump has a score.
+        place = int(np.argmax(jumps[walk, :, 2]))
+        scores[walk, place] = np.nan
+    strategy.tell(points, scores.ravel())
+    assert strategy.result is not None
+    assert 2 not in strategy.result.screened_out
+    assert 1 in strategy.result.screened_out
+    assert np.isnan(next(e.elementary for e in strategy.result.effects if e.dimension == 2))
+
+
+def test_a_domain_in_which_most_blocks_are_illegal_ends_the_ranking_before_the_budget_is_spent() -> None:
+    strategy = Rank(Cube(3, lambda point: bool(point.sum() < 1.5)), seed=0)
+    spent = pursue(strategy, lambda points: points[:, 0], budget=2000, batch=50)
+    assert spent == 40
+    reason = strategy.ask(50).reason
+    assert reason.name == Why.ILLEGAL_BLOCKS
+    assert reason.numbers["illegal"] > 0.4 * reason.numbers["drawn"]
+    assert strategy.result is not None
+    assert strategy.result.refused
 
 
 class TestRank(StrategyContract):

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import Source, measure_of, names_from
 from valerie.runs.statistic import SCORES, parse_statistic
 
 VALUES = np.array([0.0, 0.2, 0.5, 0.9, 1.0, np.nan])
@@ -87,10 +88,9 @@ def test_any_text_is_a_statistic_or_refused(text: str) -> None:
 
 
 def test_every_score_of_a_function_can_be_bounded() -> None:
-    assert set(SCORES) == {
-        "tp", "fn", "pacc", "pacc_empty", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc", "fp"
-    }  # fmt: skip
-    for name in SCORES:
-        assert parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons == (
-            name in ("tp", "fn", "pacc", "pacc_empty")
-        )
+    of_persons = {"tp", "fn", "pacc", "pacc_empty"}
+    assert of_persons | {"precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc", "fp"} <= set(SCORES)
+    for name in names_from(Source.PERSON_SCORE, Source.FRAME_SCORE):
+        statistic = parse_statistic(f"share({name} >= 0.5) >= 0.5")
+        assert statistic.of_persons == (measure_of(name).source is Source.PERSON_SCORE)
+    assert all(parse_statistic(f"share({name} >= 0.5) >= 0.5").of_persons for name in of_persons)

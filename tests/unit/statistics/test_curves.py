@@ -7,7 +7,7 @@ from scipy.special import expit
 from sklearn.isotonic import IsotonicRegression
 
 from valerie.errors import InvalidInput
-from valerie.statistics.curves import GRID, Shape, contradicted_bins, departure, fit_curve
+from valerie.statistics.curves import GRID, Shape, contradicted_bins, departure, fit_curve, proven_changes
 
 
 def scores(curve, places, seed, rows=6):
@@ -163,3 +163,27 @@ def test_a_level_is_never_left():
     assert curve is not None
     assert departure(curve, 0.1).estimate is None
     assert departure(curve, 0.1).at_latest is None
+
+
+def test_places_that_choose_the_shape_have_no_part_in_curve_and_band():
+    x, values, places = scores(sigmoid, 100, 3)
+    choosing = places % 2 == 0
+    curve = fit_curve(x, values, places, seed=0, choosing=choosing)
+    other = fit_curve(x, np.where(choosing, 1 - values, values), places, seed=0, choosing=choosing)
+    assert (curve.shape, curve.places) == (Shape.FALLING, 50)
+    # Places that rise choose a rising curve, which the places that fall contradict.
+    assert other.shape is Shape.FREE
+    assert other.bins == curve.bins
+
+
+def test_a_fall_is_proven_where_the_data_fall_and_nothing_rises():
+    x, values, places = scores(sigmoid, 60, 4)
+    changes = proven_changes(x, values, places, seed=0)
+    assert (changes.falls, changes.rises) == (True, False)
+    mirrored = proven_changes(-x, values, places, seed=0)
+    assert (mirrored.falls, mirrored.rises) == (False, True)
+    assert proven_changes(x[:12], values[:12], places[:12], seed=0) is None
+    x, values, places = scores(lambda x: np.full_like(x, 0.5), 200, 5)
+    level = proven_changes(x, values, places, seed=0)
+    assert (level.falls, level.rises) == (False, False)
+    assert level.most < 0.2

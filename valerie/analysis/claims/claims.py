@@ -2,8 +2,9 @@
 
 Claims are documents (`examples/claims/paper.yaml`). A claim names its rows and its test; the ledger computes the quantity
 with its interval and answers *reproduced*, *not reproduced*, *undecided* (with the reason) or *not testable here*.
-Differences are paired within places (`valerie.statistics.contrasts`); thresholds along an axis follow from the band of a
-curve (`valerie.statistics.curves.departure`).
+Differences are paired within places (`valerie.statistics.contrasts`). No rows both choose and test: a trend is tested without
+choosing a shape (`valerie.statistics.curves.proven_changes`), and the shape of the curve whose band places a threshold
+(`departure`) is chosen by other places. The largest flip is counted over all pairs, which needs no test.
 """
 
 from __future__ import annotations
@@ -23,14 +24,18 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.document import Document
 from valerie.errors import UnknownName
 from valerie.runs.resolving.where import compile_where
+from valerie.statistics.confirmation import halves
 from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
-from valerie.statistics.curves import Shape, departure, fit_curve
+from valerie.statistics.curves import departure, fit_curve, proven_changes
 from valerie.statistics.intervals import Interval, mean_interval
-from valerie.statistics.observations import Observations, observe
+from valerie.statistics.observations import Observations, dense, observe
+from valerie.statistics.units import Estimand
 from valerie.validation import problems_of
 
 #: Confidence of each interval of the ledger, not adjusted for the others.
 LEVEL: Final = 0.95
+#: Largest possible difference of two bins' averages for which a score counts as level.
+LEVEL_WITHIN: Final = 0.1
 
 Text = Annotated[str, Field(min_length=1, max_length=2_000)]
 Name = Annotated[str, Field(min_length=1, max_length=128)]
@@ -104,6 +109,7 @@ class Claim(Document):
         source: place in the source, such as ``6.2.2``.
         says: the statement in the source's words.
         where: expression that selects its rows; empty: all.
+        without: rows of blocks that set one of these parameters are left out; None: those of the document.
         functions: the functions that it is about; empty: every function of the run.
         quantity, difference, departure, trend, flip: the test.
         untestable: instead of a test, the reason why a run cannot test it.
@@ -114,6 +120,7 @@ class Claim(Document):
     source: str = ""
     says: Text
     where: str = Field(default="", max_length=2_000)
+    without: tuple[Name, ...] | None = None
     functions: tuple[Name, ...] = ()
     quantity: QuantityTest | None = None
     difference: DifferenceTest | None = None
@@ -139,7 +146,7 @@ class Printed(Document):
         what: description.
         of, statistic, above: the number, as in `Quantity`.
         value: as printed, in the column's unit.
-        where, functions: as in `Claim`.
+        where, without, functions: as in `Claim`.
     """
 
     source: str = ""
@@ -149,6 +156,7 @@ class Printed(Document):
     above: Number | None = None
     value: Number
     where: str = Field(default="", max_length=2_000)
+    without: tuple[Name, ...] | None = None
     functions: tuple[Name, ...] = ()
 
 
@@ -159,7 +167,7 @@ class Cross(Document):
         source: place in the source that shows such pictures.
         title: heading.
         down, across: the factors.
-        where: selection of the rows that may be shown.
+        where, without: selection of the rows that may be shown, as in `Claim`.
         published: the source's own table, line by line; the first line is the head.
     """
 
@@ -168,6 +176,7 @@ class Cross(Document):
     down: Name
     across: Name
     where: str = Field(default="", max_length=2_000)
+    without: tuple[Name, ...] | None = None
     published: tuple[tuple[str | Number, ...], ...] = ()
 
 
@@ -177,6 +186,8 @@ class Claims(Document):
     Attributes:
         title: title of the source.
         source: reference to the source.
+        without: parameters that the source does not vary: rows of blocks that set one are left out, unless a claim, number
+            or cross says otherwise.
         claims: its statements.
         numbers: numbers that it prints.
         crosses: pictures like those that it shows.
@@ -184,6 +195,7 @@ class Claims(Document):
 
     title: Text
     source: str = ""
+    without: tuple[Name, ...] = ()
     claims: Annotated[tuple[Claim, ...], Field(min_length=1, max_length=1_000)]
     numbers: Annotated[tuple[Printed, ...], Field(max_length=1_000)] = ()
     crosses: Annotated[tuple[Cross, ...], Field(max_length=100)] = ()
@@ -207,6 +219,7 @@ class LedgerEntry:
         outcome: answer.
         finding: result of the run in words.
         estimate, low, high: the quantity and its interval; None if there is none.
+        estimand: what they are over.
         rows, places: numbers that the estimate is computed from.
         frames: ids of the frames of the largest flip, before and after.
     """
@@ -222,6 +235,7 @@ class LedgerEntry:
     high: float | None = None
     rows: int = 0
     places: int = 0
+    estimand: Estimand | None = None
     frames: tuple[str, ...] = ()
 
 
@@ -260,7 +274,7 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
             outcome = ClaimOutcome.SLIP if claim.slip else ClaimOutcome.NOT_TESTABLE
             entries.append(LedgerEntry(claim.id, claim.source, claim.says, "", outcome, claim.slip or untestable))
             continue
-        rows = rows_where(claim.where, table, f"{field}.where")
+        rows = rows_of(claims, claim, table, field)
         names = table.codes("function").names
         for name in claim.functions:
             if name not in names:
@@ -269,7 +283,13 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
         for name in claim.functions or (names[:1] if about_frames else names):
             own = rows & table.codes("function").where(name)
             entry = LedgerEntry(
-                claim.id, claim.source, claim.says, "" if about_frames else name, ClaimOutcome.UNDECIDED, ""
+                claim.id,
+                claim.source,
+                claim.says,
+                "" if about_frames else name,
+                ClaimOutcome.UNDECIDED,
+                "",
+                estimand=table.units.estimand,
             )
             entries.append(_test(claim, entry, table, own, field, seed))
     return tuple(entries)
@@ -278,13 +298,21 @@ def write_ledger(claims: Claims, table: EvaluationTable, *, seed: int = 0) -> tu
 def ledger_table(entries: Sequence[LedgerEntry]) -> pa.Table:
     """Return the ledger as a table, one row per entry."""
     return pa.Table.from_pylist(
-        [{**asdict(entry), "outcome": str(entry.outcome), "frames": " ".join(entry.frames)} for entry in entries],
+        [
+            {
+                **asdict(entry),
+                "outcome": str(entry.outcome),
+                "estimand": None if entry.estimand is None else entry.estimand.value,
+                "frames": " ".join(entry.frames),
+            }
+            for entry in entries
+        ],
         schema=pa.schema([(field.name, _NUMBERS.get(field.name, pa.string())) for field in fields(LedgerEntry)]),
     )
 
 
 def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
-    """Return the ledger as a Markdown table."""
+    """Return the ledger as a Markdown table, and below it what its intervals are for."""
 
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
@@ -294,7 +322,18 @@ def ledger_text(claims: Claims, entries: Sequence[LedgerEntry]) -> str:
     for entry in entries:
         cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
         lines.append(f"| {' | '.join(map(cell, cells))} |")
+    lines += ["", *ledger_notes(entries)]
     return "\n".join(lines) + "\n"
+
+
+def ledger_notes(entries: Sequence[LedgerEntry]) -> list[str]:
+    """Return what the quantities, and the intervals of differences and curves, are over."""
+    return [
+        f"Quantities are those of {estimand.population}; intervals of differences and along an axis are for "
+        f"{estimand.population_of_differences}, 95 % each."
+        for estimand in dict.fromkeys(entry.estimand for entry in entries)
+        if estimand is not None
+    ]
 
 
 _NUMBERS: Final = {
@@ -307,17 +346,24 @@ def is_score(column: str) -> bool:
     return bool(compile_where(f"{column} == {column}").scored)
 
 
-def rows_where(expression: str, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
-    """Return (N,) bool: the rows that an expression selects; all rows if it is empty.
+def rows_of(claims: Claims, part: Claim | Printed | Cross, table: EvaluationTable, field: str) -> NDArray[np.bool_]:
+    """Return (N,) bool: the rows that a part of a document is about.
 
     Raises:
-        InvalidInput, UnknownName: it cannot be evaluated; the problem names ``field``.
+        InvalidInput, UnknownName: its selection cannot be evaluated; the problem names ``field``.
     """
-    if not expression:
-        return np.ones(len(table), np.bool_)
-    where = compile_where(expression, field=field)
-    columns = table.arrow.select(sorted(where.names)).to_pylist()
-    return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
+    rows = np.ones(len(table), np.bool_)
+    if part.where:
+        where = compile_where(part.where, field=f"{field}.where")
+        columns = table.arrow.select(sorted(where.names)).to_pylist()
+        rows = np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
+    for name in claims.without if part.without is None else part.without:
+        # A block that does not set a parameter leaves its column empty.
+        rows &= np.logical_and.reduce(
+            [table.codes(path).index < 0 for path in table.parameters if path in (name, f"scene.{name}")],
+            initial=True,
+        )
+    return rows
 
 
 def _test(
@@ -450,7 +496,15 @@ def _level(factor: Factor, name: str, field: str) -> int:
 def _departure(
     test: DepartureTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
 ) -> LedgerEntry:
-    curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
+    # The shape decides how much the band may assume, so other places choose it.
+    place, occurring = dense(table.places[rows])
+    curve = fit_curve(
+        table.numbers(test.over)[rows],
+        table.numbers("pacc")[rows],
+        place,
+        seed=seed,
+        choosing=halves(len(occurring), seed)[place],
+    )
     if curve is None:
         return replace(entry, finding=f"too few places for a curve over {test.over}")
     left = departure(curve, test.by)
@@ -482,21 +536,24 @@ def _departure(
 def _trend(
     test: TrendTest, entry: LedgerEntry, table: EvaluationTable, rows: NDArray[np.bool_], seed: int
 ) -> LedgerEntry:
-    curve = fit_curve(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
-    if curve is None:
-        return replace(entry, finding=f"too few places for a curve over {test.over}")
-    first, last = curve.y[0], curve.y[-1]
-    opposite = {Shape.RISING: Shape.FALLING, Shape.FALLING: Shape.RISING}
-    claimed = Shape(test.shape)
-    # The fit falls back to a level where it detects nothing else, so its shape alone does not prove one.
-    if (curve.shape is claimed and claimed is not Shape.LEVEL) or (
-        claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1
-    ):
-        outcome = ClaimOutcome.REPRODUCED
-    elif curve.shape is opposite.get(claimed) or (claimed is Shape.LEVEL and curve.shape is not Shape.LEVEL):
-        outcome = ClaimOutcome.NOT_REPRODUCED
+    changes = proven_changes(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
+    if changes is None:
+        return replace(entry, finding=f"too few places for averages over {test.over}")
+    shapes = {(False, False): "no change is proven", (True, False): "falls", (False, True): "rises"}
+    shown = shapes.get((changes.falls, changes.rises), "falls and rises")
+    if test.shape == "level":
+        held, against = changes.most <= LEVEL_WITHIN, changes.falls or changes.rises
     else:
-        outcome = ClaimOutcome.UNDECIDED
-    ends = f"{100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at {curve.x[-1]:.3g}"
-    finding = f"pACC over {test.over} is {curve.shape}: {ends}"
-    return replace(entry, outcome=outcome, finding=finding, estimate=last - first, rows=curve.rows, places=curve.places)
+        wanted, unwanted = (changes.rises, changes.falls)[:: 1 if test.shape == "rising" else -1]
+        held, against = wanted and not unwanted, unwanted
+    outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
+    bins = changes.bins
+    ends = f"{100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, {100 * bins.mean[-1]:.1f} % at {bins.centre[-1]:.3g}"
+    return replace(
+        entry,
+        outcome=outcome,
+        finding=f"pACC over {test.over}: {shown}; {ends}",
+        estimate=bins.mean[-1] - bins.mean[0],
+        rows=sum(bins.rows),
+        places=changes.places,
+    )

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.claims.claims import Claims, Cross, is_score, rows_where, statistic_of
+from valerie.analysis.claims.claims import Claims, Cross, is_score, rows_of, statistic_of
 from valerie.analysis.rows.levels import Factor, factors_of
 from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.errors import UnknownName
@@ -87,7 +87,7 @@ def numbers_beside(claims: Claims, table: EvaluationTable) -> tuple[NumberBeside
             if name not in functions:
                 raise UnknownName("function", name, functions, field=f"{field}.functions")
         values = table.numbers(number.of)
-        rows = rows_where(number.where, table, f"{field}.where") & np.isfinite(values)
+        rows = rows_of(claims, number, table, field) & np.isfinite(values)
         of_frames = not is_score(number.of)
         for name in number.functions or (functions[:1] if of_frames else functions):
             own = values[rows & table.codes("function").where(name)]
@@ -111,7 +111,7 @@ def cross_examples(claims: Claims, table: EvaluationTable) -> tuple[CrossExample
     for i, cross in enumerate(claims.crosses):
         if not factors.keys() >= {cross.down, cross.across}:
             continue
-        rows = rows_where(cross.where, table, f"crosses.{i}.where")
+        rows = rows_of(claims, cross, table, f"crosses.{i}")
         if (example := _example(cross, table, rows, factors)) is not None:
             examples.append(example)
     return tuple(examples)

@@ -20,6 +20,7 @@ from valerie.errors import InvalidInput
 from valerie.metrics.collection import CollectionScores
 from valerie.plain import JsonObject
 from valerie.statistics.gates import SliceComparison, compare_versions
+from valerie.statistics.units import Estimand
 
 #: Largest expected share of false ones among the groups named better, and among those named worse.
 _FALSE_DISCOVERIES: Final = 0.025
@@ -58,6 +59,7 @@ class GroupDifference:
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
+        estimand: what the mean and its interval are over.
     """
 
     mean: float
@@ -67,6 +69,7 @@ class GroupDifference:
     lost: int
     gained: int
     judgement: Literal["better", "worse", ""]
+    estimand: Estimand = Estimand.LISTED_GRID
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,10 +223,13 @@ def compare(
         for k in judged
         if any(score.classes[k].iou.pooled is not None for score in scores)
     }
-    overall = {
-        name: tuple((score.overall[name].frames.mean, score.overall[name].pooled) for score in scores)
-        for name in ("pixel_accuracy", "miou", "macc", "fwiou")
+    averages = {
+        "pixel_accuracy": [score.overall.pixel_accuracy for score in scores],
+        "miou": [score.overall.miou for score in scores],
+        "macc": [score.overall.macc for score in scores],
+        "fwiou": [score.overall.fwiou for score in scores],
     }
+    overall = {name: tuple((side.frames.mean, side.pooled) for side in sides) for name, sides in averages.items()}
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)
     return VersionComparison(
         tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall
@@ -250,6 +256,7 @@ def differences_of(
             lost=fell.lost,
             gained=fell.gained,
             judgement="worse" if fell.worse else "better" if rose.worse else "",
+            estimand=first.units.estimand,
         )
         for fell, rose in zip(gate(before, after), gate(after, before), strict=True)
     }

@@ -58,11 +58,13 @@ def comparison_renderable(comparison: VersionComparison) -> RenderableType:
     classes.add_row(Text("pooled IoU / recall", style="dim"))
     for name, sides in comparison.classes.items():
         classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
+    whole = comparison.groups[0].differences[:1] if comparison.groups else ()
+    for_whom = f" for {whole[0].estimand.population_of_differences}" if whole else ""
     note = (
-        "In per cent. Differences of pACC are to the first version: the mean over places with its own 95 % interval. Better and "
-        "worse are judged over all groups together (false discovery rate 2.5 % each). Precision and IoU are "
-        "those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first version "
-        "favour every later version (regression to the mean)."
+        f"In per cent. Differences of pACC are to the first version: the mean over places with its own 95 % interval"
+        f"{for_whom}. Better and worse are judged over all groups together (false discovery rate 2.5 % each). Precision and "
+        "IoU are those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first "
+        "version favour every later version (regression to the mean)."
     )
     parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
     if comparison.numeric_classes:

@@ -21,15 +21,16 @@ def change_sentence(change: VersionChange) -> str:
 
 
 def difference_text(difference: GroupDifference) -> str:
-    """Return a difference of mean pACC as text: ``−0.4 points by place, 95 % [−0.9, +0.1], 24 places``."""
+    """Return a difference of mean pACC as text: ``−0.4 points by place, 95 % [−0.9, +0.1] for …, 24 places``."""
     return f"{points(difference.mean)} points by place{span_text(difference)}, {difference.places:,} places"
 
 
 def span_text(difference: GroupDifference) -> str:
-    """Return the interval of a difference as text, ``, 95 % [−0.2, +1.4]``; empty if there is none."""
+    """Return the interval of a difference and what it is for, ``, 95 % [−0.2, +1.4] for …``; empty if there is none."""
     if difference.low is None or difference.high is None:
         return ""
-    return f", 95 % [{points(difference.low)}, {points(difference.high)}]"
+    ends = f"[{points(difference.low)}, {points(difference.high)}]"
+    return f", 95 % {ends} for {difference.estimand.population_of_differences}"
 
 
 def numeric_classes_sentence(comparison: VersionComparison) -> str:
@@ -54,7 +55,7 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     """
     span = ""
     if fidelity.low is not None and fidelity.high is not None:
-        span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
+        span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}] for {fidelity.estimand.population}"
     kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "

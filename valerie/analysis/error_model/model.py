@@ -25,11 +25,11 @@ from scipy.special import expit
 
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, MissingDependency
-from valerie.measures import measure_of
+from valerie.measures import MEASURES, measure_of
 from valerie.statistics.calibration import Calibration, calibration, quantile_shares
 
 #: Columns of the queries by default; a column that does not vary or lacks values is left out.
-GIVEN: Final = ("distance_m", "occlusion_rate", "pixel_area_percent", "irradiance", "contrast")
+GIVEN: Final = tuple(measure.name for measure in MEASURES if measure.is_queried)
 #: Levels of the quantiles of pACC.
 LEVELS: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Largest calibration error of a model that may be used.

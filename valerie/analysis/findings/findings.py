@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from valerie.statistics.contrasts import Matching
+from valerie.statistics.units import Estimand
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,7 @@ class Finding:
         function: the tested function; empty if functions are compared.
         steps: one for a main effect; two for an interaction: the effect of the first depends on the second.
         matching: rule by which the sides are matched.
+        estimand: what the effect and its interval are over.
         confirmed: whether places that had no part in the search confirm it.
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
@@ -83,6 +85,7 @@ class Finding:
     function: str
     steps: tuple[Step, ...]
     matching: Matching
+    estimand: Estimand
     confirmed: bool
     effect: float
     low: float | None

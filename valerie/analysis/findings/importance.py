@@ -9,19 +9,12 @@ import numpy as np
 
 from valerie.analysis.rows.levels import factors_of
 from valerie.analysis.rows.table import EvaluationTable
+from valerie.measures import MEASURES
 from valerie.statistics.importance import Importance, Share, measured_importance, variance_shares
 from valerie.statistics.observations import observe
 
-#: Measured columns that are tested. Redundant columns are left out, since two of them hide each other.
-MEASURED: Final = (
-    "distance_m",
-    "occlusion_rate",
-    "truncation_rate",
-    "pixel_area_percent",
-    "irradiance",
-    "shadow_share",
-    "contrast",
-)
+#: Measured columns that are tested.
+MEASURED: Final = tuple(measure.name for measure in MEASURES if measure.is_tested)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 
 from valerie.analysis.findings.child_specs import child_spec
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, ScoredPerson, Step
-from valerie.analysis.findings.wording import false_positives_sentence, finding_sentence, incomparable_sentence
+from valerie.analysis.findings.wording import (
+    alike_sentence,
+    false_positives_sentence,
+    finding_sentence,
+    incomparable_sentence,
+)
+from valerie.analysis.rows.design import position_paths
 from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.picture_faults import picture_faults
@@ -26,7 +32,9 @@ from valerie.runs.document.run_spec import RunSpec
 from valerie.statistics.confirmation import Confirmation, find, named
 from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.neighbours import places_alike
 from valerie.statistics.observations import Observations, observe
+from valerie.statistics.units import Estimand
 
 #: Joint confidence of all findings of a run.
 LEVEL: Final = 0.95
@@ -70,10 +78,13 @@ def find_findings(
     families = list(_families(table, precisions or {}))
     clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
     comparisons = searched = confirming = 0
+    positions, without_places = _positions(table), set()
     for family in families:
         level = 1 - (1 - LEVEL) / len(families)
         observations, only = family.observations, family.only
-        result = find(observations, seed=seed, interactions=only is None, only=only, level=level)
+        alike = positions is not None and places_alike(observations, positions, seed=seed)
+        without_places |= {family.function} if alike else set()
+        result = find(observations, seed=seed, interactions=only is None, only=only, level=level, between=not alike)
         confirmed = [item for item in result.items if item.confirmed]
         others = [item for item in result.items if not item.confirmed]
         comparisons += result.comparisons
@@ -89,7 +100,9 @@ def find_findings(
     findings = sorted(
         clearest.values(), key=lambda one: (not _clear(one), one.matching is Matching.MODEL, len(one.steps))
     )
-    notes = list(_false_positives(table))
+    between = {finding.function for finding in findings if finding.matching is Matching.MODEL}
+    notes = [alike_sentence(function) for function in sorted(without_places & between)]
+    notes += _false_positives(table)
     notes += [incomparable_sentence(a, b, precisions or {}) for a, b in incomparable(table, precisions or {})]
     return Findings(
         items=tuple(finding for finding in findings if finding.confirmed),
@@ -100,6 +113,14 @@ def find_findings(
         places_confirming=confirming,
         notes=tuple(notes),
     )
+
+
+def _positions(table: EvaluationTable) -> NDArray[np.float64] | None:
+    """Return the (N, D) positions that make the places of a listed grid on one site; None where places are drawn."""
+    paths = position_paths(table.parameters)
+    if table.units.estimand is not Estimand.LISTED_GRID or not paths:
+        return None
+    return np.column_stack([table.numbers(path) for path in paths])
 
 
 def _worth_a_run(item: Confirmation, places: int) -> bool:
@@ -165,6 +186,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         function=family.function,
         steps=steps,
         matching=contrast.matching,
+        estimand=table.units.estimand,
         confirmed=item.confirmed,
         effect=contrast.estimate,
         low=max(item.low, -widest) if known else None,

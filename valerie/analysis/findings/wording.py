@@ -38,7 +38,7 @@ def finding_sentence(finding: Finding) -> str:
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
-        counted.insert(0, f"joint 95 % interval {low} to {high}")
+        counted.insert(0, f"joint 95 % interval {low} to {high} for {finding.estimand.population_of_differences}")
     fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
     return f"{fault}{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
 
@@ -83,11 +83,20 @@ def candidate_text(finding: Finding) -> str:
     return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
 
 
+def alike_sentence(function: str) -> str:
+    """Return why differences between places are not confirmed."""
+    return (
+        f"{function}: neighbouring places score alike, so they are no independent evidence; differences between places stay "
+        "candidates. Repeat the grid on several sites to confirm them."
+    )
+
+
 def false_positives_sentence(function: str, sensor: str, interval: Interval) -> str:
     """Return the share of false person pixels of a function with its interval."""
     return (
         f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
-        f"(95 % interval {percent(interval.low)} to {percent(interval.high)}, {interval.units:,} {interval.estimand.noun})."
+        f"(95 % interval {percent(interval.low)} to {percent(interval.high)} for {interval.estimand.population}, from "
+        f"{interval.units:,} {interval.estimand.noun})."
     )
 
 

@@ -43,7 +43,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
             whole, rank = function.slices[0], function.rank_correlation
             sentences.append(
                 f"{function.function} in {source.beside.there}: {points(whole.difference.mean)} points"
-                f"{span_text(whole.difference)} on {whole.pairs:,} equal views"
+                f"{span_text(whole.difference)}, on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )
         sentences.append(_counted("Conclusions", [conclusion.agreement for conclusion in source.beside.conclusions]))

@@ -21,6 +21,7 @@ import yaml
 from markupsafe import Markup
 
 from valerie.analysis import wording
+from valerie.analysis.claims.claims import ledger_notes
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
 from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.comparison.wording import fidelity_sentence
@@ -162,6 +163,7 @@ def _environment() -> jinja2.Environment:
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,
         "settled": candidate_text,
+        "ledger_notes": ledger_notes,
         "shade": _shade,
         "verdict_title": verdict_text.title,
         "verdict_sentence": verdict_text.sentence,

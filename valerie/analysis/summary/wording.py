@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
+from collections.abc import Iterable, Sequence
 
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.frame_counts import ALL
@@ -11,12 +10,6 @@ from valerie.analysis.summary.summary import OCCLUDED, OcclusionShare, Summary, 
 from valerie.analysis.wording import percent, reasons_text
 from valerie.statistics.intervals import Interval, Refusal, Shortfall
 from valerie.statistics.units import Estimand
-
-_ESTIMANDS: Final[Mapping[Estimand, str]] = {
-    Estimand.LISTED_GRID: "the listed variants",
-    Estimand.DESIGN_BOX: "the space that the design draws from",
-    Estimand.SITES: "all sites that the asset generates, at the listed variants",
-}
 
 
 def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
@@ -31,17 +24,20 @@ def occlusion_sentence(shares: Sequence[OcclusionShare]) -> str:
 
 def certainty_sentences(rows: Sequence[SummaryRow]) -> list[str]:
     """Return the meaning of the brackets in a summary, and the reasons for missing intervals."""
-    sentences = []
-    units = {
-        (interval.estimand, interval.units) for row in rows if isinstance(interval := row.pacc_mean_interval, Interval)
-    }
-    if units:
-        estimand, most = max(units, key=lambda entry: entry[1])
-        sentences.append(f"[95 % interval] for {_ESTIMANDS[estimand]}, from {most:,} {estimand.noun}.")
+    sentences = interval_sentences(row.pacc_mean_interval for row in rows)
     if any(row.pacc_mean_spread for row in rows):
         places = max(row.pacc_mean_spread.places for row in rows if row.pacc_mean_spread)
         sentences.append(f"[Middle 80 % of the means of {places:,} places]: how much places differ.")
     return sentences + refusal_sentences(row.pacc_mean_interval for row in rows)
+
+
+def interval_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
+    """Return what intervals are for; empty without any."""
+    units = {(interval.estimand, interval.units) for interval in intervals if isinstance(interval, Interval)}
+    if not units:
+        return []
+    estimand, most = max(units, key=lambda entry: entry[1])
+    return [f"[95 % interval] for {estimand.population}, from {most:,} {estimand.noun}."]
 
 
 def refusal_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
@@ -69,7 +65,7 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
     first = next((interval for row in summary.rows if (interval := row.pacc_mean_interval) is not None), None)
     sentences = []
     if first is not None:
-        sentences.append(f"Means apply only to {_ESTIMANDS[first.estimand]}.")
+        sentences.append(f"Means apply only to {first.estimand.population}.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
         sentences.append("All variants were listed, so the results do not apply between them or on other sites.")
     if findings.places_searched:

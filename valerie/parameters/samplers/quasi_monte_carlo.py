@@ -30,11 +30,11 @@ class SobolSampler:
         engine = qmc.Sobol(self.dimensions, scramble=True, rng=np.random.default_rng(self.seed))
         if start:
             engine.fast_forward(start)
-            drawn = engine.random(stop - start)
+            points = engine.random(stop - start)
         else:
             # When it starts at the first point, scipy warns unless it draws a power of two.
-            drawn = engine.random(1 << max(stop - 1, 0).bit_length())[:stop]
-        return np.asarray(drawn, np.float64)
+            points = engine.random(1 << max(stop - 1, 0).bit_length())[:stop]
+        return np.asarray(points, np.float64)
 
 
 class HaltonSampler:

@@ -39,11 +39,11 @@ from valerie.validation import problem_of
 _SCHEME: Final = 1
 
 Kind = Literal["network", "onnx", "huggingface", "http", "predictions"]
-Engine = Literal["torch", "openvino", "onnxruntime", "none"]
+EngineName = Literal["torch", "openvino", "onnxruntime", "none"]
 Precision = Literal["fp32", "bf16", "fp16", "int8"]
 
 #: Kind to the engines that can run it, the default first.
-ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
+ENGINES: Final[Mapping[str, tuple[EngineName, ...]]] = MappingProxyType(
     {
         "network": ("torch", "openvino", "onnxruntime"),
         "onnx": ("openvino", "onnxruntime"),
@@ -66,10 +66,10 @@ PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
     }
 )
 
-Text = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
+ClassName = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Side = Annotated[int, Field(strict=True, ge=1, le=16_384)]
+SideLength = Annotated[int, Field(strict=True, ge=1, le=16_384)]
 
 
 def _scale(value: object) -> object:
@@ -116,10 +116,10 @@ class InputDocument(Document):
         layout: of the network's input tensor.
     """
 
-    size: tuple[Side, Side] | None = None
+    size: tuple[SideLength, SideLength] | None = None
     mode: Literal["pad", "resize", "tile"] = "pad"
     multiple_of: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
-    longest_side: Side | None = None
+    longest_side: SideLength | None = None
     overlap: Annotated[int, Field(strict=True, ge=0, le=4096)] = 0
     mean: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     std: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
@@ -164,13 +164,13 @@ class OutputDocument(Document):
     """
 
     kind: Literal["logits", "probabilities", "labels"] = "logits"
-    classes: Annotated[tuple[Text, ...], BeforeValidator(_listed), Field(min_length=1, max_length=MAX_CLASSES)] = (
+    classes: Annotated[tuple[ClassName, ...], BeforeValidator(_listed), Field(min_length=1, max_length=MAX_CLASSES)] = (
         CLASS_LISTS["cityscapes"]
     )
-    class_map: dict[str, Text] = Field(default_factory=dict)
+    class_map: dict[str, ClassName] = Field(default_factory=dict)
     threshold: Finite | None = None
     align_corners: bool = False
-    target_classes: tuple[Text, ...] = ()
+    target_classes: tuple[ClassName, ...] = ()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -226,7 +226,7 @@ class FunctionDocument(Document):
     options: SerializeAsAny[Options] = Field(default_factory=Options, validate_default=True)
     input: InputDocument = InputDocument()
     output: OutputDocument = OutputDocument()
-    engine: Engine
+    engine: EngineName
     precision: Precision = "fp32"
     provenance: dict[str, str] = Field(default_factory=dict)
 
@@ -245,11 +245,11 @@ class FunctionDocument(Document):
             raise ValueError(f"engine {self.engine} has no {self.precision}: {' | '.join(PRECISIONS[self.engine])}")
         if self.precision == "int8" and self.kind != "onnx":
             raise ValueError(f"kind {self.kind} has no int8; `valerie function quantize` makes a function of kind onnx")
-        expected = PAYLOADS.get(self.kind)
+        file_format = PAYLOADS.get(self.kind)
         actual = self.payload.format if self.payload else None
-        if actual != expected:
+        if actual != file_format:
             raise ValueError(
-                f"kind {self.kind} takes {f'a file of {expected}' if expected else 'no file'}, not {actual or 'none'}"
+                f"kind {self.kind} takes {f'a file of {file_format}' if file_format else 'no file'}, not {actual or 'none'}"
             )
         if self.kind in ("network", "huggingface") and not self.architecture:
             raise ValueError(f"kind {self.kind} needs an architecture")
@@ -292,18 +292,18 @@ class FunctionDocument(Document):
         )
 
 
-def parse_function(source: str | bytes | Mapping[str, Json], **known: object) -> FunctionDocument:
+def parse_function(source: str | bytes | Mapping[str, Json], **entries: object) -> FunctionDocument:
     """Read a document that a user wrote.
 
     Args:
         source: YAML or JSON text, or a loaded mapping.
-        known: entries that override the text, e.g. ``payload``.
+        entries: entries that override the text, e.g. ``payload``.
 
     Raises:
         InvalidInputs: every problem, each with its dotted field.
         InvalidInput, UnknownName: the text is not a document, or a class name is unknown; near matches are named.
     """
-    values = {**load_document(source), **known}
+    values = {**load_document(source), **entries}
     try:
         return FunctionDocument.model_validate(values)
     except ValidationError as error:

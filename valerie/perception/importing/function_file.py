@@ -108,9 +108,9 @@ def read_tensors(path: Path) -> dict[str, NDArray[np.floating]]:
     """
     tensors: dict[str, NDArray[np.floating]] = {}
     try:
-        with safe_open(path, framework="numpy") as stored:
-            for name in sorted(stored.keys()):
-                tensor = stored.get_tensor(name)
+        with safe_open(path, framework="numpy") as file:
+            for name in sorted(file.keys()):
+                tensor = file.get_tensor(name)
                 if not np.issubdtype(tensor.dtype, np.floating):
                     raise InvalidInput("not floating point", field=f"{path.name}: {name}", value=str(tensor.dtype))
                 if not np.isfinite(tensor).all():

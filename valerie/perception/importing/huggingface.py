@@ -152,15 +152,15 @@ def _require_complete(report: _LoadingReport, field: str) -> None:
 
 
 def _classes(config: JsonObject, field: str) -> list[str]:
-    named = config.get("id2label")
-    if not isinstance(named, dict) or not named:
+    names = config.get("id2label")
+    if not isinstance(names, dict) or not names:
         raise InvalidInput("the configuration names no classes", field=f"{field}: {_CONFIG}: id2label")
     try:
-        numbered = {int(number): str(name) for number, name in named.items()}
+        numbered = {int(number): str(name) for number, name in names.items()}
     except ValueError:
         numbered = {}
-    if sorted(numbered) != list(range(len(named))):
-        raise InvalidInput("class ids are not 0, 1, 2 …", field=f"{field}: {_CONFIG}: id2label", value=", ".join(named))
+    if sorted(numbered) != list(range(len(names))):
+        raise InvalidInput("class ids are not 0, 1, 2 …", field=f"{field}: {_CONFIG}: id2label", value=", ".join(names))
     return [numbered[number] for number in range(len(numbered))]
 
 
@@ -180,11 +180,11 @@ def _json(path: Path) -> JsonObject:
     try:
         if path.stat().st_size > _MAX_JSON_BYTES:
             raise InvalidInput("the file is too large", field=path.name, limit=f"{_MAX_JSON_BYTES} bytes")
-        read = json.loads(path.read_bytes())
+        document = json.loads(path.read_bytes())
     except FileNotFoundError:
         raise NotFound("file", f"{path.parent.name}/{path.name}") from None
     except (ValueError, RecursionError):
         raise InvalidInput("not JSON", field=path.name) from None
-    if not isinstance(read, dict):
+    if not isinstance(document, dict):
         raise InvalidInput("not a JSON mapping", field=path.name)
-    return read
+    return document

@@ -31,8 +31,8 @@ def load_network(path: Path) -> tuple[Network, FunctionHeader]:
     """
     header = read_header(path)
     # Shapes are checked first, so that a wrong file is refused before its data are read.
-    expected = tensor_shapes(header.architecture)
-    require_same_shapes(expected, header.shapes, field=path.name)
+    shapes = tensor_shapes(header.architecture)
+    require_same_shapes(shapes, header.shapes, field=path.name)
     return filled_network(header.architecture, read_tensors(path), field=path.name), header
 
 
@@ -85,27 +85,27 @@ def filled_network(
 
 
 def require_same_shapes(
-    expected: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]], *, field: str
+    shapes: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]], *, field: str
 ) -> None:
     """Refuse tensors that are not those of a network; batch counters are optional.
 
     Raises:
         InvalidInput: names the first three tensors that are missing, unknown or of another shape.
     """
-    problems = differing_tensors(expected, actual)
+    problems = differing_tensors(shapes, actual)
     if problems:
         first = "; ".join(problems[:3])
         more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
         raise InvalidInput(f"the tensors are not those of the architecture: {first}{more}", field=field)
 
 
-def differing_tensors(expected: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]]) -> list[str]:
+def differing_tensors(shapes: Mapping[str, tuple[int, ...]], actual: Mapping[str, tuple[int, ...]]) -> list[str]:
     """Return one sentence for each tensor that is missing, unknown or of another shape; batch counters are ignored."""
-    missing = [f"{name} is missing" for name in expected if name not in actual]
-    unknown = [f"{name} is unknown" for name in actual if name not in expected and not name.endswith(_TRAINING_ONLY)]
+    missing = [f"{name} is missing" for name in shapes if name not in actual]
+    unknown = [f"{name} is unknown" for name in actual if name not in shapes and not name.endswith(_TRAINING_ONLY)]
     reshaped = [
         f"{name} is {list(actual[name])} instead of {list(shape)}"
-        for name, shape in expected.items()
+        for name, shape in shapes.items()
         if name in actual and actual[name] != shape
     ]
     return missing + unknown + reshaped

@@ -79,30 +79,30 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
 def _require_rows(png: bytes, height: int, width: int, field: str) -> None:
     """Refuse missing rows: decoders fill them with zeros, which are valid ids."""
-    expected = height * (width + 1)  # each row begins with a byte that names its filter
+    size = height * (width + 1)  # each row begins with a byte that names its filter
     compressed = b"".join(data for kind, data in _chunks(png, field) if kind == b"IDAT")
     try:
-        length = len(zlib.decompressobj().decompress(compressed, expected + 1))
+        length = len(zlib.decompressobj().decompress(compressed, size + 1))
     except zlib.error as error:
         raise InvalidInput(f"a damaged PNG ({error})", field=field) from None
-    if length != expected:
-        count = f"{length} bytes" if length < expected else f"more than {expected} bytes"
+    if length != size:
+        count = f"{length} bytes" if length < size else f"more than {size} bytes"
         raise InvalidInput(
-            "a damaged PNG (its rows are not those of its size)", field=field, value=count, limit=f"{expected} bytes"
+            "a damaged PNG (its rows are not those of its size)", field=field, value=count, limit=f"{size} bytes"
         )
 
 
 def _pixel_chunks(data: bytes, field: str) -> bytes:
     """Return the file with only the chunks that define pixels; it begins with signature and IHDR."""
-    kept = [_SIGNATURE]
+    chunks = [_SIGNATURE]
     for kind, content in _chunks(data, field):
-        if (len(kept) == 1) != (kind == b"IHDR") or (kind == b"IHDR" and len(content) != 13):
+        if (len(chunks) == 1) != (kind == b"IHDR") or (kind == b"IHDR" and len(content) != 13):
             raise InvalidInput("a damaged PNG (it does not begin with one header)", field=field)
         if kind in _PIXEL_CHUNKS:
-            kept.append(
+            chunks.append(
                 struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
             )
-    return b"".join(kept)
+    return b"".join(chunks)
 
 
 def _chunks(data: bytes, field: str) -> Iterator[tuple[bytes, bytes]]:

@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from valerie.document import Document
 from valerie.errors import InvalidInput
-from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import Triple
+from valerie.perception.training.training_settings import TrainingSettings
 
 _NETWORK: Final = "network."
 _OPTIMISER: Final = "optimiser."
@@ -66,11 +66,11 @@ class CheckpointFile:
             InvalidInput: not a checkpoint, or one of another run (other settings, other frames).
         """
         try:
-            with safe_open(self.path, framework="pt") as stored:
-                entries: dict[str, str] = stored.metadata() or {}
+            with safe_open(self.path, framework="pt") as file:
+                entries: dict[str, str] = file.metadata() or {}
                 if entries.get("run") != self._identity():
                     raise InvalidInput("a checkpoint of another run (other settings or frames)", field=self.path.name)
-                tensors: dict[str, Tensor] = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+                tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError) as error:
             raise InvalidInput(f"not a checkpoint ({error})", field=self.path.name) from error
         network.load_state_dict(

@@ -9,7 +9,7 @@ from typing import Final
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.training.fit import TrainingProgress
-from valerie.perception.training.validation import ValidationFigures
+from valerie.perception.training.held_out_figures import ValidationFigures
 
 #: Points of the loss over a whole training: each is the mean of the steps since the previous one.
 _POINTS: Final = 200
@@ -52,10 +52,10 @@ class TrainingCurve:
         self.validations: list[Validated] = []
         if file.exists():
             try:
-                stored = json.loads(file.read_bytes())
-                self.loss = [(int(step), float(loss)) for step, loss in stored["loss"]]
+                document = json.loads(file.read_bytes())
+                self.loss = [(int(step), float(loss)) for step, loss in document["loss"]]
                 self.validations = [
-                    Validated(int(entry.pop("step")), ValidationFigures(**entry)) for entry in stored["figures"]
+                    Validated(int(entry.pop("step")), ValidationFigures(**entry)) for entry in document["figures"]
                 ]
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise InvalidInput("not the curve of a training", field="curve", value=str(file)) from error

@@ -34,8 +34,8 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
         provenance["steps-before"] = str(
             int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
         )
-        if seen := sites_seen(before.provenance):
-            provenance[SEEDS_BEFORE] = SEPARATOR.join(f"{seeds[0]}-{seeds[-1]}" for seeds in seen)
+        if sites := sites_seen(before.provenance):
+            provenance[SEEDS_BEFORE] = SEPARATOR.join(f"{seeds[0]}-{seeds[-1]}" for seeds in sites)
     return provenance
 
 

@@ -25,8 +25,8 @@ def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]
 
     They are rounded to four decimals, so that the header of the function file states them exactly.
     """
-    chosen = spread(frames, _FRAMES)
-    pixels = np.concatenate([frame.picture[::4, ::4].reshape(-1, 3) for frame in chosen]).astype(np.float64) / 255.0
+    sample = spread(frames, _FRAMES)
+    pixels = np.concatenate([frame.picture[::4, ::4].reshape(-1, 3) for frame in sample]).astype(np.float64) / 255.0
     mean = [round(float(x), 4) for x in pixels.mean(axis=0)]
     std = [round(max(float(x), _LEAST_DEVIATION), 4) for x in pixels.std(axis=0)]
     return (mean[0], mean[1], mean[2]), (std[0], std[1], std[2])
@@ -39,10 +39,10 @@ def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np
     counts = np.zeros(NUM_TRAIN_CLASSES, np.int64)
     for frame in spread(frames, _FRAMES):
         counts += np.bincount(frame.train_ids[::2, ::2].ravel(), minlength=256)[:NUM_TRAIN_CLASSES]
-    seen = counts > 0
-    if not seen.any():
+    present = counts > 0
+    if not present.any():
         return np.ones(NUM_TRAIN_CLASSES, np.float32)
-    share = np.maximum(counts, counts[seen].min()) / counts.sum()
+    share = np.maximum(counts, counts[present].min()) / counts.sum()
     weights = share**-balance
     weights /= (weights * counts).sum() / counts.sum()
     bounded: NDArray[np.float32] = np.minimum(weights, _LARGEST_WEIGHT).astype(np.float32)

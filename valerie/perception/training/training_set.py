@@ -79,12 +79,12 @@ def open_training_set(folders: Iterable[Path]) -> TrainingSet:
     return TrainingSet([FrameFolder(folder) for folder in folders])
 
 
-def _digest(counted: Sequence[tuple[FrameFolder, int]]) -> str:
-    first, count = counted[0]
-    if len(counted) == 1 and count == 1:
+def _digest(counts: Sequence[tuple[FrameFolder, int]]) -> str:
+    first, count = counts[0]
+    if len(counts) == 1 and count == 1:
         return first.digest
-    listed = "".join(f"{count} {folder.digest}\n" for folder, count in counted)
-    return hashlib.sha256(listed.encode()).hexdigest()
+    lines = "".join(f"{count} {folder.digest}\n" for folder, count in counts)
+    return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def _joined(provenances: Sequence[Mapping[str, str]], name: str) -> str:
@@ -106,5 +106,5 @@ def _require_sites_to_train_on(seeds: Iterable[int]) -> None:
 def _require_one_asset(folders: Iterable[FrameFolder]) -> None:
     assets = {folder.listing.provenance.get("asset", _UNSTATED): folder.folder for folder in folders}
     if len(assets) > 1:
-        shown = ", ".join(f"{asset} in {folder}" for asset, folder in assets.items())
-        raise InvalidInput("sites of different assets", field="frames", value=shown, limit="one asset")
+        names = ", ".join(f"{asset} in {folder}" for asset, folder in assets.items())
+        raise InvalidInput("sites of different assets", field="frames", value=names, limit="one asset")

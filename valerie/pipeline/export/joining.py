@@ -118,12 +118,13 @@ def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
 
 
 def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], description: str) -> None:
-    images: list[JsonObject] = []
+    images: list[coco.CocoImage] = []
     instances: list[JsonObject] = []
     panoptic: list[coco.PanopticAnnotation] = []
     for number, fragment in enumerate(fragments, start=1):
-        size = {"width": fragment.width, "height": fragment.height}
-        images.append({"id": number, **size, "file_name": fragment.file_name})
+        images.append(
+            {"id": number, "width": fragment.width, "height": fragment.height, "file_name": fragment.file_name}
+        )
         panoptic.append(
             {
                 "image_id": number,

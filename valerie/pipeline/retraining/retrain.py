@@ -22,9 +22,9 @@ from valerie.perception.importing.function_file import read_header
 from valerie.perception.shipped import file_document
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
-from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.start_weights import start_file
 from valerie.perception.training.training_set import TrainingSet
+from valerie.perception.training.training_settings import TrainingSettings
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
 from valerie.pipeline.retraining.training_frames import FrameSettings, render_training_frames

@@ -19,7 +19,7 @@ from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.parameters.definitions import Value
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.documents.cards import Row, card_rows
+from valerie.perception.documents.cards import CardRow, card_rows
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import plan
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -99,7 +99,7 @@ def render_frames(spec: RunSpec, settings: Settings, count: int) -> list[Labelle
 
 def try_function(
     document: FunctionDocument, payload: Path | None, frames: Sequence[LabelledPicture], settings: Settings
-) -> tuple[list[Row], list[TriedFrame]]:
+) -> tuple[list[CardRow], list[TriedFrame]]:
     """Let a function predict on frames, within this deployment's bounds (see `open_bounded`).
 
     Args:

@@ -138,16 +138,16 @@ def _ask(
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0)
-    placed = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
+    meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
-    matrices = np.stack([mesh.world for mesh in placed]) if placed else np.zeros((0, 4, 4))
+    matrices = np.stack([mesh.world for mesh in meshes]) if meshes else np.zeros((0, 4, 4))
     _, arrays = blender.ask(
         "render",
         {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
-        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
+        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in meshes],
         settings=settings,
         index=shows == "index",
         guides=shows == "guides",
@@ -200,14 +200,14 @@ class _Sender:
 
     def forget_unused(self) -> None:
         """Remove the objects that this image does not use once there are many, which bounds memory over many scenes."""
-        things = self._blender.known
-        unused = [key for key in things if key not in self._used]
+        objects = self._blender.known
+        unused = [key for key in objects if key not in self._used]
         if len(unused) > len(self._used) + _SPARE:
             kinds = ("mesh", "material", "texture")
             lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
             self._blender.ask("forget", meshes=lists["mesh"], materials=lists["material"], textures=lists["texture"])
             for key in unused:
-                del things[key]
+                del objects[key]
 
     def _mesh(self, mesh: Mesh, world: Matrix) -> tuple[str, Matrix]:
         if not _sheared(world):
@@ -257,12 +257,12 @@ class _Sender:
             self._blender.ask("texture", {"image": texture.image}, key=key, color=color)
         return key
 
-    def _is_new(self, key: str, thing: Mesh | Material | Texture) -> bool:
+    def _is_new(self, key: str, value: Mesh | Material | Texture) -> bool:
         """Record a use, and return True if Blender lacks the thing. The reference to it keeps its ``id`` from being reused."""
         self._used.add(key)
         if key in self._blender.known:
             return False
-        self._blender.known[key] = thing
+        self._blender.known[key] = value
         return True
 
 

@@ -39,15 +39,15 @@ class MeshReader:
         self._needs_default = False
         self.computed_normals: dict[int, set[str]] = {}
 
-    def read(self, index: int) -> tuple[Mesh, ...]:
+    def meshes(self, index: int) -> tuple[Mesh, ...]:
         """Return the primitives of a glTF mesh."""
         if index not in self._meshes:
             field = f"{self._container.name}: meshes.{index}"
             primitives = item(self._document.meshes, index, f"{self._container.name}: meshes").primitives
-            read = (
+            meshes = (
                 self._primitive(primitive, index, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
             )
-            self._meshes[index] = tuple(mesh for mesh in read if mesh is not None)
+            self._meshes[index] = tuple(mesh for mesh in meshes if mesh is not None)
         return self._meshes[index]
 
     def all_materials(self) -> dict[str, Material]:

@@ -7,10 +7,20 @@ import numpy as np
 import pytest
 import yaml
 
-from valerie.analysis.claims.claims import ClaimOutcome, LedgerEntry, ledger_table, parse_claims, write_ledger
+from tests.planted_tables import X, planted_table
+from valerie.analysis.claims.claims import (
+    ClaimOutcome,
+    LedgerEntry,
+    ledger_table,
+    ledger_text,
+    parse_claims,
+    write_ledger,
+)
+from valerie.analysis.claims.published import numbers_beside
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.plain import typed
+from valerie.statistics.curves import proven_changes
 
 PLACES = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 12).tolist()}
 PAPER = Path(__file__).parents[4] / "examples" / "claims" / "paper.yaml"
@@ -74,6 +84,59 @@ def test_trends_follow_the_data(table):
     seen = "occlusion_rate < 0.25"
     level = outcomes(table, trend={**over, "shape": "level"}, where=seen, functions=["b-net"])
     assert level == [ClaimOutcome.UNDECIDED]  # a level is shown by a narrow band alone
+
+
+def test_a_hump_neither_rises_nor_falls(synthetic_table):
+    def law(_function, _character, distance, _occlusion, noise):
+        return 0.9 - abs(distance - 30) / 20 + 0.01 * noise
+
+    humped = synthetic_table(law, **PLACES, functions=("b-net",))
+    for shape in ("rising", "falling", "level"):
+        (entry,) = answers(humped, trend={"over": "distance_m", "shape": shape})
+        assert entry.outcome is ClaimOutcome.NOT_REPRODUCED
+        assert "falls and rises" in entry.finding
+
+
+def test_a_trend_is_reproduced_without_an_effect_as_rarely_as_its_confidence_says():
+    rng = np.random.default_rng(5)
+    place = np.repeat(np.arange(48), 6)
+    changes = []
+    for seed in range(200):
+        # Rows of a place are alike, and half of the places are found, half missed.
+        scores = (rng.random(48) < 0.5)[place] * 0.8 + 0.2 * rng.random(len(place))
+        along = rng.random(48)[place]
+        changes.append(proven_changes(along, scores, place, seed=seed))
+    # At 5 % in all, 17 or more of 200 have a chance of 2 %.
+    assert sum(change.falls or change.rises for change in changes) < 17
+
+
+def test_rows_of_blocks_that_set_a_parameter_of_no_interest_are_left_out() -> None:
+    scores, metal = [0.9, 0.9, 0.5, 0.5, 0.1, 0.1], [np.nan, np.nan, 0.0, 0.0, 0.6, 0.6]
+    plain = planted_table(scores, range(6))
+    path = "scene.person-1.cloth.metallic"
+    two_blocks = EvaluationTable.from_columns(
+        {name: plain.arrow[name] for name in plain.arrow.column_names} | {path: metal}, {X: "FLOAT", path: "FLOAT"}
+    )
+    claim = {"id": "mean", "says": "so it is", "quantity": {"of": "pacc", "low": 0.8}}
+    document = {
+        "title": "planted",
+        "without": ["person-1.cloth.metallic"],
+        "claims": [claim, {**claim, "id": "all", "without": []}],
+        "numbers": [{"what": "mean", "of": "pacc", "value": 0.9}],
+    }
+    first, everything = write_ledger(parse_claims(document), two_blocks)
+    assert (first.rows, first.estimate, everything.rows) == (2, pytest.approx(0.9), 6)
+    assert numbers_beside(parse_claims(document), two_blocks)[0].rows == 2
+    assert write_ledger(parse_claims(document), plain)[0].rows == 6  # a run that sets it nowhere
+
+
+def test_the_paper_is_answered_by_its_own_block_and_its_materials_by_the_clothing_block() -> None:
+    claims = parse_claims(yaml.safe_load(PAPER.read_text()))
+    assert claims.without == ("person-1.cloth.metallic",)
+    of_materials = [claim.id for claim in claims.claims if claim.without == ()]
+    assert of_materials == ["shine-flips", "shine-bright"]
+    assert all(cross.without == () for cross in claims.crosses)
+    assert all(number.without is None for number in claims.numbers)
 
 
 def test_a_flip_names_the_two_frames(table):
@@ -167,3 +230,13 @@ def test_the_papers_claims_are_a_document_whose_words_stand_in_the_paper():
     claims = parse_claims(yaml.safe_load(PAPER.read_text()))
     assert len({claim.id for claim in claims.claims}) == len(claims.claims)
     assert all(claim.source.startswith(("6.", "table", "figure")) for claim in claims.claims)
+
+
+def test_the_ledger_names_what_its_intervals_are_for(table):
+    entries = answers(table, difference={**COLOURS, "sign": "<"}, functions=["a-net"])
+    assert ledger_table(entries)["estimand"].to_pylist() == ["listed_grid"]
+    claims = parse_claims({"title": "planted", "claims": [{"id": "c", "says": "so", "slip": "no"}]})
+    assert ledger_text(claims, entries).endswith(
+        "Quantities are those of the listed variants; intervals of differences and along an axis are for places like these "
+        "on this site, 95 % each.\n"
+    )

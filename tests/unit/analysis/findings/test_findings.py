@@ -151,12 +151,24 @@ def test_functions_are_compared_on_identical_frames(run):
     assert [view.function for view in finding.examples[0]] == ["a-net", "b-net"]
 
 
+def test_differences_between_places_that_are_alike_stay_candidates(synthetic_table):
+    def rings(_function, _character, distance, _occlusion, noise):
+        return 0.5 + 0.3 * np.sin(distance / 3) + 0.02 * noise
+
+    xs, ys = np.linspace(-20, 20, 10).tolist(), np.linspace(5, 33, 12).tolist()
+    findings = find_findings(synthetic_table(rings, xs=xs, ys=ys, functions=("a-net",)))
+    assert not any(finding.matching is Matching.MODEL for finding in findings.items)
+    withheld = [finding for finding in findings.candidates if finding.matching is Matching.MODEL]
+    assert withheld
+    assert findings.notes[0].startswith("a-net: neighbouring places score alike")
+
+
 def test_functions_of_different_precision_are_not_compared(run):
     better = lambda function, *law: (0.8 if function == "a-net" else 0.5) + 0.02 * law[-1]  # noqa: E731
     findings = find_findings(run(better), precisions={"a-net": "fp32", "b-net": "bf16"})
 
     assert [one for one in (*findings.items, *findings.candidates) if not one.function] == []
-    (sentence,) = findings.notes
+    (sentence,) = [note for note in findings.notes if "precision" in note]
     assert sentence.startswith("a-net (fp32) and b-net (bf16) ran in different precisions")
 
 

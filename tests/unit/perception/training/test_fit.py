@@ -10,7 +10,7 @@ from valerie.perception.importing.network_weights import load_network
 from valerie.perception.shipped import function_card, load_function
 from valerie.perception.training import fit
 from valerie.perception.training.fit import TrainingProgress, train
-from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.training_settings import TrainingSettings
 
 CROPS = {"height": 32, "width": 64, "scales": (1.0,), "scale_jitter": 1.0, "noise": 2.0}
 

@@ -3,7 +3,7 @@ import pytest
 
 from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.samples import batches, cut, recolour
-from valerie.perception.training.settings import CropSettings, TrainingSettings
+from valerie.perception.training.training_settings import CropSettings, TrainingSettings
 
 PLAIN = {"scale_jitter": 1.0, "exposure_stops": 0.0, "contrast": 0.0, "saturation": 0.0, "white_balance": 0.0}
 PLAIN |= {"noise": 0.0, "blur_share": 0.0, "flip_share": 0.0}

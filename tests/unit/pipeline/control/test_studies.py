@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -289,6 +290,14 @@ def test_a_stop_rule_ends_the_study_and_widens_the_interval_for_its_looks(pipeli
     assert len(batches(pipeline, study)) < 5
 
 
+def test_a_stop_rule_keeps_the_planned_sizes_of_batches(pipeline: Pipeline) -> None:
+    study = begin(pipeline, stop={"width": 0.1}, mode="by hand")
+    pipeline.step()
+    with pytest.raises(InvalidInput, match=r"count: the stop rule.*planned.*got 5"):
+        commands.accept(pipeline.context, study, count=5)
+    assert commands.accept(pipeline.context, study, count=10) == 0
+
+
 def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) -> None:
     study = begin(pipeline, goal="explain", batch=6, budget={"variants": 200})
     ended = pursue(pipeline, study)
@@ -326,7 +335,7 @@ def test_verify_ends_where_the_requirement_is_decided_and_is_reported(pipeline: 
     assert ended.result.numbers["outcome"] == "not met"
     page = report(pipeline.context, study)
     assert "Is the requirement met?" in page
-    assert ended.result.sentences[0] in page
+    assert escape(ended.result.sentences[0]) in page
     assert "<figcaption><b>It fails, " in page
 
 
@@ -389,7 +398,9 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
     assert sizes["pass"] / CELLS**2 == pytest.approx(0.538, abs=0.05)
     texts = dict.fromkeys(("id", "name", "question", "state", "measure", "where", "document", "digest"), "text")
     page = build_report(
-        StudyReport(**texts, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text")
+        StudyReport(
+            **texts, ended=True, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text"
+        )
     )
     areas = re.findall(r'<rect x="\d+" y="\d+" width="(\d+)" height="1" fill="(#\w+)"', page)
     assert len({colour for _, colour in areas}) == len(drawn.calls)
@@ -410,7 +421,40 @@ def test_verify_bounds_the_mean_score_without_a_share(pipeline: Pipeline) -> Non
     result = known.result()
     assert result is not None
     assert result.numbers["outcome"] == "met"
-    assert "mean score is 0.900, 0.5 required" in result.sentences[0]
+    assert "mean of min(pacc) over the variants is 0.900, at least 0.5 required" in result.sentences[0]
+    assert "false verdict is at most 0.05" in result.sentences[1]
+
+
+def test_a_measure_with_an_upper_bound_is_reported_as_the_measure_and_not_as_its_score(pipeline: Pipeline) -> None:
+    more: dict[str, Any] = {"measure": "max(iou) <= 0.9"}
+    known, _ = planted(pipeline, lambda x, y: np.full(len(x), 0.3), goal="verify", **more)
+    result = known.result()
+    assert result is not None
+    assert result.sentences[0].startswith("Met: the mean of max(iou) over the variants is 0.700, at most 0.9 required")
+    functions = ["blank", "deeplabv3plus-small"]
+    goal = {"name": "compare", "within": 0.05}
+    known, _ = planted(
+        pipeline, lambda x, y: np.stack([0.5 + 0.1 * y, 0.6 + 0.1 * y]), goal=goal, functions=functions, **more
+    )
+    result = known.result()
+    assert result is not None
+    assert result.numbers["estimate"] == pytest.approx(0.1)
+    assert ": -0.100 (-" in result.sentences[0]
+    assert result.sentences[1] == "Better: deeplabv3plus-small."
+
+
+def test_what_the_intervals_of_a_rate_hold_for_is_said(pipeline: Pipeline) -> None:
+    def never(x: Any, y: Any) -> Any:
+        return np.full(len(x), 0.9)
+
+    goal = {"name": "estimate", "first": 100}
+    sentences = planted(pipeline, never, goal=goal)[0].result().sentences  # type: ignore[union-attr]
+    assert "95 % confidence), by 180 operational points" in sentences[0].replace(" fail, by", ", by")
+    assert "do not use it: 0 failures at operational points cannot show" in sentences[1]
+    assert "someone stops because of them" in sentences[-1]
+    sentences = planted(pipeline, never, goal=goal, stop={"width": 0.001})[0].result().sentences  # type: ignore[union-attr]
+    assert "99.44 % confidence" in sentences[0]
+    assert "all planned looks" in sentences[-1]
 
 
 def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipeline) -> None:
@@ -442,6 +486,7 @@ def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipe
 @pytest.mark.parametrize(
     ("change", "limit"),
     [
+        ({"goal": "estimate", "budget": {"variants": 19}}, ">= 20"),
         ({"goal": "map"}, ">= 110"),
         ({"goal": "rank", "budget": {"variants": 29}}, ">= 30"),
         ({"goal": {"name": "compare", "within": 0.1}, "functions": ["blank", "deeplabv3plus-small"]}, ">= 50"),

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from valerie.parameters.assignment import digest
-from valerie.runs.products.inputs import FrameDigests, ProductInputs
+from valerie.runs.products.inputs import EVALUATION_REVISION, FrameDigests, ProductInputs
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.states import UPLOADED_ROUTE
 from valerie.runs.resolving.spec import parse, resolve
@@ -192,7 +192,7 @@ def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
 def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: Pins) -> None:
     found = frame(street, pins, {})
     assert found.evaluations[0].scores == digest(
-        1, "evaluation", 1, found.evaluations[0].prediction, found.products.truth
+        1, "evaluation", EVALUATION_REVISION, found.evaluations[0].prediction, found.products.truth
     )
     inputs = split({}, street, "camera-1")
     engine = {"name": "raster", "revision": 1, "numeric_class": pins.engine.numeric_class}

@@ -32,7 +32,8 @@ def street() -> Manifest:
 
 
 def test_the_defaults_are_the_declared_angles_and_a_dry_road(street: Manifest) -> None:
-    assert conditions({}, street) == (180.0, 40.0, 0.85)
+    found = conditions({}, street)
+    assert (found.sun_azimuth_deg, found.sun_elevation_deg, found.road_friction) == (180.0, 40.0, 0.85)
 
 
 def test_time_and_place_come_to_angles(street: Manifest) -> None:

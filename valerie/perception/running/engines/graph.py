@@ -131,8 +131,8 @@ class _Builder:
 
 
 def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
-    held = {tensor.name for tensor in graph.initializer}
-    inputs: list[onnx.ValueInfoProto] = [value for value in graph.input if value.name not in held]
+    constants = {tensor.name for tensor in graph.initializer}
+    inputs: list[onnx.ValueInfoProto] = [value for value in graph.input if value.name not in constants]
     if len(inputs) != 1:
         names = ", ".join(value.name for value in inputs) or "none"
         raise InvalidInput("a network with one input is needed", field="onnx.inputs", value=names)
@@ -146,13 +146,13 @@ def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
     return network_input
 
 
-def _output(graph: onnx.GraphProto, wanted: str) -> onnx.ValueInfoProto:
+def _output(graph: onnx.GraphProto, name: str) -> onnx.ValueInfoProto:
     outputs: list[onnx.ValueInfoProto] = list(graph.output)
     for value in outputs:
-        if wanted in ("", value.name):
+        if name in ("", value.name):
             return value
     names = ", ".join(value.name for value in outputs)
-    raise InvalidInput("the network has no such output", field="options.output", value=wanted, limit=names)
+    raise InvalidInput("the network has no such output", field="options.output", value=name, limit=names)
 
 
 def _dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
@@ -163,15 +163,15 @@ def _dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
 
 def _require_size(source: onnx.ValueInfoProto, document: InputDocument, piece: Size) -> None:
     axes = _dimensions(source)
-    expected = [1, 3, *piece] if document.layout == "nchw" else [1, *piece, 3]
-    if axes and (len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, expected, strict=True))):
-        shown = " × ".join("free" if axis is None else str(axis) for axis in axes)
-        wanted = " × ".join(map(str, expected))
+    shape = [1, 3, *piece] if document.layout == "nchw" else [1, *piece, 3]
+    if axes and (len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, shape, strict=True))):
+        text = " × ".join("free" if axis is None else str(axis) for axis in axes)
+        limit = " × ".join(map(str, shape))
         raise InvalidInput(
             "the network takes another input; check input.size and input.layout",
             field="onnx",
-            value=shown,
-            limit=wanted,
+            value=text,
+            limit=limit,
         )
 
 
@@ -209,11 +209,11 @@ def _postprocessing(
         value = builder.one("Transpose", value, perm=[0, 3, 1, 2])
         axes = [axes[0], axes[3], axes[1], axes[2]] if len(axes) == 4 else axes
     if axes and (len(axes) != 4 or axes[1] not in (None, count)):
-        shown = " × ".join("free" if axis is None else str(axis) for axis in axes)
+        text = " × ".join("free" if axis is None else str(axis) for axis in axes)
         raise InvalidInput(
             "the network answers another number of classes than the document lists",
             field="output.classes",
-            value=shown,
+            value=text,
             limit=f"1 × {count} × height × width",
         )
     if count > 1:
@@ -222,8 +222,8 @@ def _postprocessing(
     mode = "align_corners" if answer.align_corners else "half_pixel"
     full = builder.resized(value, 1, labels, mode="linear", coordinate_transformation_mode=mode)
     above = builder.one("Greater", builder.squeezed(full, 1), builder.number(answer.cut))
-    chosen = builder.one("Where", above, builder.number(0.0), builder.number(255.0))
-    builder.one("Cast", chosen, to=TensorProto.UINT8, name=ANSWER)
+    ids = builder.one("Where", above, builder.number(0.0), builder.number(255.0))
+    builder.one("Cast", ids, to=TensorProto.UINT8, name=ANSWER)
 
 
 def _ids_of_labels(builder: _Builder, value: str, rank: int, labels: Size) -> None:

@@ -39,10 +39,10 @@ def flags() -> frozenset[str]:
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
     except OSError:
         return frozenset()
-    listed = (line.partition(":")[2] for line in lines if line.partition(":")[0].strip() in ("flags", "Features"))
-    return frozenset(next(listed, "").split())
+    entries = (line.partition(":")[2] for line in lines if line.partition(":")[0].strip() in ("flags", "Features"))
+    return frozenset(next(entries, "").split())
 
 
-def newest(listed: frozenset[str]) -> str:
+def newest(names: frozenset[str]) -> str:
     """Return the name of the newest instruction set among flags; empty if none is known."""
-    return next((name for name, flag in _NEWEST_FIRST if flag in listed), "")
+    return next((name for name, flag in _NEWEST_FIRST if flag in names), "")

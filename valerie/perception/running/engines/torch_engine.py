@@ -107,12 +107,12 @@ class TorchEngine:
             torch.cuda.empty_cache()
 
 
-def _device(wanted: str) -> torch.device:
-    if wanted == "auto":
-        wanted = "cuda" if torch.cuda.is_available() else "cpu"
-    device = torch.device(wanted)
+def _device(name: str) -> torch.device:
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    device = torch.device(name)
     if device.type == "cuda" and (not torch.cuda.is_available() or (device.index or 0) >= torch.cuda.device_count()):
-        raise MissingDependency(f"torch sees no GPU {wanted!r} on this machine")
+        raise MissingDependency(f"torch sees no GPU {name!r} on this machine")
     return device
 
 

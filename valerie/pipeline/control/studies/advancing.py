@@ -30,8 +30,8 @@ from valerie.runs.moments import in_utc, moment_text
 from valerie.runs.products.states import RunState
 from valerie.runs.study.study_document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
+from valerie.studies.reasons import reason_text
 from valerie.studies.resolved import ResolvedStudy
-from valerie.studies.wording import reason_text
 
 log = structlog.get_logger()
 

@@ -24,7 +24,7 @@ from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
-from valerie.studies.wording import reason_text
+from valerie.studies.reasons import reason_text
 
 #: States of runs that can be cancelled with their study.
 _ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
@@ -150,7 +150,7 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
     Raises:
         NotFound: no such study.
         Conflict: no proposal waits.
-        InvalidInput: ``count`` is out of bounds.
+        InvalidInput: ``count`` is out of bounds, or a stop rule fixes the sizes of batches.
     """
     study, batches = _read(context, study_id)
     if study.state is not StudyState.RUNNING or not batches or batches[-1].accepted_at is not None:
@@ -158,6 +158,13 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
     batch, earlier = batches[-1], batches[:-1]
     with writing(context.engine) as connection:
         if count is not None and count != batch.count:
+            if study.document.stop.width is not None:
+                raise InvalidInput(
+                    "the stop rule shares the error among looks that were planned, so batches keep their size",
+                    field="count",
+                    value=count,
+                    limit=batch.count,
+                )
             limit = left(study, earlier)
             if not 1 <= count <= min(limit, 1000):
                 raise InvalidInput("out of bounds", field="count", value=count, limit=f"1 … {min(limit, 1000)}")

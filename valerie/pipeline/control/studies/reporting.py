@@ -50,6 +50,7 @@ def report(context: Context, study_id: str) -> str:
             name=study.name,
             question=study.document.goal.question,
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
+            ended=study.state.is_final,
             sentences=() if result is None else result.sentences,
             boundary=pursuit.boundary(),
             pictures=tuple(decisive_pictures(context, pursuit, batches)),

@@ -21,7 +21,7 @@ from valerie.pipeline.work.makers.annotations import SeenScene, annotate, lit_pe
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
-from valerie.rendering.scanning import Reading, scan
+from valerie.rendering.scanning import Readout, scan
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.products.states import ProductKind
 from valerie.runs.resolving.sensors import focal_length_mm, rolling_shutter
@@ -90,7 +90,7 @@ class RenderMaker:
                 lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 view,
                 (self._reader.frame(products), self._reader.truth(products.truth)),
-                Reading(
+                Readout(
                     read_lines(shutter.setting, view.width, view.height, camera),
                     shutter.setting.shutter.line_time_us * 1e-6,
                     shutter.blurs,

@@ -12,9 +12,9 @@ import torch
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.documents.class_maps import CLASS_LISTS
 from valerie.perception.documents.function import FunctionDocument, Payload
-from valerie.perception.importing.checkpoints.conversion import convert, import_checkpoint
-from valerie.perception.importing.checkpoints.files import StoredCheckpoint
+from valerie.perception.importing.checkpoints.checkpoint_files import StoredCheckpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS
+from valerie.perception.importing.checkpoints.network_conversion import convert, import_checkpoint
 from valerie.perception.importing.function_file import read_header, read_tensors
 from valerie.perception.importing.network_weights import filled_network, tensor_shapes
 from valerie.perception.shipped import function_path

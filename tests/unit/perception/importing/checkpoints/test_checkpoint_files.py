@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from torch import nn
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.files import read_stored_checkpoint
+from valerie.perception.importing.checkpoints.checkpoint_files import read_stored_checkpoint
 
 
 def weights() -> dict[str, torch.Tensor]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
+from valerie.perception.importing.checkpoints.unpickling import PickledArray, Storage, Tensor, load_plain, storage_of
 from valerie.plain import JsonObject
 
 #: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
@@ -213,7 +213,7 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
     tensors: dict[str, NDArray[Any]] = {}
     if isinstance(weights, dict):
         for name, value in weights.items():
-            if isinstance(value, Tensor | Array) and isinstance(name, str):
+            if isinstance(value, Tensor | PickledArray) and isinstance(name, str):
                 tensors[name.removeprefix("module.")] = value.array()
     if not tensors:
         raise InvalidInput(
@@ -229,13 +229,13 @@ def _flattened(values: Mapping[Any, Any]) -> JsonObject:
     Each dictionary is entered once: a pickle may refer to one in many places, which would make exponentially many names.
     """
     flat: JsonObject = {}
-    seen = {id(values)}
+    visits = {id(values)}
     waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
     while waiting:
         before, mapping = waiting.pop()
         for name, value in mapping.items():
-            if isinstance(value, dict) and id(value) not in seen:
-                seen.add(id(value))
+            if isinstance(value, dict) and id(value) not in visits:
+                visits.add(id(value))
                 waiting.append((f"{before}{name}.", value))
             elif isinstance(value, str | int | float | list | tuple):
                 flat[f"{before}{name}"] = value

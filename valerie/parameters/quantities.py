@@ -38,7 +38,7 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
 }
 
 
-class Quantity(NamedTuple):
+class ConvertedNumber(NamedTuple):
     """A number in the requested unit.
 
     Attributes:
@@ -55,7 +55,7 @@ def is_quantity(text: str) -> bool:
     return _QUANTITY.fullmatch(text) is not None
 
 
-def to_unit(value: object, unit: str, *, field: str = "") -> Quantity:
+def to_unit(value: object, unit: str, *, field: str = "") -> ConvertedNumber:
     """Convert a number or a quantity to ``unit``.
 
     Raises:
@@ -70,8 +70,8 @@ def to_unit(value: object, unit: str, *, field: str = "") -> Quantity:
             raise InvalidInput("a number is needed here", field=field, value=value, limit=_form(unit))
         number, own_unit = Decimal(match[1]), match[2]
         factor = Decimal(1) if own_unit is None or own_unit == unit else _factor(own_unit, unit, value, field)
-        return Quantity(_finite(number * factor, value, field), own_unit is not None)
-    return Quantity(_finite(value, value, field), False)
+        return ConvertedNumber(_finite(number * factor, value, field), own_unit is not None)
+    return ConvertedNumber(_finite(value, value, field), False)
 
 
 def _factor(source: str, target: str, value: str, field: str) -> Decimal:

@@ -41,8 +41,8 @@ class ValidationFigures:
             "person-precision": self.person_precision,
             "miou": self.miou,
         }
-        shown = {f"held-out-{name}": "undefined" if x is None else f"{x:.4f}" for name, x in ratios.items()}
-        return {"held-out-frames": str(self.frames), **shown}
+        entries = {f"held-out-{name}": "undefined" if x is None else f"{x:.4f}" for name, x in ratios.items()}
+        return {"held-out-frames": str(self.frames), **entries}
 
 
 def validate(

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.parameters.units import to_unit
+from valerie.parameters.quantities import to_unit
 
 
 @pytest.mark.parametrize(

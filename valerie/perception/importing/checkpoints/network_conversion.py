@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.documents.class_maps import CLASS_LISTS
+from valerie.perception.importing.checkpoints.checkpoint_files import (
+    MAX_BYTES,
+    StoredCheckpoint,
+    read_stored_checkpoint,
+)
 from valerie.perception.importing.checkpoints.configuration import config_values
-from valerie.perception.importing.checkpoints.files import MAX_BYTES, StoredCheckpoint, read_stored_checkpoint
-from valerie.perception.importing.checkpoints.layouts import LAYOUTS, Layout, PictureUnits
+from valerie.perception.importing.checkpoints.layouts import LAYOUTS, Layout, PictureUnits, Tensors
 from valerie.perception.importing.function_file import FORMAT as FUNCTION_FORMAT
 from valerie.perception.importing.function_file import safetensors_bytes
 from valerie.perception.importing.network_weights import (
@@ -41,7 +45,6 @@ _SETTINGS: Final = (
     "model.decode_head.dilations",
 )
 
-Arrays = dict[str, NDArray[np.floating]]
 Shapes = Mapping[str, tuple[int, ...]]
 
 
@@ -314,13 +317,13 @@ def _shapes(tensors: Mapping[str, NDArray[Any]]) -> dict[str, tuple[int, ...]]:
     return {name: tuple(array.shape) for name, array in tensors.items()}
 
 
-def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
+def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Tensors:
     """Return the tensors as float32, or float16 if stored so; batch counters are left out.
 
     Raises:
         InvalidInput: a tensor contains integers or values that are not finite.
     """
-    floating: Arrays = {}
+    floating: Tensors = {}
     for name, array in tensors.items():
         if name.endswith(".num_batches_tracked"):
             continue

@@ -1,6 +1,6 @@
 """all tables of release 0.1.0
 
-Revision: 0001_initial
+Revision: release_0_1_0
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.dialects import postgresql
 
-revision = "0001_initial"
+revision = "release_0_1_0"
 down_revision = None
 branch_labels = None
 depends_on = None
 
+_AUDIT_REFUSAL = "the audit log is append-only"
 DOCUMENT = sa.JSON().with_variant(postgresql.JSONB(), "postgresql")
 
 
@@ -30,6 +31,7 @@ def upgrade() -> None:
         sa.Column("result", DOCUMENT, nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("owner", sa.String(length=200), nullable=True),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_studies")),
     )
     with op.batch_alter_table("studies", schema=None) as batch_op:
@@ -148,6 +150,7 @@ def upgrade() -> None:
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("owner", sa.String(length=200), nullable=True),
         sa.ForeignKeyConstraint(["parent_run"], ["runs.id"], name=op.f("fk_runs_parent_run"), ondelete="SET NULL"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_runs")),
         sa.UniqueConstraint("idempotency_key", name=op.f("uq_runs_idempotency_key")),
@@ -165,6 +168,7 @@ def upgrade() -> None:
         sa.Column("offers", DOCUMENT, nullable=False),
         sa.Column("started_at", sa.Float(), nullable=False),
         sa.Column("seen_at", sa.Float(), nullable=False),
+        sa.Column("resting", sa.Text(), nullable=True),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_workers")),
     )
     op.create_table(
@@ -383,82 +387,57 @@ def upgrade() -> None:
     with op.batch_alter_table("study_batches", schema=None) as batch_op:
         batch_op.create_index("ix_study_batches_run_id", ["run_id"], unique=False)
 
-
-def downgrade() -> None:
-    with op.batch_alter_table("study_batches", schema=None) as batch_op:
-        batch_op.drop_index("ix_study_batches_run_id")
-
-    op.drop_table("study_batches")
-    with op.batch_alter_table("studies", schema=None) as batch_op:
-        batch_op.drop_index("ix_studies_created_at")
-
-    op.drop_table("studies")
-    with op.batch_alter_table("frame_annotations", schema=None) as batch_op:
-        batch_op.drop_index("ix_frame_annotations_product")
-
-    op.drop_table("frame_annotations")
-    with op.batch_alter_table("evaluations", schema=None) as batch_op:
-        batch_op.drop_index("ix_evaluations_empty")
-        batch_op.drop_index("ix_evaluations_scores")
-        batch_op.drop_index("ix_evaluations_prediction")
-
-    op.drop_table("evaluations")
-    with op.batch_alter_table("frames", schema=None) as batch_op:
-        batch_op.drop_index("ix_frames_truth")
-        batch_op.drop_index("ix_frames_layer")
-        batch_op.drop_index("ix_frames_background")
-
-    op.drop_table("frames")
-    op.drop_table("variants")
-    op.drop_table("scores")
-    op.drop_table("pictures")
-    op.drop_table("person_views")
-    op.drop_table("person_scores")
-    op.drop_table("person_lights")
-    op.drop_table("blocks")
-    with op.batch_alter_table("tags", schema=None) as batch_op:
-        batch_op.drop_index("ix_tags_tag")
-
-    op.drop_table("tags")
-    op.drop_table("notes")
-    op.drop_table("workers")
-    with op.batch_alter_table("runs", schema=None) as batch_op:
-        batch_op.drop_index("ix_runs_state")
-        batch_op.drop_index("ix_runs_created_at")
-
-    op.drop_table("runs")
-    with op.batch_alter_table("products", schema=None) as batch_op:
-        batch_op.drop_index(
-            "ix_products_unfinished",
-            sqlite_where=sa.text("state IN ('waiting','ready','running')"),
-            postgresql_where=sa.text("state IN ('waiting','ready','running')"),
+    op.create_table(
+        "tokens",
+        sa.Column("name", sa.String(length=64), nullable=False),
+        sa.Column("digest", sa.String(length=64), nullable=False),
+        sa.Column("owner", sa.String(length=200), nullable=False),
+        sa.Column("role", sa.String(length=16), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("expires_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("revoked_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("used_at", sa.DateTime(timezone=True), nullable=True),
+        sa.PrimaryKeyConstraint("name", name=op.f("pk_tokens")),
+        sa.UniqueConstraint("digest", name=op.f("uq_tokens_digest")),
+    )
+    op.create_table(
+        "deliveries",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("ended_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("receiver", sa.String(length=64), nullable=False),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("due_at", sa.Float(), nullable=True),
+        sa.Column("problem", sa.Text(), nullable=True),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_deliveries_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "ended_at", "receiver", name=op.f("pk_deliveries")),
+    )
+    op.create_table(
+        "audit",
+        sa.Column("id", sa.BigInteger().with_variant(sa.Integer(), "sqlite"), nullable=False),
+        sa.Column("request", sa.String(length=16), nullable=False),
+        sa.Column("at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("caller", sa.String(length=64), nullable=True),
+        sa.Column("owner", sa.String(length=200), nullable=True),
+        sa.Column("role", sa.String(length=16), nullable=True),
+        sa.Column("address", sa.String(length=64), nullable=False),
+        sa.Column("method", sa.String(length=16), nullable=False),
+        sa.Column("path", sa.String(length=1000), nullable=False),
+        sa.Column("status", sa.Integer(), nullable=True),
+        sa.Column("left_out", sa.Integer(), nullable=False),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_audit")),
+    )
+    if op.get_bind().dialect.name == "postgresql":
+        op.execute(
+            "CREATE FUNCTION refuse_audit_change() RETURNS trigger LANGUAGE plpgsql AS "
+            f"$$ BEGIN RAISE EXCEPTION '{_AUDIT_REFUSAL}'; END $$"
         )
-        batch_op.drop_index(
-            "ix_products_input_c",
-            sqlite_where=sa.text("state = 'waiting'"),
-            postgresql_where=sa.text("state = 'waiting'"),
+        op.execute(
+            "CREATE TRIGGER audit_is_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON audit "
+            "FOR EACH STATEMENT EXECUTE FUNCTION refuse_audit_change()"
         )
-        batch_op.drop_index(
-            "ix_products_input_b",
-            sqlite_where=sa.text("state = 'waiting'"),
-            postgresql_where=sa.text("state = 'waiting'"),
-        )
-        batch_op.drop_index(
-            "ix_products_input_a",
-            sqlite_where=sa.text("state = 'waiting'"),
-            postgresql_where=sa.text("state = 'waiting'"),
-        )
-        batch_op.drop_index(
-            "ix_products_ended",
-            sqlite_where=sa.text("state IN ('done','failed')"),
-            postgresql_where=sa.text("state IN ('done','failed')"),
-        )
-
-    op.drop_table("products")
-    op.drop_table("leases")
-    op.drop_table("selections")
-    with op.batch_alter_table("functions", schema=None) as batch_op:
-        batch_op.drop_index("ix_functions_payload")
-        batch_op.drop_index("ix_functions_digest")
-
-    op.drop_table("functions")
+    else:
+        for event in ("UPDATE", "DELETE"):
+            op.execute(
+                f"CREATE TRIGGER audit_refuses_{event.lower()} BEFORE {event} ON audit "
+                f"BEGIN SELECT RAISE(ABORT, '{_AUDIT_REFUSAL}'); END"
+            )

@@ -1,4 +1,4 @@
-"""Findings of the check of an asset, for people and for machines."""
+"""Doubts of the check of an asset, for people and for machines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from valerie.plain import JsonObject
 
 
 class Severity(StrEnum):
-    """The severity of a finding."""
+    """The severity of a doubt."""
 
     ERROR = "error"  #: runs with the asset are refused or fail
     WARNING = "warning"  #: runs work, but probably not as intended
@@ -20,11 +20,11 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """One finding.
+    """One doubt.
 
     Attributes:
         severity: error, warning or note.
-        code: kind of finding, for machines: ``inside-solid``, ``out-of-view`` ….
+        code: kind of doubt, for machines: ``inside-solid``, ``out-of-view`` ….
         where: file, node or field; empty for the whole asset.
         message: the problem and its remedy.
         value: the offending value.
@@ -42,7 +42,7 @@ class Doubt:
         return f"{self.severity}: {InvalidInput(self.message, field=self.where, value=self.value, limit=self.limit)}"
 
     def document(self) -> JsonObject:
-        """Return the finding as plain data; ``value`` and ``limit`` are text or None."""
+        """Return the doubt as plain data; ``value`` and ``limit`` are text or None."""
         return {
             "severity": str(self.severity),
             "code": self.code,
@@ -54,7 +54,7 @@ class Doubt:
 
 
 def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Doubt]:
-    """Yield a finding for each problem of an error.
+    """Yield a doubt for each problem of an error.
 
     Args:
         error: raised while the asset was read.

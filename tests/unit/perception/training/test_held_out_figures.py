@@ -7,7 +7,7 @@ from valerie.metrics.aggregate import pooled
 from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.scores import frame_scores
 from valerie.perception.training.frame_folder import TrainingFrame
-from valerie.perception.training.validation import validate
+from valerie.perception.training.held_out_figures import validate
 
 MEAN, STD = torch.zeros(3), torch.ones(3)
 
