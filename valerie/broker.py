@@ -43,7 +43,7 @@ _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
 
 
-def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
+def create_celery(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     """Build the Celery app of one process from its settings.
 
     Args:
@@ -163,7 +163,7 @@ class Broker:
 
     @cached_property
     def _app(self) -> Celery:
-        return create_app(self._settings, answer_seconds=_ANSWER_SECONDS)
+        return create_celery(self._settings, answer_seconds=_ANSWER_SECONDS)
 
     def send_products(self, ready: Iterable[Ready]) -> None:
         """Notify workers of ready products.

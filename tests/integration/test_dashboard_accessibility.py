@@ -17,7 +17,7 @@ from valerie.db import marks, runs
 from valerie.db.engine import writing
 from valerie.pipeline.control.studies import commands
 from valerie.runs.marks import Mark, Subject
-from valerie.runs.study.document import parse_study
+from valerie.runs.study.study_document import parse_study
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -19,7 +19,7 @@ from tests.simulation.schedule import Process, Schedule
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
 from valerie.broker import FINISH, TaskMessage
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError
@@ -147,7 +147,7 @@ class Simulation:
         self._violations: list[str] = []
         self._moved_at = self._disturbed_at = self._standstill = 0.0
         self._faults: list[tuple[float, str]] = []
-        self._engine = open_engine("sqlite://", clock=self._schedule.clock)
+        self._engine = open_database("sqlite://", clock=self._schedule.clock)
         raw: Any = self._engine.raw_connection().driver_connection
         source: Any = template.raw_connection()
         source.driver_connection.backup(raw)

@@ -205,7 +205,7 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
     """Return a function that reads a run from a server, or from the data folder."""
     if url is None:
         from valerie.local.deployment import context_of
-        from valerie.pipeline.reading.gate import read_gate_run
+        from valerie.pipeline.reading.gate_runs import read_gate_run
 
         def from_folder(run_id: str) -> GateRun:
             with context_of(data_dir) as context:

@@ -57,7 +57,7 @@ def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: Data
     else:
         from valerie.local.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
-        from valerie.runs.study.document import parse_study
+        from valerie.runs.study.study_document import parse_study
 
         document = parse_study(text)
         with deployment_or_empty(settings) as context:
@@ -106,7 +106,7 @@ def run(
         return
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
-    from valerie.runs.study.document import StudyState, parse_study
+    from valerie.runs.study.study_document import StudyState, parse_study
 
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
@@ -145,10 +145,10 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.training import Steps, say_site
     from valerie.local.deployment import context_of
-    from valerie.pipeline.retraining.loop import Watcher
-    from valerie.pipeline.rounds.flow import Ending, Surroundings, check_flow, until_met
-    from valerie.pipeline.rounds.reporting import flow_report
-    from valerie.runs.study.document import parse_study
+    from valerie.pipeline.retraining.retrain import Watcher
+    from valerie.pipeline.rounds.flow import FlowEnd, Surroundings, check_flow, until_met
+    from valerie.pipeline.rounds.flow_reporting import flow_report
+    from valerie.runs.study.study_document import parse_study
     from valerie.spelling import plain_name
 
     settings = settings_of(data_dir)
@@ -174,7 +174,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
         typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
-    if flow.ending is not Ending.MET:
+    if flow.ending is not FlowEnd.MET:
         raise typer.Exit(Exit.GATE_FAILED)
 
 
@@ -298,7 +298,7 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
 
 def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
     """Print the steps of a study until it ends or is paused."""
-    from valerie.runs.study.document import StudyState
+    from valerie.runs.study.study_document import StudyState
 
     printed: set[str] = set()
 
@@ -358,8 +358,8 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
     from valerie.cli.specs import show_plan
     from valerie.runs.forecasting.forecast import Plan
 
-    rejected = f", {batch.rejected} rejected" if batch.rejected else ""
-    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejected}.\n")
+    rejections = f", {batch.rejected} rejected" if batch.rejected else ""
+    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}.\n")
     show_plan(Plan.model_validate(batch.plan))
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valerie.analysis.comparison.before_after import VersionComparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
-    from valerie.pipeline.retraining.loop import Retrained
+    from valerie.pipeline.retraining.retrain import Retrained
     from valerie.pipeline.retraining.weakness import Weakness
     from valerie.runs.study.retraining import RetrainSettings
 
@@ -154,7 +154,7 @@ def train(
     run, where = chosen
     version.require_new_file()
     from valerie.pipeline.functions.registry import require_free
-    from valerie.pipeline.retraining.loop import (
+    from valerie.pipeline.retraining.retrain import (
         TrainingResources,
         Watcher,
         register_retrained,
@@ -247,14 +247,14 @@ def _compare(
     threads: int | None = None,
     mixed: bool = False,
 ) -> VersionComparison:
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.pipeline.functions.references import open_reference
-    from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+    from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
     from valerie.pipeline.retraining.weakness import selected_region
 
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with context_of(data_dir) as deployment:
-        return compare_versions(
+        return compare_on_run(
             deployment,
             run,
             versions,
@@ -281,8 +281,8 @@ def _say_weakness(weakness: Weakness) -> None:
 
 def say_site(shard: Shard) -> None:
     """Report that the frames of a site are rendered."""
-    drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
-    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
+    scenes = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
+    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{scenes}")
 
 
 def _say_retrained(retrained: Retrained, folder: Path) -> None:
@@ -297,9 +297,9 @@ class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
-        from valerie.cli.datasets import Lines
+        from valerie.cli.datasets import ProgressLines
 
-        self._lines = Lines("steps")
+        self._lines = ProgressLines("steps")
 
     def __call__(self, now: TrainingProgress) -> None:
         self._lines.tell(now.step, now.steps, now.step / max(now.elapsed_s, 1e-9), f"loss {now.loss:.3f}")

@@ -69,7 +69,7 @@ def frames(
     processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
 ) -> None:
     """Render a training set into an empty folder, of sites that runs do not use by default."""
-    from valerie.pipeline.retraining.training_frames import render_frames
+    from valerie.pipeline.retraining.training_frames import render_training_frames
 
     with _named_by_option(context):
         settings = options.settings()
@@ -81,7 +81,7 @@ def frames(
             rate = done * settings.per_site / (time.monotonic() - started)
             typer.echo(f"site {shard.site_seed}: {done}/{settings.sites} sites, {rate:.1f} frames/s")
 
-        rendered = render_frames(folder, settings, processes=processes, progress=tell)
+        rendered = render_training_frames(folder, settings, processes=processes, progress=tell)
     typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
 
 
@@ -235,20 +235,22 @@ def _named_by_option(context: typer.Context) -> Iterator[None]:
 
     from valerie.validation import problem_of
 
-    shown = {
+    options = {
         str(parameter.name): parameter.opts[0]
         if isinstance(parameter, typer.core.TyperOption)
         else str(parameter.metavar)
         for parameter in context.command.params
     }
-    shown |= {setting: shown[name] for setting, name in _PARAMETERS.items() if name in shown}
+    options |= {setting: options[name] for setting, name in _PARAMETERS.items() if name in options}
     try:
         yield
     except ValidationError as error:
-        raise InvalidInputs([problem_of(detail, shown[str(detail["loc"][0])]) for detail in error.errors()]) from None
+        raise InvalidInputs([problem_of(detail, options[str(detail["loc"][0])]) for detail in error.errors()]) from None
     except InvalidInput as error:
-        if type(error) is InvalidInput and error.field in shown:
-            raise InvalidInput(error.message, field=shown[error.field], value=error.value, limit=error.limit) from None
+        if type(error) is InvalidInput and error.field in options:
+            raise InvalidInput(
+                error.message, field=options[error.field], value=error.value, limit=error.limit
+            ) from None
         raise
 
 

@@ -30,8 +30,8 @@ from valerie.guided.rank import Rank
 from valerie.guided.strategy import Proposal, Result, Strategy, StrategyFactory
 from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.document.documents import RunSpec, engine_name
-from valerie.runs.study.document import (
+from valerie.runs.document.run_spec import RunSpec, engine_name
+from valerie.runs.study.study_document import (
     CascadeGoal,
     CompareGoal,
     EstimateGoal,

@@ -17,7 +17,7 @@ from valerie.guided.rank import FEWEST, Effect, Ranking
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.study.document import CascadeGoal, CompareGoal, FindGoal, VerifyGoal
+from valerie.runs.study.study_document import CascadeGoal, CompareGoal, FindGoal, VerifyGoal
 from valerie.statistics.intervals import Interval
 from valerie.studies.resolved import ResolvedStudy
 

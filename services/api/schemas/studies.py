@@ -9,7 +9,7 @@ from pydantic import Field, JsonValue
 from services.api.schemas.base import DIGEST, RUN_ID, Digest, NextCursor, Read
 from valerie.runs.forecasting.forecast import Plan
 from valerie.runs.moments import Moment
-from valerie.runs.study.document import Budget, Outcomes, StudyResult, StudyState
+from valerie.runs.study.study_document import Budget, Outcomes, StudyResult, StudyState
 
 STUDY_ID: Final = "s1ng219w3v1ks"
 #: A study in the notation of its file.

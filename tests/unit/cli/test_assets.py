@@ -1,4 +1,4 @@
-"""What `valerie asset show` prints."""
+"""`valerie asset show` prints an asset."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     along_the_street = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
     run_id = world.work(spec("validation", asset=TOWN, vary=along_the_street, functions=["semantic-fpn-small"]))
     world.context.engine.dispose()
-    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
     little = ["--frames", "1", "--sites", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]

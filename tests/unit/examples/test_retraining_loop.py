@@ -33,7 +33,7 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def test_a_run_is_shown_beside_two_new_versions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
     deployment = settings_of(tmp_path / "data")
     world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
     run_id = world.work(spec("validation", asset=TOWN, vary=ALONG_THE_STREET, functions=[FUNCTION]))

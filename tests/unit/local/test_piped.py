@@ -1,4 +1,4 @@
-"""What commands print into a file or a pipe: whole lines without padding."""
+"""Output of commands into a file or a pipe: whole lines without padding."""
 
 from __future__ import annotations
 

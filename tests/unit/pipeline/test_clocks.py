@@ -13,7 +13,7 @@ from sqlalchemy import Engine, select, update
 from tests.unit.db.rows import digest, write_run
 from tests.world.blank import Pipeline
 from valerie.db import processes, products, sweeping
-from valerie.db.engine import database_time, open_engine, reading, writing
+from valerie.db.engine import database_time, open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.pipeline.control.loop import ControlLoop
@@ -39,7 +39,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def engine(tmp_path: Path, clock: Clock) -> Iterator[Engine]:
-    engine = open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}", clock=clock)
+    engine = open_database(f"sqlite:///{tmp_path / 'valerie.sqlite3'}", clock=clock)
     migrate(engine)
     yield engine
     engine.dispose()
@@ -115,7 +115,7 @@ def test_a_run_ends_although_the_clock_is_set_back_in_the_middle(pipelines: Call
     clock = Clock()
     pipeline = pipelines(resend_seconds=0.001)
     pipeline.context.engine.dispose()
-    engine = open_engine(pipeline.settings.database_url, clock=clock)
+    engine = open_database(pipeline.settings.database_url, clock=clock)
     pipeline.context = replace(pipeline.context, engine=engine)
     pipeline.loop = ControlLoop(pipeline.context)
     run_id = pipeline.submit()

@@ -10,7 +10,7 @@ from valerie.errors import InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 from valerie.runs.marks import Mark, MarkKind, Subject
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 
 def put_mark(context: Context, run_id: str, subject: Subject, mark: Mark) -> None:

@@ -17,7 +17,7 @@ from valerie.perception.documents.cards import CardRow, card_rows
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, function_card, function_document
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import inference_name
+from valerie.pipeline.base.pinning import inference_name
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.import_job import Trial
 from valerie.runs.products.pins import FunctionOffer, Offer

@@ -28,11 +28,11 @@ from valerie.perception.training.frame_folder import Shard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands
 from valerie.pipeline.control.studies.resolving import resolve_document
-from valerie.pipeline.retraining.loop import TrainingResources, Watcher, register_retrained, retrain, training_folder
+from valerie.pipeline.retraining.retrain import TrainingResources, Watcher, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import Weakness, find_weakness
 from valerie.runs.moments import in_utc
-from valerie.runs.study.document import Budget, FindGoal, Goal, StudyDocument, StudyState, VerifyGoal
 from valerie.runs.study.measure import parse_measure
+from valerie.runs.study.study_document import Budget, FindGoal, Goal, StudyDocument, StudyState, VerifyGoal
 from valerie.statistics.verdicts import Outcome
 
 #: Fewest variants of a verification.
@@ -41,7 +41,7 @@ FEWEST: Final = 8
 _NAME: Final = 150
 
 
-class Ending(StrEnum):
+class FlowEnd(StrEnum):
     """The reason why a flow ended."""
 
     #: The requirement is met.
@@ -151,7 +151,7 @@ class Flow:
 
     document: StudyDocument
     rounds: tuple[Round, ...]
-    ending: Ending | None = None
+    ending: FlowEnd | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -162,7 +162,7 @@ class Flow:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a flow needs around it.
+    """The deployment and the callbacks that a flow needs.
 
     Attributes:
         wait: returns when the study with this id no longer runs.
@@ -219,11 +219,11 @@ def _next(context: Context, flow: Flow, around: Surroundings) -> Flow:
         earlier, now = [*flow.rounds], Round(now.training.reference)
     elif now.verification is not None:
         if now.verification.outcome is Outcome.MET:
-            return replace(flow, ending=Ending.MET)
+            return replace(flow, ending=FlowEnd.MET)
         if len(earlier) == flow.document.rounds.most:
-            return replace(flow, ending=Ending.ROUNDS)
+            return replace(flow, ending=FlowEnd.ROUNDS)
     if _spent(flow):
-        return replace(flow, ending=Ending.BUDGET)
+        return replace(flow, ending=FlowEnd.BUDGET)
     if now.verification is None:
         now = replace(now, verification=_studied(context, _verification(flow, now.function, len(earlier)), around))
     elif now.search is None:
@@ -231,7 +231,7 @@ def _next(context: Context, flow: Flow, around: Surroundings) -> Flow:
     else:
         weakness = _weakness(context, flow.document, now)
         if weakness is None:
-            return replace(flow, ending=Ending.NO_FAILURE)
+            return replace(flow, ending=FlowEnd.NO_FAILURE)
         now = replace(now, training=_trained(context, flow.document, weakness, len(earlier), around))
     return replace(flow, rounds=(*earlier, now))
 
@@ -376,9 +376,9 @@ class _Meter:
         now = self._now()
         self.total += now - self._last
         self._last = now
-        written = self._file.with_suffix(".new")
-        written.write_text(json.dumps(self.total))
-        written.replace(self._file)
+        draft = self._file.with_suffix(".new")
+        draft.write_text(json.dumps(self.total))
+        draft.replace(self._file)
 
     @staticmethod
     def _now() -> float:

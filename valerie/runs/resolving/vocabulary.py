@@ -13,7 +13,7 @@ from valerie.parameters.distributions import check_range
 from valerie.parameters.odd import OddAttribute
 from valerie.parameters.quantities import is_quantity, to_unit
 from valerie.rendering.engine import Ability, Engine
-from valerie.runs.document.documents import DeclaredParameter, RunSpec
+from valerie.runs.document.run_spec import DeclaredParameter, RunSpec
 from valerie.runs.values import Scalar
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT

@@ -31,7 +31,7 @@ from valerie.pipeline.control.studies.reporting import report
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
 from valerie.runs.products.states import RunState
-from valerie.runs.study.document import Outcomes, PluginGoal, StudyState, parse_study
+from valerie.runs.study.study_document import Outcomes, PluginGoal, StudyState, parse_study
 from valerie.studies import pursuit
 from valerie.studies.boundary import CELLS
 from valerie.studies.pursuit import Pursuit
@@ -307,7 +307,9 @@ def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) ->
     assert (ended.state, ended.reason) == (StudyState.FINISHED, "The pair is minimal.")
     assert ended.result is not None
     assert "verdict flips" in ended.result.sentences[0]
-    places = advancing.known(advancing.resolve_row(pipeline.context, ended), batches(pipeline, study)).decisive()
+    places = advancing.informed_pursuit(
+        advancing.resolve_row(pipeline.context, ended), batches(pipeline, study)
+    ).decisive()
     scores = {}
     for number, index, words in places:
         outcomes = batches(pipeline, study)[number].outcomes

@@ -28,7 +28,7 @@ from valerie.pipeline.control.submit import submit
 from valerie.pipeline.reading.selection import evaluated_persons
 from valerie.runs.moments import in_utc, moment_text
 from valerie.runs.products.states import RunState
-from valerie.runs.study.document import StudyState
+from valerie.runs.study.study_document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
 from valerie.studies.reasons import reason_text
 from valerie.studies.resolved import ResolvedStudy
@@ -165,7 +165,7 @@ class StudyKeeper:
             ended = reason
         if not all(batch.ended for batch in batches):
             return False  # the last batch is still in work, and is part of the result
-        result = known(pursuit.study, batches).result()
+        result = informed_pursuit(pursuit.study, batches).result()
         self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=runs.now_utc())
         log.info("study.finished", study=study.id, reason=ended)
         return False
@@ -235,7 +235,7 @@ class StudyKeeper:
             studies.set_values(connection, study.id, expected=StudyState.RUNNING, **values)
 
 
-def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
+def informed_pursuit(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
     """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
     pursuit.follow([*takewhile(_ended, batches)], everything=True)

@@ -14,15 +14,15 @@ from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
-from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.quotas import require_possible_batch
-from valerie.pipeline.control.studies.advancing import basis_digest, known, left, parent_of
+from valerie.pipeline.control.studies.advancing import basis_digest, informed_pursuit, left, parent_of
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
 from valerie.runs.forecasting.forecast import Plan
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec
-from valerie.runs.study.document import StudyDocument, StudyState
+from valerie.runs.study.study_document import StudyDocument, StudyState
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.reasons import reason_text
 
@@ -197,7 +197,7 @@ def stop(context: Context, study_id: str) -> None:
     """
     study, batches = _read(context, study_id)
     _require_going(study)
-    result = known(resolve_row(context, study), batches).result()
+    result = informed_pursuit(resolve_row(context, study), batches).result()
     with writing(context.engine) as connection:
         studies.set_values(
             connection,

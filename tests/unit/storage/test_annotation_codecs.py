@@ -13,7 +13,13 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, View
 from valerie.storage import envelope
-from valerie.storage.annotations import decode_boxes, decode_flow, decode_joints, decode_normals, encode_annotation
+from valerie.storage.annotation_codecs import (
+    decode_boxes,
+    decode_flow,
+    decode_joints,
+    decode_normals,
+    encode_annotation,
+)
 from valerie.testing.assets import simple_asset
 
 

@@ -31,7 +31,7 @@ _KEPT: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class ConfusionCell:
     """A cell of the matrix: pixels of the class ``truth`` that are predicted as ``predicted`` (a class, or `VOID`)."""
 
     truth: str
@@ -100,7 +100,7 @@ class Confusions:
         selection: Selection,
         function: str,
         *,
-        cell: Cell | None = None,
+        cell: ConfusionCell | None = None,
         limit: int = 48,
     ) -> Confusion:
         """Return the confusion of a function in the evaluations that have a selected row.
@@ -144,12 +144,12 @@ class Confusions:
                 continue
             with reading(self._context.engine) as connection:
                 for sensor, setting in enumerate(spec.sensors):
-                    found = results.predictions(connection, run_id, sensor, spec.functions.index(function))
-                    if len(counts) + len(found) > MAX_EVALUATIONS:
+                    predictions = results.predictions(connection, run_id, sensor, spec.functions.index(function))
+                    if len(counts) + len(predictions) > MAX_EVALUATIONS:
                         raise InvalidInput(
                             "too many evaluations for a confusion matrix", field="run", limit=f"{MAX_EVALUATIONS:,}"
                         )
-                    for frame, stored in found.items():
+                    for frame, stored in predictions.items():
                         places[str(frame), setting.name] = len(counts)
                         counts.append(decode_counts(stored.confusion).astype(np.uint32))
         return _Matrices(places, np.array(counts, np.uint32).reshape(-1, *SHAPE))

@@ -15,7 +15,7 @@ from valerie.storage.store import copy_objects
 
 
 class Copied(Document):
-    """What a copy holds.
+    """The content of a copy.
 
     Attributes:
         run: id of the run.
@@ -57,8 +57,8 @@ def copy_run(
     keys += [product_key(product.kind, product.digest) for product in stored if product.kind.has_object]
     keys += [info.key for info in source.store.list(run_prefix(run_id).rstrip("/"))]
     size, started = 0, time.monotonic()
-    for number, copied in enumerate(copy_objects(source.store, target.store, keys), start=1):
-        size += copied
+    for number, bytes_copied in enumerate(copy_objects(source.store, target.store, keys), start=1):
+        size += bytes_copied
         if progress is not None:
             progress(number, len(keys), number / max(time.monotonic() - started, 1e-6))
     with reading(source.engine) as connection, writing(target.engine) as other:

@@ -27,7 +27,7 @@ from valerie.perception.training.training_set import TrainingSet
 from valerie.perception.training.training_settings import TrainingSettings
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
-from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
+from valerie.pipeline.retraining.training_frames import FrameSettings, render_training_frames
 from valerie.pipeline.retraining.weakness import Weakness
 from valerie.runs.study.retraining import RetrainSettings
 
@@ -138,7 +138,7 @@ def retrain(
         start_from=start,
         threads=resources.threads,
     )
-    drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
+    scenes = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
     provenance = training_provenance(TrainingSet([frames]), held_out, start)
     provenance |= {
         "started-from": _digest(weakness.document),
@@ -156,7 +156,7 @@ def retrain(
         digest=read_header(out).digest,
         before=weakness.document,
         frames=len(frames),
-        drawn=drawn,
+        drawn=scenes,
         steps=model.steps,
         curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
         site_seeds=(seeds[0], seeds[-1]),
@@ -241,7 +241,7 @@ def _frames(
     if folder.exists():  # shards without their list, of an interrupted attempt
         for path in folder.iterdir():
             path.unlink()
-    return render_frames(folder, settings, processes=processes, progress=progress)
+    return render_training_frames(folder, settings, processes=processes, progress=progress)
 
 
 def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, processes: int) -> FrameFolder | None:

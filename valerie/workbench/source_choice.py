@@ -9,10 +9,10 @@ from valerie.embedded import running
 from valerie.errors import NotFound
 from valerie.local.deployment import has_database
 from valerie.settings import load_settings
-from valerie.workbench.sources import Served, Source, Stored
+from valerie.workbench.sources import RunSource, Served, StoredRuns
 
 
-def open_source(place: str | Path | None, token: str | None) -> Source:
+def open_source(place: str | Path | None, token: str | None) -> RunSource:
     """Open a source; see `valerie.connect`.
 
     Raises:
@@ -37,7 +37,7 @@ def open_source(place: str | Path | None, token: str | None) -> Source:
     except BaseException:
         context.engine.dispose()
         raise
-    return Stored(context, up)
+    return StoredRuns(context, up)
 
 
 def _client(url: str, token: str | None) -> Client:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from valerie.pipeline.control.progress import finished_per_second, seconds_left
+from valerie.pipeline.control.progress_counting import finished_per_second, seconds_left
 
 
 def steady(every_s: float, seconds: int) -> list[tuple[float, int]]:

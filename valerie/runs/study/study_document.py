@@ -20,7 +20,7 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.plain import Json, JsonObject
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
 from valerie.runs.study.measure import parse_measure

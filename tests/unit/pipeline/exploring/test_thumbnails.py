@@ -13,9 +13,9 @@ from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
 from tests.world.world import settings_of
 from valerie.db import frames, measured
 from valerie.db.engine import reading
-from valerie.pipeline.exploring.tiles import Tile, Tiles
+from valerie.pipeline.exploring.thumbnails import Tile, Tiles
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 WIDTH = 64
 

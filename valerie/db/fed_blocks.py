@@ -21,7 +21,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import aliased
 
 from valerie.db.links import same_frame
-from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product
+from valerie.db.models import Evaluation, FedBlock, Frame, FrameAnnotation, Product
 from valerie.runs.products.progress import BlockCounts
 from valerie.runs.products.states import ProductState
 
@@ -36,34 +36,36 @@ class OpenBlock(NamedTuple):
 
 def open_block(connection: Connection, run_id: str, first: int, last: int) -> None:
     """Add the block of the variants ``first`` … ``last``."""
-    number = select(func.coalesce(func.max(Block.number) + 1, 0)).where(Block.run_id == run_id).scalar_subquery()
-    connection.execute(insert(Block).values(run_id=run_id, number=number, first=first, last=last))
+    number = select(func.coalesce(func.max(FedBlock.number) + 1, 0)).where(FedBlock.run_id == run_id).scalar_subquery()
+    connection.execute(insert(FedBlock).values(run_id=run_id, number=number, first=first, last=last))
 
 
 def open_blocks(connection: Connection, run_id: str) -> list[OpenBlock]:
     """Return the unfinished blocks."""
     rows = connection.execute(
-        select(Block.number, Block.first, Block.last)
-        .where(Block.run_id == run_id, Block.counts.is_(None))
-        .order_by(Block.number)
+        select(FedBlock.number, FedBlock.first, FedBlock.last)
+        .where(FedBlock.run_id == run_id, FedBlock.counts.is_(None))
+        .order_by(FedBlock.number)
     )
     return [OpenBlock(*row) for row in rows]
 
 
 def closed_counts(connection: Connection, run_id: str) -> dict[int, BlockCounts]:
     """Return the counts of the finished blocks by number."""
-    rows = connection.execute(select(Block.number, Block.counts).where(Block.run_id == run_id))
+    rows = connection.execute(select(FedBlock.number, FedBlock.counts).where(FedBlock.run_id == run_id))
     return {number: counts for number, counts in rows if counts is not None}
 
 
 def close_block(connection: Connection, run_id: str, number: int, counts: BlockCounts) -> None:
     """Finish a block: its counts are final until `reopen_blocks`."""
-    connection.execute(update(Block).where(Block.run_id == run_id, Block.number == number).values(counts=counts))
+    connection.execute(
+        update(FedBlock).where(FedBlock.run_id == run_id, FedBlock.number == number).values(counts=counts)
+    )
 
 
 def reopen_blocks(connection: Connection, run_id: str) -> None:
     """Mark every block as unfinished, so that it is counted again."""
-    connection.execute(update(Block).where(Block.run_id == run_id).values(counts=None))
+    connection.execute(update(FedBlock).where(FedBlock.run_id == run_id).values(counts=None))
 
 
 def count_block(connection: Connection, run_id: str, first: int, last: int) -> BlockCounts:

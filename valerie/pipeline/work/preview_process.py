@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.work.preview``: small pictures of variants, for the process that started this one.
+"""``python -m valerie.pipeline.work.preview_process``: small pictures of variants, for the process that started this one.
 
 `valerie.pipeline.control.preview` sends one job after the other over standard input, as JSON behind its length, and gets the
 pictures back in the same way. The asset stays in memory between them. This process ends with its parent, at its limit of
@@ -120,12 +120,12 @@ class _Studio:
 
     def _opened(self, name: str, settings: dict[str, Value]) -> Renderer:
         """Return the engine; another one is opened where the settings differ from those of the last job."""
-        known = self._engines.get(name)
-        if known is not None and known[0] == settings:
-            return known[1]
-        if known is not None:
+        entry = self._engines.get(name)
+        if entry is not None and entry[0] == settings:
+            return entry[1]
+        if entry is not None:
             del self._engines[name]
-            known[1].close()
+            entry[1].close()
         engine = plugins.create_renderer(name, settings)
         self._engines[name] = (settings, engine)
         return engine

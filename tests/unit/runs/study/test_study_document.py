@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from valerie.errors import InvalidInput, InvalidInputs
-from valerie.runs.study.document import EstimateGoal, ExplainGoal, StudyDocument, parse_study
 from valerie.runs.study.measure import parse_measure
+from valerie.runs.study.study_document import EstimateGoal, ExplainGoal, StudyDocument, parse_study
 
 
 def document(**more: Any) -> dict[str, Any]:

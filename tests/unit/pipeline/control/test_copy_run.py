@@ -16,7 +16,7 @@ from valerie.db.migrate import migrate
 from valerie.errors import Conflict, NotFound
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control import gc, lifecycle
-from valerie.pipeline.control.copying import copy_run
+from valerie.pipeline.control.copy_run import copy_run
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
 from valerie.pipeline.reading.painting import FramePainter
-from valerie.pipeline.reading.products import ProductReader
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
 #: Kinds of picture that a thumbnail can show.
@@ -62,7 +62,7 @@ class Tile:
 
 
 class _Shape(NamedTuple):
-    """What thumbnails show, and their size in pixels."""
+    """The content of thumbnails, and their size in pixels."""
 
     kind: PictureKind
     crop: bool
@@ -120,7 +120,7 @@ class Tiles:
             area = _area(shape, box, size.width, size.height)
             window = _window(area, shape)
             with self._painting:
-                painted = self._painter.paint(
+                picture = self._painter.paint(
                     shape.kind, capture=source.capture, prediction=source.prediction, window=window
                 )
         except (Conflict, MissingInput, NotFound):
@@ -128,7 +128,7 @@ class Tiles:
         rows, columns = window
         left, top, right, bottom = area
         inside = (left - columns.start, top - rows.start, right - columns.start, bottom - rows.start)
-        resized = Image.fromarray(np.ascontiguousarray(painted)).resize(
+        resized = Image.fromarray(np.ascontiguousarray(picture)).resize(
             (shape.width, shape.height), Image.Resampling.BILINEAR, box=inside
         )
         pixels = np.asarray(resized)
@@ -141,7 +141,7 @@ class Tiles:
             boxes = self._boxes.get(truth)
         if boxes is None:
             with reading(self._context.engine) as connection:
-                boxes = {one.instance_id: one.amodal_box for one in measured.person_views(connection, truth)}
+                boxes = {view.instance_id: view.amodal_box for view in measured.person_views(connection, truth)}
             with self._lock:
                 self._boxes[truth] = boxes
         return boxes.get(instance_id)

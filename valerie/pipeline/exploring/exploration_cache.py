@@ -64,9 +64,9 @@ class Explorations:
             with reading(self._context.engine) as connection:
                 rows = [runs.get(connection, run_id) for run_id in key]
             version = tuple((row.state, row.progress.stages[Stage.EVAL].done if row.progress else 0) for row in rows)
-            kept = self._kept.get(key)
-            if kept is not None and (kept.version == version or monotonic() - kept.read_at < _FRESH_SECONDS):
-                return kept.exploration
+            entry = self._kept.get(key)
+            if entry is not None and (entry.version == version or monotonic() - entry.read_at < _FRESH_SECONDS):
+                return entry.exploration
             exploration = self._read(rows)
             # `Exploration` refuses to be larger than the cache.
             self._kept[key] = _Kept(version, monotonic(), exploration)

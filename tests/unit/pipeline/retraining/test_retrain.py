@@ -18,7 +18,7 @@ from valerie.perception.training.frame_folder import SEEDS, FrameFolder
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.references import open_reference, pinned_network
-from valerie.pipeline.retraining.loop import register_retrained, retrain, training_folder
+from valerie.pipeline.retraining.retrain import register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.runs.products.pins import FunctionPin
 from valerie.runs.study.retraining import RetrainSettings

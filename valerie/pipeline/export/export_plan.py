@@ -27,7 +27,7 @@ from valerie.pipeline.reading.selection import (
     sensor_index,
 )
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 Format = Literal["cityscapes", "coco", "openlabel", "parquet"]
 FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "openlabel", "parquet")

@@ -33,12 +33,12 @@ def read_verdicts(context: Context, run: StoredRun, table: EvaluationTable) -> t
         return ()
     regional = [requirement for requirement in resolved.requirements if requirement.where is not None]
     with reading(context.engine) as connection:
-        held = [
+        verdict_rows = [
             [requirement.holds(person.row) for requirement in regional]
             for person in (evaluated_persons(connection, run) if regional else ())
         ]
         lost = list(_lost_rows(connection, run))
-    inside = np.array(held, np.bool_).reshape(len(held), len(regional))
+    inside = np.array(verdict_rows, np.bool_).reshape(len(verdict_rows), len(regional))
     return judge_requirements(
         resolved.requirements,
         table,

@@ -7,7 +7,7 @@ from typing import Final
 from valerie.db import processes, totals
 from valerie.db.engine import database_time, reading
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
 from valerie.runs.forecasting.costs import Cost, CostKey, CostTable

@@ -3,7 +3,7 @@
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 
 def test_a_frame_id_names_run_variant_camera_and_time() -> None:

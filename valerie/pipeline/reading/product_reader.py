@@ -18,10 +18,10 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import GroundTruth, LinearImage
-from valerie.runs.products.frames import FrameProducts
+from valerie.runs.products.frame_keys import FrameProducts
 from valerie.sensing.metering import metered_ev
 from valerie.storage import codecs
-from valerie.storage.annotations import (
+from valerie.storage.annotation_codecs import (
     Annotation,
     decode_boxes,
     decode_flow,

@@ -6,9 +6,9 @@ import pytest
 from valerie.analysis.findings.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import TargetRegion
-from valerie.pipeline.retraining.training_frames import Draws, FrameSettings, frames_of
+from valerie.pipeline.retraining.training_frames import FrameSettings, SceneCount, frames_of
 from valerie.pipeline.retraining.training_scenes import REVISION, draw_scene
+from valerie.pipeline.retraining.weak_scenes import TargetRegion
 from valerie.rendering.base import View
 from valerie.rendering.visibility import measure
 from valerie.testing.assets import simple_asset
@@ -80,7 +80,7 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
     asset = simple_asset()
     bounds = region(distance_m=Range(low=4, high=14), occlusion_rate=Range(low=0.0, high=0.3))
     settings = FrameSettings(per_site=3, width=96, height=54, region=bounds)
-    draws = Draws()
+    draws = SceneCount()
     frames = list(frames_of(asset, 1000, settings, draws))
     assert len(frames) == 3
     assert draws.count >= 3

@@ -6,21 +6,21 @@ from itertools import islice
 from typing import Final
 
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.control.studies.advancing import known
+from valerie.pipeline.control.studies.advancing import informed_pursuit
 from valerie.pipeline.control.studies.reporting import decisive_pictures
 from valerie.pipeline.control.studies.resolving import resolve_row
-from valerie.pipeline.rounds.flow import Ending, Flow, Round, Studied, Trained
-from valerie.runs.study.document import StudyDocument, VerifyGoal
+from valerie.pipeline.rounds.flow import Flow, FlowEnd, Round, Studied, Trained
+from valerie.runs.study.study_document import StudyDocument, VerifyGoal
 from valerie.studies.flow_report import FlowReport, ShownRound, ShownStage, StageState, build_flow_report
 from valerie.studies.report import ShownPicture, duration
 
 #: Frames that are shown of a round, failures first.
 _PICTURES: Final = 3
 _ENDINGS: Final = {
-    Ending.MET: "The requirement is met.",
-    Ending.ROUNDS: "The requirement is {outcome} after the last version.",
-    Ending.BUDGET: "The requirement is {outcome}; the CPU hours or the time are spent.",
-    Ending.NO_FAILURE: "The requirement is {outcome}, and nothing that was seen speaks against the function.",
+    FlowEnd.MET: "The requirement is met.",
+    FlowEnd.ROUNDS: "The requirement is {outcome} after the last version.",
+    FlowEnd.BUDGET: "The requirement is {outcome}; the CPU hours or the time are spent.",
+    FlowEnd.NO_FAILURE: "The requirement is {outcome}, and nothing that was seen speaks against the function.",
 }
 
 
@@ -99,17 +99,17 @@ def _stages(flow: Flow, now: Round, *, last: bool) -> tuple[ShownStage, ...]:
         ("Find failures", None if now.search is None else _searched(now.search)),
         ("Train", None if now.training is None else _trained(now.training)),
     )
-    shown: list[ShownStage] = []
+    stages: list[ShownStage] = []
     working = last and flow.ending is None
     for name, known_facts in facts:
         if known_facts is not None:
-            shown.append(ShownStage(name, StageState.DONE, known_facts))
+            stages.append(ShownStage(name, StageState.DONE, known_facts))
         elif flow.ending is not None:
             break
         else:
-            shown.append(ShownStage(name, StageState.WORKING if working else StageState.OPEN))
+            stages.append(ShownStage(name, StageState.WORKING if working else StageState.OPEN))
             working = False
-    return tuple(shown)
+    return tuple(stages)
 
 
 def _estimate(verified: Studied) -> str:
@@ -140,7 +140,7 @@ def _trained(trained: Trained) -> tuple[str, ...]:
 
 def _pictures(context: Context, now: Round) -> tuple[ShownPicture, ...]:
     for part in reversed(now.studied):
-        pursuit = known(resolve_row(context, part.study), part.batches)
+        pursuit = informed_pursuit(resolve_row(context, part.study), part.batches)
         pictures = tuple(islice(decisive_pictures(context, pursuit, part.batches), _PICTURES))
         if pictures:
             return pictures

@@ -13,7 +13,7 @@ from typing import Final
 
 from sqlalchemy import Engine
 
-from valerie.db import blocks, processes, runs, totals
+from valerie.db import fed_blocks, processes, runs, totals
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
@@ -34,7 +34,7 @@ class _Look:
     Attributes:
         now: Unix seconds.
         run: row of the run.
-        total: counts of all its blocks.
+        total: counts of all its fed_blocks.
         backlog: unfinished products of all runs.
         served: queues that living workers serve.
         awaited: number of its predictions that are yet to be uploaded.
@@ -49,7 +49,7 @@ class _Look:
 
 
 class ProgressBook:
-    """Counts of the runs of this process; a cache over the finished blocks."""
+    """Counts of the runs of this process; a cache over the finished fed_blocks."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -82,11 +82,11 @@ class ProgressBook:
             now = database_time(connection)
             run = runs.get(connection, run_id)
             counted = {
-                block.number: blocks.count_block(connection, run_id, block.first, block.last)
-                for block in blocks.open_blocks(connection, run_id)
+                block.number: fed_blocks.count_block(connection, run_id, block.first, block.last)
+                for block in fed_blocks.open_blocks(connection, run_id)
             }
             if run_id not in self._closed:
-                self._closed[run_id] = blocks.closed_counts(connection, run_id)
+                self._closed[run_id] = fed_blocks.closed_counts(connection, run_id)
             backlog = totals.backlog(connection)
             served = frozenset({offer.route for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE})
             awaited = runs.awaited_count(connection, run_id) if deadlines(run.pins) else 0
@@ -100,7 +100,7 @@ class ProgressBook:
         progress = self._progress(_Look(now, run, total, backlog, served, awaited))
         with writing(self._engine) as connection:
             for number, counts in finished.items():
-                blocks.close_block(connection, run_id, number, counts)
+                fed_blocks.close_block(connection, run_id, number, counts)
             runs.set_values(connection, run_id, progress=progress, reason=progress.reason)
         return run.next_index >= run.variant_count and len(finished) == len(counted)
 

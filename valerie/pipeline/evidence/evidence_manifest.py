@@ -57,7 +57,7 @@ class _Digest(_Document):
     sha256: Annotated[str, Field(pattern=_SHA256)]
 
 
-class Subject(_Document):
+class SubjectFile(_Document):
     """A file: its path below the folder, with ``/``, and its digest."""
 
     name: Annotated[str, Field(max_length=500)]
@@ -80,7 +80,7 @@ class EvidenceManifest(_Document):
     """
 
     type: Literal["https://in-toto.io/Statement/v1"] = Field(alias="_type")
-    subject: Annotated[tuple[Subject, ...], Field(min_length=1, max_length=MAX_FILES)]
+    subject: Annotated[tuple[SubjectFile, ...], Field(min_length=1, max_length=MAX_FILES)]
     predicate_type: Literal["urn:valerie:evidence:1"] = Field(alias="predicateType")
     predicate: _Root
 
@@ -125,7 +125,7 @@ def manifest_of(folder: Path) -> EvidenceManifest:
     )
 
 
-def read_manifest(data: bytes) -> EvidenceManifest:
+def read_evidence_manifest(data: bytes) -> EvidenceManifest:
     """Read the bytes of a manifest.
 
     Raises:

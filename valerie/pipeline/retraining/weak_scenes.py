@@ -59,40 +59,40 @@ class TargetRegion:
         self._region = region
         self.as_made = _AS_MADE_CHARACTERS if isinstance(region.bounds.get("character"), Choices) else AS_MADE
 
-    def possible(self, drawn: TrainingScene) -> bool:
+    def possible(self, scene: TrainingScene) -> bool:
         """Return True if some person could be in the region, before anything is rendered."""
-        common = self._common(drawn)
-        return self._region.allows(common) and any(self._region.allows(values) for _, values in self._persons(drawn))
+        common = self._common(scene)
+        return self._region.allows(common) and any(self._region.allows(values) for _, values in self._persons(scene))
 
-    def hit(self, drawn: TrainingScene, truth: GroundTruth, view: View) -> bool:
+    def hit(self, scene: TrainingScene, truth: GroundTruth, view: View) -> bool:
         """Return True if some person is in the region, by measures on the truth."""
-        common, persons = self._common(drawn), dict(self._persons(drawn))
+        common, persons = self._common(scene), dict(self._persons(scene))
         return any(
             self._region.holds(
                 {**common, **persons.get(person.instance_id, {}), **{name: getattr(person, name) for name in MEASURED}}
             )
-            for person in measure(truth, drawn.scene, view)
+            for person in measure(truth, scene.scene, view)
             if person.undefined_reason is None
         )
 
-    def _common(self, drawn: TrainingScene) -> TableRow:
+    def _common(self, scene: TrainingScene) -> TableRow:
         """Return the light and radiometry that the region bounds."""
         values: TableRow = {}
         for name in self._region.bounds:
             if name.startswith("sensor."):
-                values[name] = getattr(drawn.sensor, name.removeprefix("sensor."), None)
+                values[name] = getattr(scene.sensor, name.removeprefix("sensor."), None)
             elif name.startswith("scene."):
-                thing, attribute = resolve(name, drawn.scene.cameras)
-                values[name] = attribute.read(drawn.scene, thing)
+                thing, attribute = resolve(name, scene.scene.cameras)
+                values[name] = attribute.read(scene.scene, thing)
         return values
 
-    def _persons(self, drawn: TrainingScene) -> Iterator[tuple[int, TableRow]]:
-        camera = drawn.scene.cameras[drawn.camera]
-        for number, root in person_roots(drawn.scene).items():
-            values = {name: ATTRIBUTES[Target.NODE, name].read(drawn.scene, root.path) for name in OF_PERSON}
+    def _persons(self, scene: TrainingScene) -> Iterator[tuple[int, TableRow]]:
+        camera = scene.scene.cameras[scene.camera]
+        for number, root in person_roots(scene.scene).items():
+            values = {name: ATTRIBUTES[Target.NODE, name].read(scene.scene, root.path) for name in OF_PERSON}
             if not root.visible or values["character"] == ABSENT:
                 continue
-            offset = drawn.scene.world_transform(root.path)[:3, 3] - camera.position
+            offset = scene.scene.world_transform(root.path)[:3, 3] - camera.position
             yield number, {**values, "distance_m": float(np.linalg.norm(offset))}
 
 

@@ -78,11 +78,11 @@ def links(exploration: Exploration, columns: Sequence[str], selection: Selection
     for column in columns:
         exploration.require(column, field="column")
     bins = [exploration.bins(column, BINS) for column in columns]
-    chosen = [axis.codes[selection.rows] for axis in bins]
+    codes = [axis.codes[selection.rows] for axis in bins]
     answer = []
     for k in range(len(columns) - 1):
         width = bins[k + 1].count + 1
-        counts = np.bincount(chosen[k].astype(np.int32) * width + chosen[k + 1], minlength=1)
+        counts = np.bincount(codes[k].astype(np.int32) * width + codes[k + 1], minlength=1)
         occupied = np.flatnonzero(counts)
         pairs = zip((occupied // width).tolist(), (occupied % width).tolist(), counts[occupied].tolist(), strict=True)
         answer.append(Links(columns[k], columns[k + 1], list(pairs)))
