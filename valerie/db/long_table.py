@@ -65,7 +65,10 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
 
 def measure_columns() -> tuple[Column[Any], ...]:
     """Return the columns of the database that hold measures."""
-    return tuple(_TABLES[measure.source].__table__.columns[measure.name] for measure in measures_from(*_TABLES))
+    tables = Base.metadata.tables
+    return tuple(
+        tables[_TABLES[measure.source].__tablename__].columns[measure.name] for measure in measures_from(*_TABLES)
+    )
 
 
 #: Columns that identify a row in one run's long table.

@@ -191,7 +191,8 @@ class Estimate:
 
     def _reason(self, draws: Draws) -> Reason:
         scores = np.concatenate([np.empty(0), *self.scores])
-        known = {"scored": np.count_nonzero(~np.isnan(scores)), "failed": np.count_nonzero(scores < self.at_least)}
+        scored, failed = np.count_nonzero(~np.isnan(scores)), np.count_nonzero(scores < self.at_least)
+        known = {"scored": int(scored), "failed": int(failed)}
         numbers = {"points": len(draws.points), **known}
         if draws.predicted is not None:
             doubtful = len(draws.points) - draws.operational

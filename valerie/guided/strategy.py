@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,6 +127,24 @@ class Strategy(Protocol):
 
         Raises:
             InvalidInput: these are other points, or not one score for each.
+        """
+        ...
+
+
+class StrategyFactory(Protocol):
+    """A strategy of another package, offered as an entry point of the group ``valerie.strategies``: mostly its class."""
+
+    def __call__(self, domain: Any, *, at_least: float, seed: int, **options: Any) -> Strategy:
+        """Return the strategy.
+
+        Args:
+            domain: the operational domain, a `valerie.guided.domain.Domain`.
+            at_least: scores in 0…1 below it fail.
+            seed: of all draws.
+            options: those of the study's goal.
+
+        Raises:
+            InvalidInput: an option is out of range.
         """
         ...
 

@@ -49,7 +49,8 @@ class ExplainFromScratch:
             rng = np.random.default_rng([self.seed, len(self._points)])
             self._points.append(self.domain.snapped(self.domain.draw(rng, count)))
             scores = np.concatenate([np.empty(0), *self._scores])
-            known = {"scored": np.count_nonzero(~np.isnan(scores)), "failed": np.count_nonzero(scores < self.at_least)}
+            scored, failed = np.count_nonzero(~np.isnan(scores)), np.count_nonzero(scores < self.at_least)
+            known = {"scored": int(scored), "failed": int(failed)}
             return self._open.add(self._points[-1], Reason(Why.DRAWN, {"points": count, **known}))
         if self._wanted is None:
             return Proposal(no_points, Reason(Why.VERDICTS) if len(self._open) else self._refusal())

@@ -17,10 +17,10 @@ from scipy.ndimage import map_coordinates
 
 from valerie.color import LUMINANCE
 from valerie.parameters.definitions import Value
-from valerie.plain import JsonObject
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
+from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import TRANSLUCENCY, DrawItem, camera_of, draw_items, material_of
@@ -266,7 +266,15 @@ class _Sender:
         return True
 
 
-def _camera(camera: Camera) -> JsonObject:
+_BEAM: Final[BeamMessage] = {
+    "spread": DIPPED.spread,
+    "rise": DIPPED.rise,
+    "edge": DIPPED.edge,
+    "stray": DIPPED.stray,
+}
+
+
+def _camera(camera: Camera) -> CameraMessage:
     return {
         "matrix": camera.transform.ravel().tolist(),
         "focal_length_mm": camera.focal_length_mm,
@@ -276,7 +284,7 @@ def _camera(camera: Camera) -> JsonObject:
     }
 
 
-def _light(scene: Scene, sky: Sky) -> JsonObject:
+def _light(scene: Scene, sky: Sky) -> AirMessage:
     """Return sun and air. The sun is always ours."""
     return {
         "sun": sky.sun.tolist(),
@@ -288,7 +296,7 @@ def _light(scene: Scene, sky: Sky) -> JsonObject:
     }
 
 
-def _sky(scene: Scene, sky: Sky) -> JsonObject:
+def _sky(scene: Scene, sky: Sky) -> SkyMessage:
     """Return Blender's sky, scaled to our sky's irradiance on the ground."""
     return {
         "elevation": scene.sun.elevation,
@@ -299,7 +307,7 @@ def _sky(scene: Scene, sky: Sky) -> JsonObject:
     }
 
 
-def _lamp(lamp: Lamp) -> JsonObject:
+def _lamp(lamp: Lamp) -> LampMessage:
     """Return a lamp for Blender.
 
     Blender's energy is the power of a whole sphere: the radiant intensity is energy / 4π, and a white surface shows its
@@ -316,7 +324,7 @@ def _lamp(lamp: Lamp) -> JsonObject:
         "inner": lamp.inner,
         "outer": lamp.outer,
         "radius": lamp.radius,
-        "beam": asdict(DIPPED) if lamp.dipped else None,
+        "beam": _BEAM if lamp.dipped else None,
     }
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import yaml
-from pydantic import Field, JsonValue, ValidationError, model_validator
+from pydantic import Discriminator, Field, JsonValue, Tag, ValidationError, model_validator
 
+from valerie import plugins
 from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
@@ -172,12 +173,42 @@ class RankGoal(GoalDocument):
     name: Literal["rank"] = "rank"
 
 
-Goal = Annotated[
-    EstimateGoal | FindGoal | MapGoal | ExplainGoal | VerifyGoal | CompareGoal | RankGoal | CascadeGoal,
-    Field(discriminator="name"),
-]
-#: Names of the goals.
+class PluginGoal(GoalDocument):
+    """Pursue a strategy of another package (`valerie.plugins`).
+
+    Attributes:
+        name: name of its entry point.
+        options: its own options.
+    """
+
+    question = "What does the strategy of another package find?"
+    name: Name
+    options: dict[str, Scalar] = Field(default_factory=dict)
+
+
+#: Names of the built-in goals.
 GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
+_PLUGIN: Final = "plug-in"
+
+
+def _kind(goal: Any) -> str:
+    """Return the tag of a goal or of its document."""
+    name = goal.get("name") if isinstance(goal, Mapping) else getattr(goal, "name", None)
+    return name if name in GOALS else _PLUGIN
+
+
+Goal = Annotated[
+    Annotated[EstimateGoal, Tag("estimate")]
+    | Annotated[FindGoal, Tag("find")]
+    | Annotated[MapGoal, Tag("map")]
+    | Annotated[ExplainGoal, Tag("explain")]
+    | Annotated[VerifyGoal, Tag("verify")]
+    | Annotated[CompareGoal, Tag("compare")]
+    | Annotated[RankGoal, Tag("rank")]
+    | Annotated[CascadeGoal, Tag("cascade")]
+    | Annotated[PluginGoal, Tag(_PLUGIN)],
+    Discriminator(_kind),
+]
 
 
 class Budget(Document):
@@ -325,8 +356,8 @@ def parse_study(source: str | bytes | Mapping[str, Json] | StudyDocument) -> Stu
     if isinstance(own.get("goal"), str):
         own["goal"] = {"name": own["goal"]}
     goal = own.get("goal")
-    if isinstance(goal, dict) and goal.get("name") not in GOALS:
-        problems.append(UnknownName("goal", str(goal.get("name")), GOALS, field="goal"))
+    if isinstance(goal, dict) and (name := goal.get("name")) not in (names := plugins.goal_names()):
+        problems.append(plugins.unknown_name("goal", str(name), names, field="goal"))
         del own["goal"]
     elif goal is None:
         problems.append(InvalidInput("a study needs a goal", field="goal", limit=", ".join(GOALS)))
@@ -351,7 +382,7 @@ def parse_study(source: str | bytes | Mapping[str, Json] | StudyDocument) -> Stu
 
 
 def _place(location: tuple[int | str, ...]) -> str:
-    return ".".join(str(part) for part in location if part not in GOALS)
+    return ".".join(str(part) for part in location if part not in (*GOALS, _PLUGIN))
 
 
 class Outcomes(Document):

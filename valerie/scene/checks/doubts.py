@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypedDict
 
 from valerie.errors import InvalidInput, InvalidInputs
-from valerie.plain import JsonObject
 
 
 class Severity(StrEnum):
@@ -16,6 +16,17 @@ class Severity(StrEnum):
     ERROR = "error"  #: runs with the asset are refused or fail
     WARNING = "warning"  #: runs work, but probably not as intended
     NOTE = "note"  #: something was left out or filled in
+
+
+class DoubtDocument(TypedDict):
+    """A doubt as plain data, with its value and its limit as text."""
+
+    severity: str
+    code: str
+    where: str
+    message: str
+    value: str | None
+    limit: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +52,8 @@ class Doubt:
     def __str__(self) -> str:
         return f"{self.severity}: {InvalidInput(self.message, field=self.where, value=self.value, limit=self.limit)}"
 
-    def document(self) -> JsonObject:
-        """Return the doubt as plain data; ``value`` and ``limit`` are text or None."""
+    def document(self) -> DoubtDocument:
+        """Return the doubt as plain data."""
         return {
             "severity": str(self.severity),
             "code": self.code,

@@ -39,7 +39,7 @@ class MeshReader:
         self._needs_default = False
         self.computed_normals: dict[int, set[str]] = {}
 
-    def meshes(self, index: int) -> tuple[Mesh, ...]:
+    def read(self, index: int) -> tuple[Mesh, ...]:
         """Return the primitives of a glTF mesh."""
         if index not in self._meshes:
             field = f"{self._container.name}: meshes.{index}"

@@ -1,4 +1,5 @@
 import json
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -6,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.world.drawn import DrawnWorld, spec
+from tests.world.drawn import CHARACTERS, TOWN, DrawnWorld, installed_town, spec
 from tests.world.world import settings_of
 from valerie.db import runs
 from valerie.db.engine import reading
@@ -27,15 +28,21 @@ FAR = "distance_m > 25"
 PLACES = [
     ["person-1.pos.x", "HOMOGENEOUS", -1.0, 6.0, 3.5],
     ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0],
-    ["person-1.character", "CHOICE", ["yellow-shirt", "black-outfit"]],
+    ["person-1.character", "CHOICE", list(CHARACTERS)],
 ]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def town(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with installed_town(tmp_path_factory.mktemp("town")):
+        yield
 
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Context, str]:
     """A drawn run over an asset that takes a seed: both functions, distances of 17 to 47 m."""
     world = DrawnWorld(settings_of(tmp_path_factory.mktemp("retraining")))
-    return world.context, world.work(spec("weak", asset="urban-street", vary=PLACES))
+    return world.context, world.work(spec("weak", asset=TOWN, vary=PLACES))
 
 
 def pin(drawn: tuple[Context, str], digest: str, kind: str | None = None) -> FunctionPin:
@@ -60,7 +67,7 @@ def test_a_weakness_names_the_region_the_weights_and_sites_that_nobody_saw(drawn
     assert (weakness.reference, weakness.next_name) == ("semantic-fpn-small", "semantic-fpn-small-retrained")
     ours = replace(weakness, function="my-net")
     assert (ours.reference, ours.next_name) == (f"my-net@{weakness.document.digest[:12]}", "my-net")
-    assert (weakness.asset, weakness.asset_seed) == ("urban-street", 0)
+    assert (weakness.asset, weakness.asset_seed) == (TOWN, 0)
     assert selected_region(*drawn, FAR, "semantic-fpn-small") == weakness.region
 
 

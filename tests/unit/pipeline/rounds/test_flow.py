@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.world import makers
-from tests.world.drawn import CLASS, DrawnWorld, spec
+from tests.world.drawn import CLASS, TOWN, DrawnWorld, installed_town, spec
 from tests.world.makers import predict
 from tests.world.training import draw_frames
 from tests.world.world import settings_of
@@ -45,9 +45,9 @@ def see(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> N
 
 
 @pytest.fixture(scope="module", autouse=True)
-def quick() -> Iterator[None]:
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A flow reads rows; reports of runs and rendered frames are tested elsewhere."""
-    with pytest.MonkeyPatch.context() as patch:
+    with installed_town(tmp_path_factory.mktemp("town")), pytest.MonkeyPatch.context() as patch:
         patch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
         patch.setattr(finish, "write_results", lambda *_: None)
         patch.setattr(makers, "predict", see)
@@ -64,7 +64,7 @@ def document(**more: Any) -> StudyDocument:
         "batch": 16,
         "rounds": {"most": 1, "search": 16, "training": TRAINING},
     }
-    asked = spec("flow", asset="urban-street", vary=vary, functions=[FUNCTION], cameras=["camera-1"])
+    asked = spec("flow", asset=TOWN, vary=vary, functions=[FUNCTION], cameras=["camera-1"])
     return parse_study(asked | study | more)
 
 

@@ -37,6 +37,8 @@ log = structlog.get_logger()
 
 #: Retries of a run with failed products before the study pauses.
 RETRIES: Final = 3
+#: Proposed variants for each of the budget, at which a strategy that proposes rejected ones is ended: they cost nothing.
+MOST_PROPOSED: Final = 20
 
 
 class StudyKeeper:
@@ -205,6 +207,9 @@ class StudyKeeper:
         budget = study.document.budget
         if left(study, batches) == 0:
             return f"the budget of {budget.variants:,} variants is spent"
+        proposed = sum(len(batch.points) for batch in batches)
+        if proposed >= MOST_PROPOSED * budget.variants:
+            return f"of {proposed:,} proposed variants, {sum(len(batch.rejected) for batch in batches):,} are rejected"
         hours = sum(batch.cpu_seconds or 0.0 for batch in basis) / 3600
         if budget.cpu_hours is not None and hours >= budget.cpu_hours:
             return f"the budget of {budget.cpu_hours:g} CPU hours is spent"
