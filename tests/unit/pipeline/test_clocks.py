@@ -176,7 +176,7 @@ class _Behind(ArtifactStore):
         return map(self._dated, super().list(prefix))
 
     def _dated(self, info: ObjectInfo) -> ObjectInfo:
-        return info._replace(modified=info.modified - timedelta(seconds=HOURS))
+        return replace(info, modified=info.modified - timedelta(seconds=HOURS))
 
 
 def test_an_object_that_was_stored_just_now_stays_although_the_stores_clock_is_behind(pipeline: Pipeline) -> None:
