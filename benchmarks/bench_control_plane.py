@@ -28,7 +28,7 @@ from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
 from valerie.pipeline.base.context import open_context
-from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.control.feeding import Feeder
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.functions.probe import probe_engine, probe_function

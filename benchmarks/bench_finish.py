@@ -25,7 +25,7 @@ from valerie.db.engine import reading, writing
 from valerie.db.models import Base, Evaluation, Frame, Run, Variant
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.work.finish import write_results
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 
 #: Variants that are really made, and rows of each: two cameras, two persons.
 MADE = 1_000

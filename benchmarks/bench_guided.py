@@ -40,6 +40,8 @@ SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
 #: Random points among which a failing and a passing one are sought for a minimal pair.
 SOUGHT: Final = 2**14
+#: From this budget on, a search for modes is repeated a quarter as often.
+LARGE: Final = 10_000
 #: Number of estimates per planted score.
 DRAWS: Final = 5
 GOALS: Final = ("find", "map", "compare", "cascade", "estimate")
@@ -177,14 +179,18 @@ def show(rows: Sequence[Row]) -> None:
         )
 
 
-def measure_others(goals: Sequence[str], seed: int, repetitions: int) -> None:
+def measure_others(goals: Sequence[str], seed: int, repetitions: int, budgets: Sequence[int]) -> None:
     """Measure the goals other than estimates, a fifteenth as often if a repetition is expensive; store each line."""
     few = max(repetitions // 15, 2)
     runs: list[Callable[[], Any]] = []
     if "find" in goals:
+        small, large = (tuple(b for b in budgets if (b >= LARGE) == size) for size in (False, True))
         for family in planted_modes.FAMILIES:
-            for budgets, times in (((500, 2000), few), ((10_000,), max(few // 4, 1))):
-                runs.append(partial(guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=budgets))
+            for chosen, times in ((small, few), (large, max(few // 4, 1))):
+                if chosen:
+                    runs.append(
+                        partial(guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=chosen)
+                    )
     if "map" in goals:
         runs += [
             partial(guided_goals.measure_map, family, seed=seed, repetitions=few) for family in planted_scores.FAMILIES
@@ -221,11 +227,12 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=128)
     every = (*planted_scores.FAMILIES, *planted_scores.HELD_OUT)
     parser.add_argument("--families", nargs="+", choices=every, default=every, help="of the estimates")
+    parser.add_argument("--budgets", nargs="+", type=int, default=(500, 2000, 10_000), help="of the searches for modes")
     parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
     chosen = parser.parse_args()
     others = [name for name in chosen.goals if name != "estimate"]
     if others:
-        measure_others(others, chosen.seed, chosen.repetitions)
+        measure_others(others, chosen.seed, chosen.repetitions, chosen.budgets)
     if "estimate" not in chosen.goals:
         return
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")

@@ -14,7 +14,7 @@ from benchmarks import results
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.scanning import Reading, scan
+from valerie.rendering.scanning import Readout, scan
 from valerie.scene.assets.asset import load_asset
 from valerie.scene.graph.model import Scene
 from valerie.scene.variation.variant import apply
@@ -49,7 +49,7 @@ def main() -> None:
         for line_time in LINE_TIMES_US:
             if line_time != LINE_TIMES_US[0] and camera != "stands":
                 continue  # minutes: at 1,000 us, each line is a slice
-            reading = Reading(read_lines(SensorSetting(), VIEW.width, VIEW.height), line_time * 1e-6)
+            reading = Readout(read_lines(SensorSetting(), VIEW.width, VIEW.height), line_time * 1e-6)
             began = time.process_time()
             scan(engine, truth_pass, partial(moment, camera), VIEW, frame, reading)
             figures[f"{camera}, {line_time} us"] = round(time.process_time() - began, 2)

@@ -40,7 +40,7 @@ from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs
-from valerie.storage.annotations import Annotation, encode_annotation
+from valerie.storage.annotation_codecs import Annotation, encode_annotation
 
 RESOLUTIONS = ((960, 540), (1920, 1080))
 SUNS_DEG = (150.0, 210.0, 240.0)

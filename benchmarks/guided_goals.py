@@ -1,9 +1,12 @@
 """Measure the goals find, map, compare and cascade on planted truth.
 
 *find* (`benchmarks.planted_modes`): number of planted modes with a repeated failure, compared with as many scrambled Sobol'
-points. Batch k knows the scores up to batch k − 2. *map* (`benchmarks.planted_scores` in six dimensions, 30 % failing): wrong
-calls with 243 points, compared with an interpolated grid of 729 and with the same model on Sobol' points only. *compare* and
-*cascade*: coverage.
+points, as many random ones, and restarts of CMA-ES where the package ``cma`` is installed (Hansen 2016, arXiv:1604.00772). Each
+failure is repeated once within the budget. Batch k of `Find` knows the scores up to batch k − 2; CMA-ES knows every score at
+once, starts at random points with a deviation of 0.2, and starts again after each repeated failure.
+
+*map* (`benchmarks.planted_scores` in six dimensions, 30 % failing): wrong calls with 243 points, compared with an interpolated
+grid of 729 and with the same model on Sobol' points only. *compare* and *cascade*: coverage.
 """
 
 from __future__ import annotations
@@ -12,7 +15,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Final
 from unittest import mock
 
 import numpy as np
@@ -41,7 +46,14 @@ _CHECKED: Final = 4_000
 
 @dataclass(frozen=True, slots=True)
 class FindRow:
-    """Mean numbers of modes found, reported and hit by Sobol' points after each budget; CPU seconds per batch."""
+    """Mean numbers of modes found after each budget.
+
+    Attributes:
+        found, reported: by `Find`: modes with a repeated failure, and modes in its result.
+        sobol, random, evolution: modes with a repeated failure by the other searches; ``evolution`` is empty without ``cma``.
+        failed: shares of repetitions in which `Find` found fewer modes than the Sobol' points.
+        overhead: CPU seconds of `Find` per batch.
+    """
 
     goal: str
     family: str
@@ -50,27 +62,73 @@ class FindRow:
     found: tuple[float, ...]
     reported: tuple[float, ...]
     sobol: tuple[float, ...]
+    random: tuple[float, ...]
+    evolution: tuple[float, ...]
+    failed: tuple[float, ...]
     overhead: float
 
 
 def measure_find(family: str, *, seed: int, repetitions: int, budgets: tuple[int, ...]) -> FindRow:
     """Measure searches for modes, with covariates if the family has them; a batch is a 32nd of the budget."""
     table, overhead = [], []
+    peer = find_spec("cma") is not None
     for repetition in range(seed, seed + repetitions):
         planted = planted_modes.Planted(family, repetition)
         # The points with which `Find` explores, so that the difference is not that of two scramblings.
         sobol = SpaceFilling(Cube(planted.dimensions), repetition).take(2**14)
-        fails = planted.score(sobol) < AT_LEAST
+        random = np.random.default_rng([repetition, 4]).random(sobol.shape)
         row = []
         for budget in budgets:
             modes, clusters, seconds = _search(planted, repetition, budget)
-            # Repeats of failures count against the budget of Sobol' points, too.
-            met = planted.modes(sobol[np.arange(1, len(sobol) + 1) + np.cumsum(fails) <= budget])
-            row.append((modes, clusters, met.any(axis=0).sum()))
+            even, drawn = (_met(planted, points, budget) for points in (sobol, random))
+            evolved = _evolve(planted, repetition, budget) if peer else 0
+            row.append((modes, clusters, even, drawn, evolved, modes < even))
             overhead.append(seconds)
         table.append(row)
-    found, reported, by_sobol = (tuple(column.tolist()) for column in np.array(table, np.float64).mean(axis=0).T)
-    return FindRow("find", family, repetitions, budgets, found, reported, by_sobol, float(np.mean(overhead)))
+    means = [tuple(column.tolist()) for column in np.array(table, np.float64).mean(axis=0).T]
+    found, reported, by_sobol, by_random, by_evolution, failed = means
+    return FindRow(
+        "find",
+        family,
+        repetitions,
+        budgets,
+        found,
+        reported,
+        by_sobol,
+        by_random,
+        by_evolution if peer else (),
+        failed,
+        float(np.mean(overhead)),
+    )
+
+
+def _met(planted: planted_modes.Planted, points: Floats, budget: int) -> int:
+    """Return the number of modes that points hit in their order, where each failure is repeated within the budget."""
+    fails = planted.score(points) < AT_LEAST
+    within = np.arange(1, len(points) + 1) + np.cumsum(fails) <= budget
+    return int(planted.modes(points[within]).any(axis=0).sum())
+
+
+def _evolve(planted: planted_modes.Planted, seed: int, budget: int) -> int:
+    """Return the number of modes that restarts of CMA-ES find."""
+    cma: Any = import_module("cma")
+    rng = np.random.default_rng([seed, 5])
+    spent, repeated = 0, list[Floats]()
+    while spent < budget:
+        options = {"bounds": [0, 1], "seed": int(rng.integers(1, 2**31)), "verbose": -9}
+        search = cma.CMAEvolutionStrategy(rng.random(planted.dimensions), 0.2, options)
+        met = False
+        while spent < budget and not met and not search.stop():
+            points = np.array(search.ask())
+            scores = planted.score(points)
+            search.tell(list(points), scores.tolist())
+            failing = points[scores < AT_LEAST]
+            spent += len(points) + len(failing)
+            if len(failing) and spent <= budget:
+                again = failing[planted.score(failing, 1) < AT_LEAST]
+                repeated += list(again)
+                met = bool(len(again))
+    return int(planted.modes(np.array(repeated)).any(axis=0).sum()) if repeated else 0
 
 
 def _search(planted: planted_modes.Planted, seed: int, budget: int) -> tuple[int, int, float]:

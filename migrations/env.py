@@ -8,8 +8,8 @@ from alembic import context
 from alembic.autogenerate.api import AutogenContext
 from sqlalchemy import Enum
 
-from valerie.db.documents import JsonDocument
-from valerie.db.engine import open_engine
+from valerie.db.column_types import JsonDocument
+from valerie.db.engine import open_database
 from valerie.db.models import Base
 
 
@@ -20,7 +20,7 @@ def run() -> None:
         return
     from valerie.settings import load_settings
 
-    engine = open_engine(load_settings().database_url)
+    engine = open_database(load_settings().database_url)
     with engine.begin() as connection:
         _migrate(connection)
     engine.dispose()

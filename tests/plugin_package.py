@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import pytest
+
 
 def write_package(
     folder: Path, name: str, *, modules: Mapping[str, str], entry_points: Mapping[str, Mapping[str, str]]
@@ -32,6 +34,14 @@ def write_package(
         path = folder.joinpath(*module.split(".")).with_suffix(".py")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source)
+    return folder
+
+
+def install_boxes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Install the distribution ``box-assets`` for one test, and let the operator allow it."""
+    write_boxes(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("VALERIE_PLUGINS", "box_assets")
     return folder
 
 

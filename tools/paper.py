@@ -30,7 +30,7 @@ from valerie.analysis.trends.trends import find_trends
 from valerie.analysis.wording import setting_labels
 from valerie.cli.claims import read_claims
 from valerie.measures import measure_of
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 ROOT: Final = Path(__file__).parents[1]
 KEPT: Final = ROOT / "docs" / "experiment"

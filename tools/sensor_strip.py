@@ -18,7 +18,7 @@ from tools.contact_sheet import captioned, contact_sheet
 from valerie import plugins
 from valerie.rendering.base import LinearImage, View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.rendering.scanning import Reading, scan
+from valerie.rendering.scanning import Readout, scan
 from valerie.runs.resolving.motion import VELOCITY_SPAN_S
 from valerie.runs.resolving.sensors import focal_length_mm
 from valerie.scene.assets.asset import load_asset
@@ -110,7 +110,7 @@ def frame() -> tuple[dict[str, NDArray[np.float16]], Shot]:
         return apply(VARIANT | {f"scene.{CAMERA}.yaw": YAW_DEG_PER_S * seconds}, asset)
 
     velocity = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, truth, VELOCITY_SPAN_S).vectors
-    reading = Reading(read_lines(ROLLING, WIDTH, HEIGHT), ROLLING.shutter.line_time_us * 1e-6)
+    reading = Readout(read_lines(ROLLING, WIDTH, HEIGHT), ROLLING.shutter.line_time_us * 1e-6)
     rolling = scan(engine, truth_pass, near, view, (LinearImage(linear), truth), reading).image(LinearImage(linear))
     images = {word: engine.full(apply(VARIANT | values, asset), view).pixels for word, values in AGAINST_LIGHT.items()}
     truth_pass.close()

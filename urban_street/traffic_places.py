@@ -79,12 +79,12 @@ def class_of(name: str) -> str:
 def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
     """Return the vehicles in traffic by name, at places with room for them."""
     places = dict(_FIXED)
-    taken = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
-    taken += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
-    taken += [shapely.Polygon(outline) for name, at in (*places.items(), WAITING) for outline in outlines(name, at)]
+    ground = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
+    ground += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
+    ground += [shapely.Polygon(outline) for name, at in (*places.items(), WAITING) for outline in outlines(name, at)]
     for name, wish in _FITTED.items():
-        places[name] = _fitted(name, wish, layout, shapely.STRtree(taken))
-        taken += [shapely.Polygon(outline) for outline in outlines(name, places[name])]
+        places[name] = _fitted(name, wish, layout, shapely.STRtree(ground))
+        ground += [shapely.Polygon(outline) for outline in outlines(name, places[name])]
     return places
 
 
@@ -126,7 +126,7 @@ def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[
     yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 
-def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
+def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, ground: shapely.STRtree) -> TrafficPlace:
     """Return the first place with room for every kind, from the preferred place onwards, else the first place before it.
 
     The carriageway behind the cameras is free in every street, so there is always a place.
@@ -136,6 +136,6 @@ def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.
     for step in (*range(ahead), *(-k for k in range(1, behind))):
         place = replace(wish, y=wish.y + _STEP_M * step)
         room = shapely.MultiPolygon([shapely.Polygon(outline) for outline in outlines(name, place)]).buffer(_ROOM_M)
-        if not len(taken.query(room, predicate="intersects")):
+        if not len(ground.query(room, predicate="intersects")):
             return place
     raise AssertionError(f"no room for {name}")

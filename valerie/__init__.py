@@ -29,7 +29,7 @@ def connect(place: str | Path | None = None, *, token: str | None = None) -> Wor
         NotFound: the folder has no runs.
         ValerieError: the database is of another version.
     """
-    from valerie.workbench.opening import open_source
+    from valerie.workbench.source_choice import open_source
     from valerie.workbench.workbench import Workbench
 
     return Workbench(open_source(place, token))

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from valerie.errors import InvalidInput, NoAnswer
 
-Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+IpNetwork = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 class Endpoint(NamedTuple):
@@ -45,7 +45,7 @@ class Allowed:
     """One entry of the list: a host by name, or a ``network``. ``port`` 0 means any."""
 
     host: str
-    network: Network | None
+    network: IpNetwork | None
     port: int
 
 
@@ -122,7 +122,7 @@ def _allowed(entry: str, field: str) -> Allowed:
         port = port.removeprefix(":") or "0"
     elif entry.count(":") == 1:
         whole, _, port = entry.partition(":")
-    network: Network | None
+    network: IpNetwork | None
     try:
         network = ipaddress.ip_network(whole)
     except ValueError:

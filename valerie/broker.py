@@ -43,7 +43,7 @@ _ANSWER_SECONDS: Final = 2.0
 _QUIET_SECONDS: Final = 5.0
 
 
-def create_app(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
+def create_celery(settings: Settings, *, answer_seconds: float = 30.0) -> Celery:
     """Build the Celery app of one process from its settings.
 
     Args:
@@ -130,7 +130,7 @@ _SENDING: Final = {
 }
 
 
-class Message(NamedTuple):
+class TaskMessage(NamedTuple):
     """A message: a task, its argument (a queue, or the run to finish), and the queue that it is sent to."""
 
     task: str
@@ -138,11 +138,11 @@ class Message(NamedTuple):
     queue: str
 
 
-def messages_of(ready: Iterable[Ready]) -> list[Message]:
+def messages_of(ready: Iterable[Ready]) -> list[TaskMessage]:
     """Return one message per packet, so that workers that answer them all leave no ready product behind."""
     packets = Counter((product.route, product.kind, product.cache_group, product.turn) for product in ready)
     return [
-        Message(_TASK_OF_STAGE[stage_of(route)], route, route)
+        TaskMessage(_TASK_OF_STAGE[stage_of(route)], route, route)
         for (route, kind, _, _), count in packets.items()
         for _ in range(0, count, packet_size(kind))
     ]
@@ -163,7 +163,7 @@ class Broker:
 
     @cached_property
     def _app(self) -> Celery:
-        return create_app(self._settings, answer_seconds=_ANSWER_SECONDS)
+        return create_celery(self._settings, answer_seconds=_ANSWER_SECONDS)
 
     def send_products(self, ready: Iterable[Ready]) -> None:
         """Notify workers of ready products.
@@ -184,7 +184,7 @@ class Broker:
                 # harmless.
                 self._send_together(messages)
 
-    def _send_together(self, messages: Iterable[Message]) -> None:
+    def _send_together(self, messages: Iterable[TaskMessage]) -> None:
         """Send messages, a thousand per round trip."""
         with self._app.producer_or_acquire() as producer, producer.batch():
             for task, argument, queue in messages:
@@ -197,7 +197,7 @@ class Broker:
         if self._absent:
             return
         with self._answering():
-            self._send_together([Message(FINISH, run_id, EVAL_QUEUE)])
+            self._send_together([TaskMessage(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
         """Return the number of messages that wait in each queue, without those that a worker holds; nothing without a broker.

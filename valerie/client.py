@@ -415,7 +415,7 @@ class Client:
 
     def marks(self, run_id: str) -> list[Mark]:
         """Return the tags and notes on a run, its frames and its findings."""
-        return [_validated(Mark, one) for one in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
+        return [_validated(Mark, mark) for mark in self._send("GET", f"/v1/runs/{run_id}/marks").json()]
 
     def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
         """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
@@ -613,8 +613,8 @@ _SPEC = {"Content-Type": "application/yaml"}
 def _address(url: str) -> str:
     """Return an address without a trailing slash."""
     try:
-        parsed = httpx.URL(url)
-        is_address = parsed.scheme in ("http", "https") and bool(parsed.host)
+        address = httpx.URL(url)
+        is_address = address.scheme in ("http", "https") and bool(address.host)
     except httpx.InvalidURL:
         is_address = False
     if not is_address:

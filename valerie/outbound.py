@@ -15,7 +15,7 @@ from valerie.errors import NoAnswer
 _PIECE: Final = 65_536
 
 
-class Answer(NamedTuple):
+class HttpAnswer(NamedTuple):
     """An answer with one of the expected statuses."""
 
     headers: http.client.HTTPMessage
@@ -30,7 +30,7 @@ def post(
     timeout_s: float,
     limit: int,
     statuses: Container[int] = (http.client.OK,),
-) -> Answer:
+) -> HttpAnswer:
     """Send a POST request and return its answer.
 
     Args:
@@ -59,7 +59,7 @@ def post(
         response = connection.getresponse()
         if response.status not in statuses:
             raise NoAnswer(f"it answered with status {response.status}")
-        return Answer(response.headers, _body(response, limit) if limit else b"")
+        return HttpAnswer(response.headers, _body(response, limit) if limit else b"")
     except (OSError, http.client.HTTPException, ValueError, NoAnswer) as error:
         if late.is_set() or isinstance(error, TimeoutError):
             reason = f"no answer within {timeout_s:g} s"

@@ -1,7 +1,8 @@
 """The plugins that a spec can name, and the class of each, imported only when needed.
 
-There are four kinds: render engines, functions under test, samplers, and asset packs (`valerie.scene.assets.asset`). Each has
-built-in plugins, and those that installed packages declare as entry points, if the operator allows it (`valerie.entry_points`).
+There are five kinds: render engines, functions under test, samplers, strategies of studies, and asset packs
+(`valerie.scene.assets.asset`). Each has built-in plugins, and those that installed packages declare as entry points, if the
+operator allows it (`valerie.entry_points`).
 Names come from nowhere else: nothing in a message or a spec is ever imported.
 """
 
@@ -11,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import PurePath
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from pydantic import ValidationError
 
@@ -50,13 +51,21 @@ _TRUTH_PASSES: Final = PluginKind(
 )
 _FUNCTIONS: Final = PluginKind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
 _SAMPLERS: Final = PluginKind("design", "valerie.samplers")
+_STRATEGIES: Final = PluginKind(
+    "goal",
+    "valerie.strategies",
+    {
+        name: f"valerie.guided.{name}:{name.capitalize()}"
+        for name in ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
+    },
+)
 
 #: Program to the engine that runs in it.
 _PROGRAMS: Final = {"blender": "cycles"}
 #: Suffixes of names in specs that are probably files of functions.
 _FUNCTION_FILES: Final = (".onnx", ".safetensors", ".pth", ".pt")
 
-_KINDS: Final = (_RENDERERS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
+_KINDS: Final = (_RENDERERS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, _STRATEGIES, PACKS)
 
 
 def look_at_installed() -> tuple[str, ...]:
@@ -83,7 +92,7 @@ def look_at_installed() -> tuple[str, ...]:
 
 
 def unknown_name(
-    word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
+    word: Literal["renderer", "function", "design", "goal"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for an unknown name in a spec, with near matches or the switch that would allow it."""
     known = tuple(known)
@@ -237,3 +246,17 @@ def samplers() -> Mapping[str, SamplerFactory]:
     """Return name to sampler of all designs that draw variants."""
     plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in _SAMPLERS.declared()}
     return MappingProxyType({**plugged, **SAMPLERS})
+
+
+def goal_names() -> tuple[str, ...]:
+    """Return all goals that a study may name, without importing a strategy."""
+    return _STRATEGIES.names()
+
+
+def strategy_of(name: str) -> Any:
+    """Return the factory of a strategy, as `valerie.guided.strategy.StrategyFactory` describes it.
+
+    Raises:
+        UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
+    """
+    return _STRATEGIES.load(name)

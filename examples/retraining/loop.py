@@ -20,11 +20,11 @@ from typing import Any
 from rich.console import Console
 
 from valerie.analysis.comparison.drawing import comparison_renderable, draw_comparison
-from valerie.cli.datasets import Lines
+from valerie.cli.datasets import ProgressLines
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions.references import open_reference
-from valerie.pipeline.retraining.comparison import Grouping, compare_versions
-from valerie.pipeline.retraining.loop import TrainingResources, Watcher, register_retrained, retrain
+from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
+from valerie.pipeline.retraining.retrain import TrainingResources, Watcher, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness
 from valerie.runs.study.retraining import RetrainSettings
 from valerie.settings import load_settings
@@ -83,7 +83,7 @@ def close_the_loop(
     training_sets: dict[str, object] = {}
     for name, targeted in (("targeted", True), ("random", False)):
         _say(f"3. {name} frames, and {settings.steps} steps of training on them")
-        lines = Lines("steps")
+        lines = ProgressLines("steps")
         retrained = retrain(
             weakness,
             out / f"{name}.safetensors",
@@ -102,8 +102,8 @@ def close_the_loop(
         versions.append(registered.document.name)
         training_sets[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
     _say("4. the same validation again: the same frames, nothing is rendered")
-    lines = Lines("frames")
-    comparison = compare_versions(
+    lines = ProgressLines("frames")
+    comparison = compare_on_run(
         context,
         run_id,
         versions,

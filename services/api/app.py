@@ -12,9 +12,9 @@ from fastapi import Depends, FastAPI, Request
 from fastapi.responses import RedirectResponse
 
 from services.api import openapi, problems
+from services.api.dashboard_pages import DashboardFiles
 from services.api.dependencies import only_declared_queries
 from services.api.head import HeadAsGet
-from services.api.pages import DashboardFiles
 from services.api.protection import Protection
 from services.api.roles import require_role
 from services.api.routers import (
@@ -35,9 +35,9 @@ from valerie.db.migrate import migrate
 from valerie.pipeline.base.context import open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.preview import Previews
-from valerie.pipeline.exploring.confusion import Confusions
-from valerie.pipeline.exploring.opening import Explorations
-from valerie.pipeline.exploring.tiles import Tiles
+from valerie.pipeline.exploring.class_confusion import Confusions
+from valerie.pipeline.exploring.exploration_cache import Explorations
+from valerie.pipeline.exploring.thumbnails import Tiles
 from valerie.settings import Settings, load_settings
 
 log = structlog.get_logger()

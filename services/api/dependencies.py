@@ -18,8 +18,8 @@ from valerie.access import OPERATOR, Caller
 from valerie.db.statements import Seen
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
-from valerie.runs.products.frames import FRAME_ID as FRAME_ID_PATTERN
-from valerie.runs.products.frames import ID, FrameKey
+from valerie.runs.products.frame_keys import FRAME_ID as FRAME_ID_PATTERN
+from valerie.runs.products.frame_keys import ID, FrameKey
 
 
 def _context(request: Request) -> Context:

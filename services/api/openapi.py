@@ -200,8 +200,8 @@ def example_of(schema: JsonSchema, models: Mapping[str, JsonSchema] | None = Non
     if "propertyNames" in schema:
         values = schema["additionalProperties"]
         assert not isinstance(values, bool), "a mapping says what its values are"
-        shown = example_of(values, models)
-        return {str(name): shown for name in _referred(schema["propertyNames"], models)["enum"]}
+        value = example_of(values, models)
+        return {str(name): value for name in _referred(schema["propertyNames"], models)["enum"]}
     return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
 
 
@@ -212,10 +212,10 @@ def _referred(schema: JsonSchema, models: Mapping[str, JsonSchema]) -> JsonSchem
 
 def _response(status: int) -> JsonObject:
     meaning, title, detail = _MEANINGS[status]
-    shown: JsonObject = {"type": "about:blank", "title": title, "status": status, "detail": detail}
+    problem: JsonObject = {"type": "about:blank", "title": title, "status": status, "detail": detail}
     if status == HTTPStatus.UNPROCESSABLE_ENTITY:
-        shown["errors"] = [{"field": "step", "message": "must be above 0", "value": 0, "limit": "> 0"}]
+        problem["errors"] = [{"field": "step", "message": "must be above 0", "value": 0, "limit": "> 0"}]
     return {
         "description": meaning,
-        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}, "example": shown}},
+        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}, "example": problem}},
     }

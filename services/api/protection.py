@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from services.api.audit import Audit
 from services.api.problems import INVALID_INPUT, problem
-from services.api.rates import Rates
+from services.api.rates import RateLimit
 from valerie.access import OPERATOR, SECRET_PREFIX, Caller
 from valerie.errors import TransientError
 from valerie.pipeline.control.tokens import caller_of
@@ -51,7 +51,7 @@ class Protection:
         self._limit = settings.max_body_bytes
         self._seconds = settings.body_seconds
         self._audit = Audit()
-        self._rates = Rates(settings.requests_per_minute)
+        self._rates = RateLimit(settings.requests_per_minute)
         self._function_limit = (settings.max_function_mb << 20) + self._limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

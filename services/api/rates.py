@@ -13,7 +13,7 @@ from cachetools import LRUCache
 _CALLERS: Final = 10_000
 
 
-class Rates:
+class RateLimit:
     """Token buckets: a caller may send a minute's requests at once, and then as many as come in again.
 
     The buckets are in memory: each process of the API counts its own requests.

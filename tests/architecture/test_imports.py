@@ -46,7 +46,7 @@ def test_imports_follow_the_rules() -> None:
         "valerie.cli",
         "valerie.pipeline.control.submit",
         "valerie.pipeline.control.loop",
-        "valerie.pipeline.control.plan",
+        "valerie.pipeline.control.planning",
         "valerie.embedded.supervisor",
     ],
 )

@@ -1,4 +1,4 @@
-"""What the tests of clusters share: a run in peace through Redis, and the assets of its scene."""
+"""Fixtures of the tests of clusters: a run in peace through Redis, and the assets of its scene."""
 
 from __future__ import annotations
 

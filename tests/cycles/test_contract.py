@@ -85,8 +85,9 @@ def test_denoising_afterwards_gives_the_image_of_denoising_at_once(holder: Blend
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
     at_once = translation.render(holder.get(), scene, VIEW, settings)
     inputs = translation.guided(holder.get(), scene, VIEW, settings)
-    np.testing.assert_allclose(translation.denoised(holder.get(), inputs), at_once, atol=1e-4)
-    assert np.abs(inputs.noisy - at_once).max() > 0.05
+    tolerance = 1e-4
+    np.testing.assert_allclose(translation.denoised(holder.get(), inputs), at_once, atol=tolerance)
+    assert np.abs(inputs.noisy - at_once).max() > 500 * tolerance
 
 
 def test_the_denoiser_pools_the_pixels_of_a_window_like_those_of_the_whole_image(
@@ -106,6 +107,7 @@ def test_the_denoiser_pools_the_pixels_of_a_window_like_those_of_the_whole_image
     assert not aligned.empty
     # This window has a margin at least as wide as `aligned`, but its edges are not on the blocks of the whole image.
     shifted = Rectangle(aligned.x - 4, aligned.y - 4, aligned.width + 8, aligned.height + 8).clipped(320, 180)
+    # By a quarter, a requirement of ours.
     assert error(aligned) < 0.75 * error(shifted)
 
 
@@ -136,6 +138,7 @@ def test_more_samples_and_the_denoiser_each_bring_the_image_nearer_to_the_refere
         return float(np.sqrt(((pixels.astype(np.float64) - reference) ** 2).mean()))
 
     few, many, cleaned = error(samples=4), error(samples=64), error(samples=4, denoise=True)
+    # 16 times as many samples have a quarter of the error, and the reference has some. The denoiser's half is a requirement.
     assert many < few / 2
     assert cleaned < few / 2
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.sampling import enough_to_show
 from tests.unit.rendering.scene_rays import near_edges, pixel_rays
 from tests.unit.rendering.test_cut_outs import fence, solid_share
 from valerie.rendering.base import View
@@ -143,6 +144,7 @@ def test_the_sky_is_brighter_towards_the_sun(holder: BlenderHolder, sky: str) ->
         scene = ground(WHITE, sun=Sun(math.radians(azimuth), math.radians(20)), cameras={"camera-1": level})
         pixels = cycles.full(scene, VIEW).pixels.astype(np.float64)[:8]
         means[azimuth] = pixels.mean(), pixels[:, :16].mean(), pixels[:, -16:].mean()
+    # Towards the sun a third brighter than away from it, and at right angles a tenth on its side: requirements of ours.
     assert means[0.0][0] > 1.3 * means[180.0][0]
     assert means[90.0][2] > 1.1 * means[90.0][1]  # the world's +x is to the right
     assert means[270.0][1] > 1.1 * means[270.0][2]
@@ -171,6 +173,7 @@ def test_an_emissive_surface_lights_its_surroundings(cycles: CyclesRenderer) -> 
         cycles.full(with_lamp(replace(lamp, emissive=(e, e, e))), VIEW).pixels[14:18, 34:38].astype(np.float64).mean()
         for e in (5.0, 0.01)
     )
+    # The emission differs by a factor of 500, and the ground has no other light: 5 allows for a hundredth of that.
     assert lit > 5 * dark
 
 
@@ -182,6 +185,7 @@ def test_texels_below_the_cutoff_let_light_through(cycles: CyclesRenderer) -> No
     scene = ground(WHITE, sun=Sun(0.0, math.radians(89)), extra=(sheet,))
     scene = replace(scene, materials={**scene.materials, "sheet": material}, textures={"half": Texture("half", image)})
     pixels = cycles.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2)[8:24]
+    # The sheet's albedo is 0.02, and the ground's below the hole is 1: a fiftieth. Noise and light of the sky allow for a tenth.
     assert pixels[:, 14:20].mean() > 10 * pixels[:, 28:34].mean()
 
 
@@ -227,6 +231,7 @@ def test_the_camera_sees_through_back_faces_of_one_sided_materials_as_in_the_ras
         scene = replace(scene, materials={**scene.materials, "red": red})
         images = [e.full(scene, VIEW).pixels[8:24, 14:34].astype(np.float64) for e in (cycles, raster)]
         reddish = [float((p[..., 0] > 2 * p[..., 2]).mean()) for p in images]
+        # Of the pixels, the box fills most.
         assert (reddish[0] > 0.5) == (reddish[1] > 0.5) == double_sided
 
 
@@ -244,6 +249,7 @@ def test_metallic_roughness_and_tint_change_the_colour(cycles: CyclesRenderer) -
     def redness(color: NDArray[np.float64]) -> float:
         return float(color[0] / color[2])
 
+    # A plain surface mirrors white light as well, 4 % or more of the light: with an albedo of 0.1 in the blue, a tenth or more.
     assert redness(colors["metallic"]) > 1.1 * redness(colors["plain"])
     assert redness(colors["strong"]) < redness(colors["tinted"])
     assert not np.allclose(colors["metallic"], colors["rough"], rtol=0.02)
@@ -256,6 +262,7 @@ def test_a_sheared_object_keeps_its_shape(cycles: CyclesRenderer, raster: Raster
     scene = ground(WHITE, sun=Sun(0.0, math.radians(80)), extra=(box,))
     scene = replace(scene, materials={**scene.materials, "dark": Material("dark", (0.02, 0.02, 0.02), specular=0.0)})
     masks = [engine.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2) < 0.5 for engine in (cycles, raster)]
+    # The sheared box covers 0.6 × 0.6 m of 9 cm pixels, 44 of them, less those of its outline.
     assert masks[1].sum() > 30
     # Engines blend the pixels of an outline differently.
     assert not ((masks[0] != masks[1]) & ~near_edges(masks[1])).any()
@@ -273,7 +280,7 @@ def test_distant_things_fade_into_the_haze_as_in_the_raster_engine(
         engine.full(scene, VIEW).pixels[4:12].astype(np.float64).mean(axis=(0, 1)) @ [0.2126, 0.7152, 0.0722]
         for engine in (cycles, raster)
     )
-    assert theirs > 0.05
+    assert theirs > 0.05  # the wall is black: this is haze
     assert ours == pytest.approx(theirs, rel=ENGINES)
 
 
@@ -299,6 +306,7 @@ def test_an_overcast_sky_casts_no_sharp_shadow(cycles: CyclesRenderer) -> None:
         )
         for e in (Environment(), Environment(cloud_cover=1.0))
     ]
+    # In the sun's shadow, the ground has the sky's third of the light; under clouds, a post hides a small part of the sky.
     assert darkest[0] < 0.4 < darkest[1]
 
 
@@ -363,7 +371,7 @@ def test_posts_in_front_of_a_vehicle_cast_the_same_shadows_as_in_the_raster_engi
             for extra in ((lamp,), (lamp, *posts))  # the posts stand below these rows
         )
         shadows.append((behind < 0.4 * bare) & (bare > 0.05 * bare.max()))
-    assert shadows[1].mean() > 0.05
+    assert shadows[1].sum() >= enough_to_show(0.06)
     # The posts stand 1.4 m from the lamp, and the image ends 3.6 m from it. The lamp's radius of 5 cm blurs an edge by at most
     # 5 cm · (3.6 / 1.4 − 1) to each side, a pixel of 9 cm. The engines blend the pixels of an outline differently: one more.
     assert not ((shadows[0] != shadows[1]) & ~widened(near_edges(shadows[1]), 1)).any()
@@ -429,10 +437,12 @@ def test_a_wet_road_is_darker_nearby_and_mirrors_the_sky_far_away_in_the_raster_
 
     wet, dry = (image_in(cycles, environment) for environment in (WET, Environment(cloud_cover=1.0)))
     far, near = ((wet / dry)[rows].mean() for rows in (slice(44, 50), slice(70, 80)))
+    # 0.81 and 0.98, as the raster engine's tests state: nine tenths lie between.
     assert near < 0.9 < far
     # Puddles and rain streaks are at the same places in both engines.
     patches = [image[46:66] / image[46:66].mean(axis=1, keepdims=True) for image in (wet, image_in(raster, WET))]
     same, other = (np.corrcoef(patches[0].ravel(), p.ravel())[0, 1] for p in (patches[1], patches[1][:, ::-1]))
+    # Half of the variance is common, √0.5 = 0.7; mirrored patches explain at most a quarter of it. Requirements of ours.
     assert same > 0.7 > 0.2 + other
 
 

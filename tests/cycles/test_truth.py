@@ -93,7 +93,7 @@ def assert_in_step(holder: BlenderHolder, truth_pass: TruthPass, scene: Scene, v
         silhouettes = near_edges(labels) | near_edges(cycles_labels)
         wrong = labels != cycles_labels
         assert not (wrong & ~silhouettes).any()
-        assert wrong.sum() <= 0.01 * silhouettes.sum()
+        assert wrong.sum() <= 0.01 * silhouettes.sum()  # as stated above
 
 
 @pytest.mark.parametrize("pose", BOXES)

@@ -12,10 +12,10 @@ from sqlalchemy import inspect
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import write_box_street
 from valerie.db import long_table, runs
-from valerie.db.engine import open_engine, reading
+from valerie.db.engine import open_database, reading
 from valerie.errors import Conflict
 from valerie.pipeline.control.backup import back_up, restore
-from valerie.pipeline.control.copying import copy_run
+from valerie.pipeline.control.copy_run import copy_run
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -32,7 +32,7 @@ def test_a_backup_of_postgres_is_restored_into_an_empty_database(
         update={"database_url": new_database(), "artifacts_url": str(tmp_path / "other")}
     )
     restore(other, tmp_path / "backup")
-    engine = open_engine(other.database_url)
+    engine = open_database(other.database_url)
     with reading(engine) as connection:
         assert runs.get(connection, run) == pipeline.row(run)
     assert set(inspect(engine).get_table_names()) == set(inspect(pipeline.context.engine).get_table_names())

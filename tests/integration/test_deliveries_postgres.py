@@ -11,7 +11,7 @@ import pytest
 from tests.world.blank import Pipeline
 from tests.world.boxes import write_box_street
 from valerie.db import deliveries
-from valerie.db.deliveries import Ending
+from valerie.db.deliveries import RunEnding
 from valerie.db.engine import reading, writing
 from valerie.pipeline.control import lifecycle
 
@@ -28,7 +28,7 @@ def pipeline(tmp_path: Path, new_database: Callable[[], str]) -> Iterator[Pipeli
     pipeline.context.engine.dispose()
 
 
-def due(pipeline: Pipeline, now: float = NOW) -> list[Ending]:
+def due(pipeline: Pipeline, now: float = NOW) -> list[RunEnding]:
     with reading(pipeline.context.engine) as connection:
         since = datetime.now(UTC) - timedelta(days=1)
         return deliveries.due(connection, "receiver", since=since, now=now, limit=10)

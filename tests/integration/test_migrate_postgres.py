@@ -10,7 +10,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate, require_current
 from valerie.db.models import Base
 from valerie.errors import Conflict
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
 
 def test_processes_that_start_at_once_add_its_column_once(new_database: Callable[[], str]) -> None:
-    engine = open_engine(new_database())
+    engine = open_database(new_database())
     migrate(engine)
     with engine.begin() as connection:
         connection.execute(text("ALTER TABLE person_views DROP COLUMN aspect_deg"))

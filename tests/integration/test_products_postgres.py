@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import Engine, select
 
 from valerie.db import products, sweeping, totals
-from valerie.db.engine import database_time, open_engine, writing
+from valerie.db.engine import database_time, open_database, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
@@ -36,7 +36,7 @@ WANTED: list[Wanted] = [
 
 @pytest.fixture
 def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
-    engine = open_engine(new_database())
+    engine = open_database(new_database())
     migrate(engine)
     yield engine
     engine.dispose()

@@ -11,7 +11,7 @@ from sqlalchemy.exc import DatabaseError
 
 from valerie.access import Role
 from valerie.db import audit, tokens
-from valerie.db.engine import open_engine, reading, writing
+from valerie.db.engine import open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.errors import Conflict
 
@@ -23,7 +23,7 @@ TOKEN = tokens.TokenRow("nightly", "Ada", Role.RUNNER, NOW, NOW + timedelta(days
 
 @pytest.fixture
 def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
-    engine = open_engine(new_database())
+    engine = open_database(new_database())
     migrate(engine)
     yield engine
     engine.dispose()

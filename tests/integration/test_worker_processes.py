@@ -12,7 +12,7 @@ import pytest
 import redis
 
 from valerie.broker import Broker
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
 from valerie.runs.products.states import EVAL_QUEUE
 from valerie.settings import load_settings
@@ -28,7 +28,7 @@ def _after(seconds: float, parent: psutil.Process) -> list[psutil.Process]:
 
 def test_a_child_in_the_middle_of_a_product_ends_with_its_parent(tmp_path: Path, redis_url: str) -> None:
     settings = load_settings({}, data_dir=tmp_path, broker_url=redis_url)
-    migrate(open_engine(settings.database_url))
+    migrate(open_database(settings.database_url))
     environment = {"PATH": "/usr/bin:/bin", **settings.environment()}
     client = redis.Redis(unix_socket_path=redis_url.partition("//")[2].partition("?")[0])
     with client, subprocess.Popen([sys.executable, "-m", "services.eval_worker"], env=environment) as worker:

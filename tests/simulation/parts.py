@@ -14,7 +14,7 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import OperationalError
 
 from tests.simulation.schedule import Schedule
-from valerie.broker import FINISH, Message, messages_of
+from valerie.broker import FINISH, TaskMessage, messages_of
 from valerie.db.measured import MeasuredPerson, SeenPerson
 from valerie.db.products import Finished, Job
 from valerie.errors import MissingInput, NotFound, StorageFull, StorageUnavailable, TransientError
@@ -73,19 +73,19 @@ class Queues:
 
     def __init__(self, schedule: Schedule, weather: Weather) -> None:
         self._schedule, self._weather = schedule, weather
-        self.messages: list[tuple[float, Message]] = []
+        self.messages: list[tuple[float, TaskMessage]] = []
 
     def send_products(self, ready: Iterable[Ready]) -> None:
         self._send(messages_of(ready))
 
     def send_finish(self, run_id: str) -> None:
-        self._send([Message(FINISH, run_id, EVAL_QUEUE)])
+        self._send([TaskMessage(FINISH, run_id, EVAL_QUEUE)])
 
     def queue_lengths(self, routes: Collection[str]) -> dict[str, int]:
         self._answer()
         return {route: sum(1 for _, message in self.messages if message.queue == route) for route in routes}
 
-    def take(self, queues: Collection[str]) -> Message | None:
+    def take(self, queues: Collection[str]) -> TaskMessage | None:
         """Remove and return a message that has arrived in one of ``queues``; None without any."""
         if self._weather.away > self._schedule.now or self._weather.hung > self._schedule.now:
             return None
@@ -96,11 +96,11 @@ class Queues:
         ]
         return self.messages.pop(self._schedule.random.choice(arrived))[1] if arrived else None
 
-    def redeliver(self, message: Message, after: float) -> None:
+    def redeliver(self, message: TaskMessage, after: float) -> None:
         """Return a message of a dead worker to its queue."""
         self.messages.append((self._schedule.now + after, message))
 
-    def _send(self, messages: list[Message]) -> None:
+    def _send(self, messages: list[TaskMessage]) -> None:
         if not messages:
             return
         self._answer()

@@ -18,8 +18,8 @@ from tests.simulation.parts import Database, Maker, Queues, Store, Weather, pixe
 from tests.simulation.schedule import Process, Schedule
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec, write_box_street
-from valerie.broker import FINISH, Message
-from valerie.db.engine import open_engine
+from valerie.broker import FINISH, TaskMessage
+from valerie.db.engine import open_database
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError
@@ -147,7 +147,7 @@ class Simulation:
         self._violations: list[str] = []
         self._moved_at = self._disturbed_at = self._standstill = 0.0
         self._faults: list[tuple[float, str]] = []
-        self._engine = open_engine("sqlite://", clock=self._schedule.clock)
+        self._engine = open_database("sqlite://", clock=self._schedule.clock)
         raw: Any = self._engine.raw_connection().driver_connection
         source: Any = template.raw_connection()
         source.driver_connection.backup(raw)
@@ -166,7 +166,7 @@ class Simulation:
             beating=self._schedule.beating,
         )
         self._processes: dict[str, tuple[Process, Callable[[Process, Context], None]]] = {}
-        self._held: dict[Process, Message] = {}
+        self._held: dict[Process, TaskMessage] = {}
         self._numbers = 0
         if faults:
             self._weather.lost, self._weather.doubled = self._random.choice(((0, 0), (0.05, 0.2), (0.3, 0.05)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,6 +20,8 @@ from tools.architecture_picture import PICTURE, layers, picture
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
+from valerie.guided.domain import Cube
+from valerie.guided.strategy import Strategy
 from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
@@ -34,6 +36,7 @@ from valerie.settings import PREFIX, Settings
 from valerie.testing.assets import simple_asset
 from valerie.testing.perception import PerceptionContract
 from valerie.testing.samplers import SamplerContract
+from valerie.testing.strategies import StrategyContract
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -314,6 +317,14 @@ class TestTheExampleOfASampler(SamplerContract):
         return factory
 
 
+class TestTheExampleOfAStrategy(StrategyContract):
+    size = 3
+
+    @pytest.fixture
+    def build(self) -> Callable[[], Strategy]:
+        return lambda: python_example("Corners")(Cube(3), at_least=0.5, seed=0)
+
+
 @pytest.mark.gl
 def test_the_example_of_an_engine_puts_its_filter_before_the_frame() -> None:
     engine: Renderer = python_example("WarmRenderer")()
@@ -351,5 +362,6 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
     assert "warm" in plugins.renderer_names()
     assert plugins.declared_engine("warm").shows == EVERYTHING - {Ability.NIGHT}
     assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
+    assert len(plugins.strategy_of("corners")(Cube(2), at_least=0.5, seed=0, inset=0.1).ask(9)) == 4
     manifest, _ = asset_manifest({"name": "boxes", "bearing_deg": 90.0})
     assert manifest.bearing_deg == 90.0

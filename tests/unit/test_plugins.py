@@ -12,7 +12,7 @@ from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
 from valerie.perception.shipped import FUNCTIONS
-from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.pinning import choose_pins
 from valerie.runs.resolving.spec import ResolvedRun, parse, resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.testing.assets import simple_manifest

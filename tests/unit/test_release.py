@@ -20,16 +20,16 @@ from services.infer_worker import tasks as inference
 from services.render_worker import tasks as rendering
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.summary.summary import Summary
-from valerie.broker import create_app
-from valerie.db import blocks, frames, functions, processes, results, runs
-from valerie.db.engine import open_engine, reading, writing
+from valerie.broker import create_celery
+from valerie.db import fed_blocks, frames, functions, processes, results, runs
+from valerie.db.engine import open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Base, Product, Worker
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.work import finish
 from valerie.pipeline.work.child import Child
 from valerie.plain import typed
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import OFFERS, Pins
 from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import FailedInput, Fault
@@ -57,7 +57,7 @@ def read(name: str) -> Any:
 @pytest.fixture
 def engine(tmp_path: Path) -> Iterator[Engine]:
     """A database with the release's rows, written as they lay in SQLite."""
-    engine = open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
+    engine = open_database(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
     migrate(engine)
     rows = read("rows")
     with writing(engine) as connection:
@@ -93,7 +93,7 @@ def test_the_summary_reads() -> None:
 
 def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path: Path) -> None:
     """Columns and tables of later releases are not compared."""
-    copy = open_engine(f"sqlite:///{tmp_path / 'copy.sqlite3'}")
+    copy = open_database(f"sqlite:///{tmp_path / 'copy.sqlite3'}")
     migrate(copy)
     written = {}
     with reading(engine) as source, writing(copy) as target:
@@ -129,7 +129,7 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
         assert run.state is RunState.COMPLETED_WITH_FAILURES
         assert run.pins is not None
         assert [pin.kind for pin in run.pins.functions.values()] == ["predictions", None]
-        assert blocks.closed_counts(connection, run.id)[0].frames == 4
+        assert fed_blocks.closed_counts(connection, run.id)[0].frames == 4
         frame = frames.get(connection, FrameKey(run.id, 0, 0))
         assert len(results.frame_evaluations(connection, frame.key)) == 2
         assert set(frames.annotation_links(connection, frame.key)) == {"light"}
@@ -149,7 +149,7 @@ def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
 
 @pytest.fixture(scope="module")
 def app() -> Celery:
-    app = create_app(load_settings({}, broker_url="memory://"))
+    app = create_celery(load_settings({}, broker_url="memory://"))
     for worker in (rendering, inference, evaluation):
         worker.register(app)
     return app

@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
+from tests.sampling import enough_to_show
 from urban_street.human import clothing, data, drape, outfits, pose, surface, trim, unwrap
 from urban_street.human.body import Body, shape_body
 from urban_street.human.clothing import Cloth
@@ -17,7 +18,7 @@ from urban_street.human.clothing import Cloth
 
 @dataclass(frozen=True)
 class Dressed:
-    look: outfits.Look
+    look: outfits.Outfit
     body: Body
     posed: pose.Posed
     cloths: tuple[Cloth, ...]
@@ -82,9 +83,11 @@ def first_hits(dressed: Dressed) -> Hits:
 
 def test_covered_skin_cannot_be_seen_from_outside(first_hits: Hits) -> None:
     kinds, _ = first_hits
-    assert len(kinds) > 100_000
-    assert (kinds == 0).mean() > 0.03  # head and hands are bare
-    assert (kinds == 1).mean() < 1e-4  # what is left is a look down the collar
+    # Head and hands are bare, 3 % of what is visible or more. What is left of covered skin is a look down the collar: a
+    # ten-thousandth. Both are requirements of ours.
+    assert len(kinds) >= enough_to_show(3e-5)
+    assert (kinds == 0).mean() > 0.03
+    assert (kinds == 1).mean() < 1e-4
 
 
 def test_trousers_do_not_come_through_the_top(dressed: Dressed, first_hits: Hits) -> None:
@@ -92,7 +95,7 @@ def test_trousers_do_not_come_through_the_top(dressed: Dressed, first_hits: Hits
     upper = dressed.cloths[1]
     hem = upper.points[upper.regions == clothing.TRUNK, 2].min()
     above = places[:, 2] > hem + 0.06  # the hem itself swings by some centimetres
-    assert ((kinds == 2) & above).mean() < 1e-4
+    assert ((kinds == 2) & above).mean() < 1e-4  # as for skin
 
 
 def test_trousers_have_a_waist_and_two_ankles_and_a_top_four_openings(dressed: Dressed) -> None:
@@ -107,6 +110,7 @@ def test_threads_keep_their_length(dressed: Dressed) -> None:
         lengths, rest_lengths = (
             np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (cloth.points, cloth.rest)
         )
+        # Requirements of ours: cloth that is worn stretches by a fifth at seams and joints, and by less than 8 % in all.
         assert np.percentile(lengths / rest_lengths, 95) < 1.2
         assert abs(lengths.sum() / rest_lengths.sum() - 1.0) < 0.08
 
@@ -140,6 +144,7 @@ def test_the_lining_lies_behind_the_cloth_and_not_beyond_its_edge(dressed: Dress
     closest, distance, triangle = trimesh.proximity.closest_point(
         trimesh.Trimesh(cloth.points, cloth.faces, process=False), end
     )
+    # Requirements of ours: it lies within a dozen millimetres of the cloth, and behind it, except at folds and seams, a tenth.
     assert np.percentile(distance, 90) < 0.012
     normals = surface.vertex_normals(cloth.points, cloth.faces)[cloth.faces[triangle]].mean(axis=1)
     assert (np.einsum("ij,ij->i", end - closest, normals) < 0.0).mean() > 0.9
@@ -173,6 +178,7 @@ def test_the_middle_of_a_tops_texture_is_its_front(dressed: Dressed) -> None:
     old, uvs, _ = unwrap.unwrap(garment.cut, dressed.body, cloth)
     trunk = (np.abs(uvs[:, 0] - 0.5) < 0.01) & (uvs[:, 1] > 0.3) & (uvs[:, 1] < 0.6)
     rest = cloth.rest[old[trunk]]
+    # A hundredth of the texture to each side is as much of the girth of at most 1.5 m: 15 mm, and as much by edges of faces.
     assert np.abs(rest[:, 0]).max() < 0.03
     assert (rest[:, 1] > dressed.body.head("spine_02")[1]).all()
 

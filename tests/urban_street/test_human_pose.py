@@ -30,7 +30,7 @@ def joint(body: Body, gait: Gait, bone: str) -> np.ndarray:
 
 def test_the_height_slider_makes_taller() -> None:
     heights = [height(shape_body(BodyShape(sex=1.0, height=h))) for h in (0.2, 0.5, 0.8)]
-    assert heights[0] < heights[1] - 0.05 < heights[2] - 0.1
+    assert heights[0] < heights[1] - 0.05 < heights[2] - 0.1  # 5 cm each, a requirement of ours
 
 
 def test_the_average_shape_mixes_man_and_woman() -> None:
@@ -66,11 +66,13 @@ def test_a_positive_hip_angle_brings_the_knee_forward(body: Body) -> None:
     index = data.rig().bones.index("calf_l")
     knee = posed.transforms[index, :3, :3] @ body.heads[index] + posed.transforms[index, :3, 3]
     thigh = np.linalg.norm(body.head("calf_l") - body.head("thigh_l"))
-    assert knee[1] - body.head("calf_l")[1] > 0.4 * thigh
+    # By sin(30°) of the thigh when it hangs, and by sin(30° ± 6°) as far as it leans in the rest pose.
+    assert knee[1] - body.head("calf_l")[1] > np.sin(np.deg2rad(24.0)) * thigh
 
 
 def test_the_striking_leg_is_ahead_and_its_arm_behind(body: Body) -> None:
     gait = Gait(phase=0.0)
+    # Requirements of ours, in metres: a step of half a leg's length, and arms that swing by a third of that.
     assert joint(body, gait, "foot_l")[1] > joint(body, gait, "foot_r")[1] + 0.4
     assert joint(body, gait, "hand_l")[1] < joint(body, gait, "hand_r")[1] - 0.15
 
@@ -89,7 +91,7 @@ def test_the_gait_is_periodic(body: Body) -> None:
 
 
 def test_the_swing_leg_clears_the_ground(body: Body) -> None:
-    # At 0.75 of its cycle the left leg swings through while the right one carries.
+    # At 0.75 of its cycle the left leg swings through while the right one carries. 5 cm are a requirement of ours.
     gait = Gait(phase=0.75)
     assert joint(body, gait, "foot_l")[2] > joint(body, gait, "foot_r")[2] + 0.05
 
@@ -97,6 +99,7 @@ def test_the_swing_leg_clears_the_ground(body: Body) -> None:
 def test_arms_hang_beside_the_body(body: Body) -> None:
     for side, sign in (("l", -1.0), ("r", 1.0)):
         hand, shoulder = (joint(body, Gait(phase=0.25), f"{bone}_{side}") for bone in ("hand", "upperarm"))
+        # An arm is 0.5 m long or more, to the wrist. Shoulders are 0.4 m wide, and an arm hangs within 0.25 m of them.
         assert hand[2] < shoulder[2] - 0.4
         assert 0.15 < sign * hand[0] < 0.45
 
@@ -115,6 +118,7 @@ def test_planting_brings_both_soles_to_one_height(body: Body) -> None:
         left, right = (float(posed.apply(*soles[s])[:, 2].min()) for s in ("l", "r"))
         return abs(left - right)
 
+    # The stride would leave a foot a centimetre or more in the air; planted, both are level to a tenth of a millimetre.
     assert gap(before) > 0.01
     assert gap(after) < 1e-4
 

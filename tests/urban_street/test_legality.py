@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.sampling import enough_to_show
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.rejection import rejection_reason
@@ -30,7 +31,7 @@ def test_places_in_the_street_are_judged_by_the_distance_to_the_obstacles() -> N
             judged += 1
             reason = rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, manifest)
             assert (reason is None) == (distance > radius and x0 <= x <= x1 and y0 <= y <= y1), (x, y)
-    assert judged > 1900
+    assert judged >= enough_to_show(0.0016)
 
 
 @pytest.mark.parametrize("arguments", [{}, {"seed": 3, "lanes": 2}, {"side_street": "none", "persons": 8}])

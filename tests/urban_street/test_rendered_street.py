@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.unit.rendering.scene_rays import assert_agrees, trace, triangles_of
+from tests.sampling import enough_to_show
+from tests.unit.rendering.scene_rays import assert_agrees, triangles_of
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
@@ -38,6 +39,8 @@ CAMERAS = {
     "a motorcycle": ((2.5, 100.0, 2.0), 180.0, 35.0),
 }
 SIZE = 240, 135
+#: Share of pixels at gaps between parts of the street, or at wires and leaves: a thousandth, a requirement of ours.
+GAPS = 0.001
 
 #: Two persons, one with an umbrella, a car and a cyclist, overlapping in the image.
 CROWDED: dict[str, Value] = {
@@ -87,13 +90,12 @@ def test_every_class_except_the_train_is_visible_with_the_label_and_number_of_it
         camera = Camera("scene.camera-1", camera_transform(position, yaw, 0.0, 0.0), focal_length)
         view = View("camera-1", *SIZE)
         truth = truth_pass.truth(replace(scene, cameras={"camera-1": camera}), view)
-        classes, instances, depth = trace(triangles, camera, view)
-        assert_agrees(truth, classes, instances, depth)
+        classes, instances, _ = assert_agrees(truth, triangles, camera, view, gaps=GAPS)
         sure = (truth.class_map == classes) & (truth.instance_map == instances)
         for label, count in zip(*np.unique(truth.class_map[sure], return_counts=True), strict=True):
             largest[int(label)] = max(largest.get(int(label), 0), int(count))
     assert largest.keys() >= EVALUATED
-    assert all(largest[label] >= 20 for label in EVALUATED), largest
+    assert all(largest[label] >= enough_to_show(0.14) for label in EVALUATED), largest
 
 
 @pytest.mark.parametrize(

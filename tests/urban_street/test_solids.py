@@ -44,7 +44,7 @@ def test_boxes_have_their_volume_and_outward_normals() -> None:
 def test_a_skipped_face_is_missing() -> None:
     surface = boxes([[0, 0, 0]], [[1, 1, 1]], skip=("-z",))
     assert len(surface.faces) == 10
-    assert not (surface.normals @ [0, 0, -1] > 0.5).any()
+    assert (surface.normals @ [0, 0, -1] <= 0.0).all()
 
 
 def test_a_lathe_of_a_rectangle_is_a_cylinder() -> None:
@@ -80,9 +80,11 @@ def test_tubes_keep_their_radius_and_look_outwards(end: tuple[float, float, floa
 def test_a_sheet_is_smooth_and_faces_the_named_side() -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 7), indexing="ij")
     surface = sheet(np.stack([x, y, 0.1 * x**2], -1))
-    assert (surface.normals[:, 2] > 0.9).all()
+    # It rises by at most 0.2 per metre.
+    level = np.cos(np.arctan(0.2))
+    assert (surface.normals[:, 2] >= level).all()
     below = sheet(np.stack([x, y, 0.1 * x**2], -1), flip=True)
-    assert (below.normals[:, 2] < -0.9).all()
+    assert (below.normals[:, 2] <= -level).all()
 
 
 def test_a_closed_sheet_has_no_visible_seam() -> None:

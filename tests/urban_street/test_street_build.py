@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from urban_street.street.build import Part, StreetContent, build_street
+from urban_street.street.build import StreetContent, StreetPart, build_street
 from urban_street.street.layout import layout_street
 from urban_street.street.materials import make_materials
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings
@@ -34,7 +34,7 @@ def solid(content: StreetContent) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.concatenate(positions), np.concatenate(faces), process=False, validate=False)
 
 
-def part_of(content: StreetContent, path: str) -> Part:
+def part_of(content: StreetContent, path: str) -> StreetPart:
     return next(part for part in content.parts if part.path == path)
 
 
@@ -65,6 +65,7 @@ def test_every_placement_becomes_a_part_with_a_shape(content: StreetContent) -> 
 
 def test_triangles_and_texture_memory_stay_in_budget(content: StreetContent) -> None:
     triangles = sum(len(mesh.faces) for part in content.parts for mesh in part.meshes)
+    # Requirements of ours, so that a processor draws a frame in a second and a worker keeps several streets in memory.
     assert 300_000 <= triangles <= 900_000
     images = [texture.image for texture in content.textures.values()]
     assert sum(image.nbytes for image in images) <= 60e6
@@ -89,6 +90,7 @@ def test_normals_look_where_the_faces_turn(content: StreetContent) -> None:
             turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             against = np.einsum("fk,fk->f", turned, mesh.normals[mesh.faces].mean(axis=1)) < 0.0
             area = 0.5 * np.linalg.norm(turned, axis=1)
+            # Slivers at sharp edges: a fiftieth, a requirement of ours.
             assert area[against].sum() <= 0.02 * area.sum(), (part.path, mesh.material)
 
 
@@ -132,6 +134,7 @@ def test_cars_stand_on_their_wheels_and_keep_their_size(content: StreetContent) 
         if part.path.startswith("scene.car-") and not part.meshes:
             points = points_of(content, part.path)
             low, high = points.min(axis=0), points.max(axis=0)
+            # Heights and lengths from a small hatchback to a van, in metres; a side mirror may fold by 3 cm.
             assert abs(low[2]) < 0.005
             assert 1.35 < high[2] < 2.05
             assert 4.1 < high[1] - low[1] < 5.1
@@ -147,6 +150,7 @@ def test_cars_and_trees_stay_within_their_footprints_near_the_ground(content: St
         world = points_of(content, footprint.path) @ transform[:3, :3].T + transform[:3, 3]
         waist = world[world[:, 2] < 0.7]
         polygon = np.array(footprint.polygon)
+        # Twice the depth of a bumper, by which a vehicle may miss its size: a requirement of ours.
         assert (waist[:, :2] >= polygon.min(axis=0) - 0.12).all(), footprint.path
         assert (waist[:, :2] <= polygon.max(axis=0) + 0.12).all(), footprint.path
 
@@ -165,7 +169,7 @@ def test_cameras_see_at_least_as_far_as_the_first_parked_car(
     solid: trimesh.Trimesh, camera: tuple[float, float, float]
 ) -> None:
     hits, _, _ = solid.ray.intersects_location([camera], [(0.0, 1.0, 0.0)], multiple_hits=False)
-    assert hits[0][1] > 8.0
+    assert hits[0][1] > 8.0  # 20 m ahead, a requirement of ours
 
 
 def test_no_open_horizon_shows_at_either_end(solid: trimesh.Trimesh) -> None:

@@ -21,12 +21,12 @@ def test_a_posts_lamp_hangs_under_its_lens_and_looks_down() -> None:
     low, high = lens.positions.min(axis=0), lens.positions.max(axis=0)
     assert (low[:2] < place[:2]).all()
     assert (place[:2] < high[:2]).all()
-    assert 0.0 < low[2] - place[2] < 0.1
+    assert 0.0 < low[2] - place[2] < 0.1  # the depth of a lantern, metres
     np.testing.assert_allclose(LANTERN_PLACE[:3, 1], (0, 0, -1), atol=1e-12)
 
 
 def test_the_road_below_a_post_has_the_light_of_a_residential_street() -> None:
-    # Brightest below the post; EN 13201 asks for 2 … 15 lx on average (P classes).
+    # Brightest below the post; EN 13201 asks for 2 … 15 lx on average (P classes), a third of that.
     assert 5.0 < LANTERN.intensity / LANTERN_PLACE[2, 3] ** 2 < 50.0
 
 
@@ -36,7 +36,7 @@ def test_every_lamp_post_of_a_street_has_one_lamp_over_the_road() -> None:
     posts = {placement.path for placement in layout.placements if placement.kind == "lamp"}
     lamps = {part.path: part for part in content.parts if part.light is not None}
     assert {path.removesuffix(".lamp") for path in lamps} == posts
-    assert len(posts) > 5
+    assert len(posts) >= 165.0 / 30.0  # metres of the street by those between posts, a requirement of ours
     places = {part.path: part.transform for part in content.parts}
     for path, part in lamps.items():
         x = (places[path.removesuffix(".lamp")] @ part.transform)[0, 3]
@@ -56,7 +56,8 @@ def test_headlamps_look_ahead_and_tail_lamps_back_from_the_ends_of_the_vehicle(k
     for lamp in lamps:
         x, y, z = lamp.transform[:3, 3]
         ahead = 1.0 if lamp in heads else -1.0
-        assert lamp.transform[1, 1] * ahead > 0.99
+        # Within 8° of straight ahead, in the outer quarter of the vehicle or on a bracket before it: requirements of ours.
+        assert lamp.transform[1, 1] * ahead > math.cos(math.radians(8.0))
         assert 0.25 * length < y * ahead < 0.5 * length + 0.2
         assert abs(x) < 0.5 * width
         assert 0.2 < z < height

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -48,7 +49,10 @@ def height(layout: StreetLayout, x: float, y: float) -> float:
 
 
 def against_their_faces(bag: Bag) -> float:
-    """Return the share of the area with normals against the faces' winding; cloth and leaves have two sides."""
+    """Return the share of the area with normals against the faces' winding; cloth and leaves have two sides.
+
+    Slivers at sharp edges may have a hundredth of it, a requirement of ours.
+    """
     materials = make_materials(0)
     bad = total = 0.0
     for mesh in bag.meshes():
@@ -67,7 +71,7 @@ def against_their_faces(bag: Bag) -> float:
 def test_the_camera_of_the_driver_is_in_the_middle_of_a_lane(lanes: int, width: float) -> None:
     lines = lines_of(StreetSettings(lanes=lanes, lane_width_m=width))
     middles = [lines.left_kerb + 0.5 * (a + b) for a, b in zip(lines.lanes[:-1], lines.lanes[1:], strict=True)]
-    assert min(abs(middle - 2.5) for middle in middles) < 1e-3
+    assert min(abs(middle - 2.5) for middle in middles) == pytest.approx(0.0, abs=1e-9)
     assert lines.width == pytest.approx(4.2 + lanes * width)
 
 
@@ -77,6 +81,7 @@ def test_no_two_solid_things_overlap(layout: StreetLayout) -> None:
     left, right = shapely.STRtree(list(polygons.values())).query(list(polygons.values()), predicate="intersects")
     for a, b in zip(left, right, strict=True):
         if a < b:
+            # Square metres: a post's base at a kerb, a requirement of ours.
             assert polygons[names[a]].intersection(polygons[names[b]]).area < 0.02, (names[a], names[b])
 
 
@@ -155,17 +160,19 @@ def test_houses_face_outwards_and_keep_off_the_pavement_where_people_walk(kind: 
     points = np.concatenate([mesh.positions for mesh in bag.meshes()])
     assert against_their_faces(bag) < 0.01
     low = points[points[:, 2] < 2.0]
+    # Requirements of ours: steps and sills reach 20 cm out below two metres, three floors are higher than 8 m, and at the back
+    # the eaves hang over by half a metre.
     assert low[:, 1].min() > -0.2
     assert points[:, 2].max() > 8.0
-    assert points[:, 1].max() < 11.5
+    assert points[:, 1].max() < 11.0 + 0.5
 
 
 @pytest.mark.parametrize("kind", BUILDERS)
 def test_windows_lie_behind_the_face_of_the_wall(kind: str) -> None:
     bag = BUILDERS[kind](Placement("scene.building-1", kind, 0.0, 0.0, seed=1, size=(10.0, 11.0, 4, 1), variant=3))
     glass = next(mesh for mesh in bag.meshes() if mesh.material == "window-glass")
-    front = glass.normals[:, 1] < -0.99
-    assert glass.positions[front, 1].min() > -0.1
+    front = glass.normals[:, 1] < -0.99  # within 8°
+    assert glass.positions[front, 1].min() > -0.1  # metres: the deepest frame that stands out
     assert len({round(float(y), 2) for y in glass.positions[front, 1]}) > 1 or kind == "mansard"
 
 
@@ -176,7 +183,7 @@ def test_windows_lie_behind_the_face_of_the_wall(kind: str) -> None:
 def test_street_furniture_faces_outwards_and_does_not_sink(build: object) -> None:
     bag = build()  # type: ignore[operator]
     assert against_their_faces(bag) < 0.01
-    assert min(float(mesh.positions[:, 2].min()) for mesh in bag.meshes()) > -0.03
+    assert min(float(mesh.positions[:, 2].min()) for mesh in bag.meshes()) > -0.03  # metres: the earth in a tree pit
 
 
 @pytest.mark.parametrize("kind", SPECIES)
@@ -204,6 +211,7 @@ def test_cracks_and_seams_of_a_road_picture_are_grooves_in_its_normals() -> None
     normals = ground.relief(color, np.random.default_rng(0)).astype(np.float64) / 127.5 - 1.0
     # Seen from its middle, the groove's left wall faces right and its right wall faces left.
     left, right = normals[:, 494:501, 0].mean(), normals[:, 503:510, 0].mean()
-    assert left > 0.08
-    assert right < -0.08
-    assert abs(normals[:, 100:400, 0].mean()) < 0.02
+    # Sines of angles: 5° and more on the walls, and a mean of 1° or less elsewhere, where noise alone tilts the surface.
+    assert left > math.sin(math.radians(5.0))
+    assert right < -math.sin(math.radians(5.0))
+    assert abs(normals[:, 100:400, 0].mean()) < math.sin(math.radians(1.0))

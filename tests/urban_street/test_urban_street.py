@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.sampling import enough_to_show
 from urban_street.asset import CAMERAS
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetSettings
@@ -59,7 +60,7 @@ def test_the_default_variant_is_legal() -> None:
 
 def test_most_of_the_papers_places_are_free_and_every_other_one_says_why() -> None:
     reasons = [rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, MANIFEST) for x, y in GRID]
-    assert reasons.count(None) >= 0.6 * len(GRID)
+    assert reasons.count(None) >= 0.6 * len(GRID)  # three fifths, a requirement of ours
     assert all(reason is None or reason.startswith("person-1 stands inside ") for reason in reasons)
 
 
@@ -382,7 +383,7 @@ def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(
     truth, before = truth_pass.truth(scene, view), truth_pass.truth(apply(person, asset), view)
     assert np.array_equal(layer.over(statics).class_map, truth.class_map)
     rows, columns = np.nonzero(before.instance_map == 24001)
-    assert len(rows) > 100
+    assert len(rows) >= enough_to_show(0.03)
     camera = scene.cameras["camera-1"]
     scale = camera.sensor_width_mm / camera.focal_length_mm / width
     local = np.column_stack(
@@ -400,7 +401,7 @@ def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(
     nearer = np.linalg.norm(points - camera.position, axis=1) < before.depth[rows[hit], columns[hit]]
     hidden = np.zeros(len(rows), bool)
     hidden[hit[nearer]] = True
-    assert hidden.sum() > 0.5 * len(rows)
+    assert hidden.sum() > 0.5 * len(rows)  # most of the person: the house was moved before it
     seen_as_house = truth.instance_map[rows, columns] != 24001
     assert np.count_nonzero(hidden != seen_as_house) <= 2
     assert set(np.unique(truth.class_map[rows[hidden & seen_as_house], columns[hidden & seen_as_house]])) == {11}

@@ -144,6 +144,7 @@ def test_paint_faces_away_from_the_middle(kind: str) -> None:
     reach = 0.3 * dimensions(kind)[0]
     spine = np.clip(mesh.positions[:, 1], -reach, reach)
     beyond = mesh.positions - np.stack([0.0 * spine, spine, 0.0 * spine + 0.5 * dimensions(kind)[2]], -1)
+    # Metres before the plane of a face, for arches and gutters; one in twenty may be an inner edge. Requirements of ours.
     outwards = np.einsum("vk,vk->v", mesh.normals, beyond) > -0.15
     assert outwards.mean() > 0.95
 
@@ -178,7 +179,9 @@ def test_a_door_swings_out_about_its_hinge(name: str) -> None:
     assert door.moves == "rot.z"
     side = np.sign(door.transform[0, 3])
     points = np.concatenate([mesh.positions for mesh in door.meshes])
-    leaf = points[points[:, 1] < -0.5]  # far from the hinge
+    leaf = points[
+        points[:, 1] < -0.5
+    ]  # far from the hinge: sin(60°) of half a metre and more, less the bend of the leaf
     pose = Pose.of(door.transform)
     opened = Pose(pose.position, (0.0, 0.0, side * 60.0), pose.scale).matrix()
     out = (leaf @ opened[:3, :3].T + opened[:3, 3])[:, 0] * side
@@ -204,7 +207,7 @@ def test_nothing_falls_through_a_body(kind: str) -> None:
     origins = np.column_stack([places, np.full(RAYS, 5.0)])
     hits = solid(content).ray.intersects_location(origins, np.tile([0.0, 0.0, -1.0], (RAYS, 1)), multiple_hits=False)
     assert len(hits[0]) == RAYS
-    assert hits[0][:, 2].min() > 0.5
+    assert hits[0][:, 2].min() > 0.5  # metres: above the sills
 
 
 @pytest.mark.parametrize("kind", CARS)
@@ -216,7 +219,7 @@ def test_the_flanks_have_no_holes(kind: str) -> None:
     origins = np.column_stack([np.full(RAYS, 4.0), y, z])
     hits = solid(content).ray.intersects_location(origins, np.tile([-1.0, 0.0, 0.0], (RAYS, 1)), multiple_hits=False)
     assert len(hits[0]) == RAYS
-    assert hits[0][:, 0].min() > 0.25 * design.width
+    assert hits[0][:, 0].min() > 0.25 * design.width  # halfway to the middle, on this side's seats at the latest
 
 
 @pytest.mark.parametrize("kind", CARS)
@@ -224,10 +227,11 @@ def test_one_sees_seats_and_a_steering_wheel_through_the_glass(kind: str) -> Non
     body = part(build_vehicle(kind), "body")
     seats = next(mesh for mesh in body.meshes if mesh.material == "vehicle-fabric").positions
     belt = np.interp(seats[:, 1], *np.array(CARS[kind].belt).T)
+    # Head rests stand out of the doors by 5 cm, and all stays below the roof's lining. Tinted glass passes a third or more.
     assert (seats[:, 2] > belt + 0.05).any()
     assert (seats[:, 2] < CARS[kind].height - 0.04).all()
     glass = build_vehicle(kind).materials["vehicle-glass"]
-    assert glass.transmission > 0.3
+    assert glass.transmission > 1 / 3
 
 
 def test_lamps_glow_as_bright_as_asked_for() -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from tests.plugin_package import write_package
 from tests.world.boxes import write_box_street
 from tests.world.makers import DrawingMaker
 from tests.world.world import World
@@ -17,7 +22,7 @@ from valerie.parameters.definitions import Affects
 from valerie.perception.shipped import function_card
 from valerie.runs.products.pins import FunctionOffer, Offer
 from valerie.runs.products.states import Stage, route_of
-from valerie.scene.assets.manifest import Footprint
+from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.settings import Settings
 from valerie.testing.assets import simple_manifest
 
@@ -25,6 +30,8 @@ FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 CLASS = "drawn-1"
 #: The asset of the runs, and the choices of a pedestrian in it.
 ASSET = "drawn-street"
+#: The same as a generated asset, which takes a seed (`installed_town`).
+TOWN = "drawn-town"
 CHARACTERS = ("red-coat", "blue-coat")
 #: Products of one step of a run that stays unfinished.
 _FEW = 24
@@ -83,8 +90,8 @@ class DrawnWorld(World):
         return run_id
 
 
-def write_drawn_street(folder: Path) -> None:
-    """Write the street of boxes with a row of houses on the right, and with every parameter that a drawn camera has."""
+def drawn_manifest() -> Manifest:
+    """Return the manifest of boxes with a row of houses on the right, and with every parameter that a drawn camera has."""
     manifest = simple_manifest()
     cameras = []
     for name, place, yaw in (("camera-1", (2.5, -12.0, 1.4), 0.0), ("camera-2", (0.6, -12.0, 1.3), 358.0)):
@@ -103,11 +110,48 @@ def write_drawn_street(folder: Path) -> None:
         if ".camera-" not in parameter.path
     ]
     houses = Footprint(path="scene.building-1", polygon=((5, -5), (12, -5), (12, 55), (5, 55)))
-    write_box_street(
-        folder,
-        parameters=[parameter.model_dump(mode="json") for parameter in (*own, *cameras)],
-        obstacles=[houses.model_dump(mode="json")],
-    )
+    return manifest.model_copy(update={"parameters": (*own, *cameras), "obstacles": (houses,)})
+
+
+def write_drawn_street(folder: Path) -> None:
+    document = drawn_manifest().model_dump(mode="json")
+    write_box_street(folder, parameters=document["parameters"], obstacles=document["obstacles"])
+
+
+#: An asset pack whose streets differ by their seed in name only.
+_TOWN = """
+from pydantic import Field
+
+from tests.world.drawn import TOWN, drawn_manifest
+from valerie.scene.assets.asset import PackSettings
+from valerie.testing.assets import simple_scene
+
+REVISION = 1
+
+
+class Settings(PackSettings):
+    seed: int = Field(default=0, ge=0)
+
+
+def make_manifest(settings):
+    return drawn_manifest().model_copy(update={"name": TOWN})
+
+
+def make_scene(settings, manifest):
+    return simple_scene(manifest)
+"""
+
+
+@contextmanager
+def installed_town(folder: Path) -> Iterator[None]:
+    """Install the asset pack `TOWN`, and let the operator allow it."""
+    points = {"valerie.assets": {TOWN: "drawn_town"}}
+    write_package(folder, "drawn-assets", modules={"drawn_town": _TOWN}, entry_points=points)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(folder))
+        patch.setenv("VALERIE_PLUGINS", "drawn-assets")
+        yield
+    sys.modules.pop("drawn_town", None)
 
 
 def spec(name: str, *, width: int = 96, height: int = 54, **more: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs
@@ -66,7 +66,7 @@ class DrawingMaker:
 
 
 def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> NDArray[np.uint8]:
-    """What a function of middling quality would see: worse far away, with crumbled edges and a few false persons."""
+    """Return the prediction of a function of middling quality: worse far away, with crumbled edges and a few false persons."""
     generator = np.random.default_rng(seed)
     seen = to_train_ids(truth.class_map).copy()
     chance = generator.random(seen.shape)

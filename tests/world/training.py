@@ -26,7 +26,7 @@ def draw_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """Stand in for `training_frames.render_frames` with `box_frames`."""
+    """Stand in for `training_frames.render_training_frames` with `box_frames`."""
     folder.mkdir(parents=True)
     shards = []
     for seed in settings.seeds():

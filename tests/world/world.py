@@ -14,7 +14,7 @@ from typing import Any
 from sqlalchemy import make_url, select
 
 from valerie.db import processes, runs
-from valerie.db.engine import open_engine, reading, writing
+from valerie.db.engine import open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.processes import WorkerRow
@@ -96,7 +96,7 @@ class Watched:
 def _migrated() -> bytes:
     """Return the file of an empty database. Copying it costs a hundredth of the migrations."""
     with TemporaryDirectory() as folder:
-        engine = open_engine(f"sqlite:///{folder}/empty.db")
+        engine = open_database(f"sqlite:///{folder}/empty.db")
         migrate(engine)
         engine.dispose()
         return Path(folder, "empty.db").read_bytes()

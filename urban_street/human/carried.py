@@ -38,7 +38,9 @@ def takes_a_hand(carries: str) -> bool:
     return carries in {"umbrella", "shopping-bag"}
 
 
-def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[Callable[[], textures.Canvas], float]]:
+def paints(
+    bag: textures.Colour, umbrella: textures.Colour
+) -> dict[str, tuple[Callable[[], textures.TextureCanvas], float]]:
     """Return painter and roughness of each part."""
     return {
         "carried-shoulder-bag": (partial(fabrics.bag, bag, 41), 0.5),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypedDict, Unpack
 
 from urban_street.human import fabrics, textures
 from urban_street.human.body import BodyShape
@@ -13,14 +13,14 @@ from urban_street.human.clothing import Cut
 from urban_street.human.drape import Fabric
 from urban_street.human.hair import HairCut
 from urban_street.human.hats import Hat
-from urban_street.human.outfits import Garment, Look, black_outfit, yellow_outfit, yellow_shirt
+from urban_street.human.outfits import Garment, Outfit, black_outfit, yellow_outfit, yellow_shirt
 from urban_street.human.pose import Gait
 from urban_street.human.shoes import ShoeCut
 from urban_street.human.skin import Face
 from urban_street.human.textures import Colour
 from urban_street.human.trim import Collar
 
-Paint = Callable[[], textures.Canvas]
+Paint = Callable[[], textures.TextureCanvas]
 
 # Hairlines by azimuth from the front, degrees.
 _SHORT: Final = {
@@ -69,30 +69,78 @@ _HEADS: Final[Mapping[str, tuple[Colour, Colour]]] = {  # colours of skin and li
 }
 
 
-def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: object) -> Face:
+class _FaceOptions(TypedDict, total=False):
+    """Fields of a face."""
+
+    beard: float
+    brow_height: float
+    hairline: dict[float, float]
+
+
+def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: Unpack[_FaceOptions]) -> Face:
     skin, lips = _HEADS[tone]
-    brows = tuple(int(0.75 * channel) for channel in hair)
-    scalp = tuple(int(0.35 * a + 0.65 * b) for a, b in zip(skin, hair, strict=True))
-    return Face(skin=skin, lips=lips, brows=brows, iris=iris, scalp=scalp, **more)  # type: ignore[arg-type]
+    brows = (int(0.75 * hair[0]), int(0.75 * hair[1]), int(0.75 * hair[2]))
+    red, green, blue = (int(0.35 * a + 0.65 * b) for a, b in zip(skin, hair, strict=True))
+    return Face(skin=skin, lips=lips, brows=brows, iris=iris, scalp=(red, green, blue), **more)
 
 
-def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
+class _CutOptions(TypedDict, total=False):
+    """Fields of a cut, for an adult's size of ``tube``."""
+
+    upper: float
+    ease: float
+    tube: Mapping[float, float]
+    fabric: Fabric
+
+
+class _TopOptions(_CutOptions, total=False):
+    """Fields of a top's cut, of its cloth and of its hems."""
+
+    sleeve: float
+    hang: float
+    roughness: float
+    specular: float
+    thickness: float
+    collar: Collar | None
+
+
+def _scaled(tube: Mapping[float, float], k: float) -> dict[float, float]:
+    return {place: k * radius for place, radius in tube.items()}
+
+
+def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: Unpack[_TopOptions]) -> Garment:
     """Return a jacket, sweater or shirt; ``k`` is the body's size relative to an adult's."""
-    looks: dict[str, object] = {"roughness": 0.8, "specular": 0.7, "thickness": 0.003, "collar": _CREW_NECK}
-    looks |= {key: more.pop(key) for key in tuple(more) if key in looks}
-    cut: dict[str, object] = {"upper": 0.006 * k, "sleeve": 1.93, "ease": 0.012 * k, "hang": 0.6}
-    cut |= more
-    tube = cut.pop("tube", {0.2: 0.062, 1.0: 0.055, 2.0: 0.040})
-    scaled = {place: k * radius for place, radius in tube.items()}  # type: ignore[attr-defined]
-    return Garment(name, Cut("top", lower=lower, tube=scaled, **cut), paint, **looks)  # type: ignore[arg-type]
+    cut = Cut(
+        "top",
+        upper=more.get("upper", 0.006 * k),
+        lower=lower,
+        sleeve=more.get("sleeve", 1.93),
+        ease=more.get("ease", 0.012 * k),
+        hang=more.get("hang", 0.6),
+        tube=_scaled(more.get("tube", {0.2: 0.062, 1.0: 0.055, 2.0: 0.040}), k),
+        fabric=more.get("fabric", Fabric()),
+    )
+    return Garment(
+        name,
+        cut,
+        paint,
+        roughness=more.get("roughness", 0.8),
+        specular=more.get("specular", 0.7),
+        thickness=more.get("thickness", 0.003),
+        collar=more.get("collar", _CREW_NECK),
+    )
 
 
-def _legs(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
-    cut: dict[str, object] = {"upper": 0.76, "ease": 0.008 * k, "fabric": Fabric(bending=0.16)}
-    cut |= more
-    tube = cut.pop("tube", {0.25: 0.088, 1.0: 0.076, 2.0: 0.072})
-    scaled = {place: k * radius for place, radius in tube.items()}  # type: ignore[attr-defined]
-    return Garment(name, Cut("trousers", lower=lower, tube=scaled, **cut), paint, 0.88, 0.6)  # type: ignore[arg-type]
+def _legs(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: Unpack[_CutOptions]) -> Garment:
+    cut = Cut(
+        "trousers",
+        upper=more.get("upper", 0.76),
+        lower=lower,
+        ease=more.get("ease", 0.008 * k),
+        tube=_scaled(more.get("tube", {0.25: 0.088, 1.0: 0.076, 2.0: 0.072}), k),
+        fabric=more.get("fabric", Fabric(bending=0.16)),
+    )
+    return Garment(name, cut, paint, 0.88, 0.6)
 
 
 def _skirt(name: str, paint: Paint, *, lower: float, flare: float, upper: float = 0.9, ease: float = 0.012) -> Garment:
@@ -107,9 +155,9 @@ def _tights(colour: Colour, seed: int, lower: float = 0.06) -> Garment:
     )
 
 
-def _red_coat() -> Look:
+def _red_coat() -> Outfit:
     hair = (186, 182, 178)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=0.0, age=0.92, muscle=0.42, weight=0.64, height=0.38, proportions=0.4),
         gait=Gait(
             phase=0.06,
@@ -156,9 +204,9 @@ def _red_coat() -> Look:
     )
 
 
-def _grey_hoodie() -> Look:
+def _grey_hoodie() -> Outfit:
     hair = (22, 18, 17)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=1.0, age=0.46, muscle=0.5, weight=0.38, height=0.58, proportions=0.7, ancestry={"african": 1.0}
         ),
@@ -196,10 +244,10 @@ def _grey_hoodie() -> Look:
     )
 
 
-def _blue_dress() -> Look:
+def _blue_dress() -> Outfit:
     hair = (24, 20, 20)
     blue, white = (36, 70, 138), (232, 232, 228)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0, age=0.47, muscle=0.42, weight=0.40, height=0.58, proportions=0.8, ancestry={"asian": 1.0}
         ),
@@ -236,9 +284,9 @@ def _blue_dress() -> Look:
     )
 
 
-def _white_tee() -> Look:
+def _white_tee() -> Outfit:
     hair = (84, 58, 38)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=1.0,
             age=0.62,
@@ -289,10 +337,10 @@ def _white_tee() -> Look:
     )
 
 
-def _striped_boy() -> Look:
+def _striped_boy() -> Outfit:
     hair = (128, 92, 54)
     k = 0.78
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.165, muscle=0.5, weight=0.46, height=0.5, proportions=0.5),
         gait=Gait(phase=0.06, stride=0.95, arm_swing_deg=22.0, elbow_deg=28.0, arm_out_deg=15.0, step_width_m=0.09),
         garments=(
@@ -325,10 +373,10 @@ def _striped_boy() -> Look:
     )
 
 
-def _pink_girl() -> Look:
+def _pink_girl() -> Outfit:
     hair = (52, 34, 24)
     k = 0.74
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0,
             age=0.15,
@@ -376,9 +424,9 @@ def _pink_girl() -> Look:
     )
 
 
-def _brown_hat() -> Look:
+def _brown_hat() -> Outfit:
     hair = (206, 204, 200)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.97, muscle=0.36, weight=0.5, height=0.46, proportions=0.4),
         gait=Gait(
             phase=0.57, stride=0.6, arm_swing_deg=9.0, elbow_deg=30.0, arm_out_deg=15.0, lean_deg=9.0, step_width_m=0.13
@@ -415,9 +463,9 @@ def _brown_hat() -> Look:
     )
 
 
-def _green_parka() -> Look:
+def _green_parka() -> Outfit:
     hair = (28, 22, 20)
-    return Look(
+    return Outfit(
         shape=BodyShape(
             sex=0.0,
             age=0.56,
@@ -467,10 +515,10 @@ def _green_parka() -> Look:
     )
 
 
-def _navy_coat() -> Look:
+def _navy_coat() -> Outfit:
     hair = (104, 98, 94)
     navy = (26, 32, 54)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.68, muscle=0.52, weight=0.60, height=0.62, proportions=0.5),
         gait=Gait(phase=0.56, stride=0.86, arm_swing_deg=14.0, elbow_deg=22.0, arm_out_deg=15.0),
         garments=(
@@ -507,9 +555,9 @@ def _navy_coat() -> Look:
     )
 
 
-def _orange_workwear() -> Look:
+def _orange_workwear() -> Outfit:
     hair = (30, 24, 20)
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.52, muscle=0.72, weight=0.60, height=0.50, proportions=0.5),
         gait=Gait(phase=0.06, stride=0.9, arm_swing_deg=18.0, elbow_deg=24.0, arm_out_deg=17.0, step_width_m=0.13),
         garments=(
@@ -544,7 +592,7 @@ def _orange_workwear() -> Look:
 
 
 #: Builders of the looks, by the names in specs.
-LOOKS: Final[Mapping[str, Callable[[], Look]]] = MappingProxyType(
+LOOKS: Final[Mapping[str, Callable[[], Outfit]]] = MappingProxyType(
     {
         "black-outfit": black_outfit,
         "yellow-shirt": yellow_shirt,

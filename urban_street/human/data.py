@@ -27,7 +27,7 @@ _TO_WORLD: Final = 0.1 * np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0,
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class VertexGroup:
     """A named part of the base mesh, e.g. ``body`` or ``helper-tights``.
 
     Attributes:
@@ -50,7 +50,7 @@ class BaseMesh:
 
     vertices: NDArray[np.float64]
     uvs: NDArray[np.float64]
-    groups: dict[str, Group]
+    groups: dict[str, VertexGroup]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,7 @@ def _base_mesh(folder: Path) -> BaseMesh:
     for name, rows in faces.items():
         if rows:
             corners = np.array(" ".join(rows).replace("/", " ").split(), np.int64).reshape(-1, 4, 2) - 1
-            groups[name] = Group(freeze(corners[..., 0].copy()), freeze(corners[..., 1].copy()))
+            groups[name] = VertexGroup(freeze(corners[..., 0].copy()), freeze(corners[..., 1].copy()))
     return BaseMesh(
         vertices=freeze(np.array(" ".join(vertices).split(), np.float64).reshape(-1, 3) @ _TO_WORLD.T),
         uvs=freeze(np.array(" ".join(uvs).split(), np.float64).reshape(-1, 2)),

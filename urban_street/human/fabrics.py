@@ -9,8 +9,8 @@ import numpy as np
 from urban_street.human.textures import (
     SLEEVE_START,
     TRUNK_SHARE,
-    Canvas,
     Colour,
+    TextureCanvas,
     grid,
     line,
     noise,
@@ -24,17 +24,17 @@ _SMALL: Final = 64
 Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
 
 
-def plain(colour: Colour, seed: int) -> Canvas:
+def plain(colour: Colour, seed: int) -> TextureCanvas:
     """Paint one colour with little wear."""
-    canvas = Canvas.plain(colour, _SMALL)
+    canvas = TextureCanvas.plain(colour, _SMALL)
     canvas.shade(1.0 + 0.02 * noise(np.random.default_rng(seed), (1.0, 1.0), _SMALL))
     return canvas
 
 
-def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> TextureCanvas:
     """Paint a T-shirt or jersey, ribbed at neck and cuffs: plain, striped across, or with a band around the chest."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     u, v = grid()
     trunk = v < TRUNK_SHARE
     height = v / TRUNK_SHARE
@@ -53,10 +53,10 @@ def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") ->
     return canvas
 
 
-def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
+def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> TextureCanvas:
     """Paint knitwear with ribs at hem and cuffs; with ``pocket``, a hooded sweater with a pouch and cords."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.22)
     u, v = grid()
     trunk = v < TRUNK_SHARE
@@ -75,10 +75,10 @@ def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
     return canvas
 
 
-def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Canvas:
+def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> TextureCanvas:
     """Paint the upper part of a coat: lapels, two rows of buttons, pockets; `coat_skirt` continues it."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.2)
     u, v = grid()
     trunk = v < TRUNK_SHARE
@@ -107,10 +107,10 @@ def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Ca
     return canvas
 
 
-def coat_skirt(colour: Colour, seed: int) -> Canvas:
+def coat_skirt(colour: Colour, seed: int) -> TextureCanvas:
     """Paint the lower part of a coat, from the waist down: overlapping fronts, pockets, a vent."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.2)
     u, v = grid()
     seam(canvas, u - 0.53, dark=0.45, width=0.004)
@@ -123,10 +123,10 @@ def coat_skirt(colour: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> TextureCanvas:
     """Paint a skirt or the lower part of a dress; u runs around, v from waist to hem."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     u, v = grid()
     if pattern == "dots":
         row = np.floor(v * 26.0)
@@ -146,10 +146,10 @@ def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") 
     return canvas
 
 
-def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> TextureCanvas:
     """Paint the upper part of a dress, in the skirt's pattern."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     u, v = grid()
     if pattern == "dots":
         rows = v * 52.0
@@ -161,10 +161,10 @@ def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain")
     return canvas
 
 
-def knit(colour: Colour, other: Colour, seed: int) -> Canvas:
+def knit(colour: Colour, other: Colour, seed: int) -> TextureCanvas:
     """Paint a knitted cap: ribs from the crown, a turned-up edge in another colour."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     u, v = grid()
     canvas.paint(other, np.clip((v - 0.62) * 60.0, 0.0, 1.0))
     canvas.height += 1.3 * np.sin(u * 2.0 * np.pi * 56.0)
@@ -172,10 +172,10 @@ def knit(colour: Colour, other: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def felt(colour: Colour, band: Colour, seed: int) -> Canvas:
+def felt(colour: Colour, band: Colour, seed: int) -> TextureCanvas:
     """Paint a hat or peaked cap: panels, and a band where the brim begins."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.1)
     u, v = grid()
     for panel in range(6):
@@ -184,10 +184,10 @@ def felt(colour: Colour, band: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def bag(colour: Colour, seed: int) -> Canvas:
+def bag(colour: Colour, seed: int) -> TextureCanvas:
     """Paint leather or nylon with seams and a zip."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour, 256)
+    canvas = TextureCanvas.plain(colour, 256)
     canvas.shade(1.0 + 0.05 * noise(random, (2.0, 2.0), 256))
     canvas.height += 0.3 * noise(random, (1.2, 1.2), 256)
     _, v = grid(256)
@@ -197,10 +197,10 @@ def bag(colour: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def paper(colour: Colour, seed: int) -> Canvas:
+def paper(colour: Colour, seed: int) -> TextureCanvas:
     """Paint a paper bag with a coloured field on its side."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour, 128)
+    canvas = TextureCanvas.plain(colour, 128)
     canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 128))
     canvas.height += 1.2 * noise(random, (8.0, 3.0), 128)
     u, v = grid(128)
@@ -208,10 +208,10 @@ def paper(colour: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def canopy(colour: Colour, seed: int) -> Canvas:
+def canopy(colour: Colour, seed: int) -> TextureCanvas:
     """Paint an umbrella's cloth: eight panels with seams along the ribs, and a hem."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour, 256)
+    canvas = TextureCanvas.plain(colour, 256)
     canvas.shade(1.0 + 0.03 * noise(random, (1.0, 1.0), 256))
     u, v = grid(256)
     rib = np.abs((u * 8.0 + 0.5) % 1.0 - 0.5)

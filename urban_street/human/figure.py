@@ -43,7 +43,7 @@ _HIDDEN_MARGIN: Final = 0.04
 _SKIRT_MARGIN: Final = 0.14
 
 
-class Shape(NamedTuple):
+class PartShape(NamedTuple):
     """One material's part: (V, 3) positions and normals, (V, 2) texture coordinates, (F, 3) faces."""
 
     positions: Points
@@ -188,7 +188,7 @@ class SeatedFigure:
         return pose.pose_body(self._model.body, rotations), origin
 
     @cached_property
-    def _shapes(self) -> dict[str, Shape]:
+    def _shapes(self) -> dict[str, PartShape]:
         return self._model.slimmed(self._model.full_shapes(self._posed[0]))
 
 
@@ -202,11 +202,11 @@ class Model:
         materials, textures: materials and textures by name. The images are painted on first use.
     """
 
-    def __init__(self, name: str, look: outfits.Look) -> None:
+    def __init__(self, name: str, look: outfits.Outfit) -> None:
         self.name, self.look = name, look
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
-        self._canvases: dict[str, Callable[[], textures.Canvas]] = {}
+        self._canvases: dict[str, Callable[[], textures.TextureCanvas]] = {}
         self._stances: LRUCache[StanceKey, dict[str, Mesh]] = LRUCache(_KEPT_STANCES)
         self._declare()
 
@@ -270,7 +270,7 @@ class Model:
         return skin.bare_parts(body, hidden)
 
     @cached_property
-    def _first(self) -> tuple[dict[str, Shape], pose.Posed]:
+    def _first(self) -> tuple[dict[str, PartShape], pose.Posed]:
         posed = self.posed(_FIRST)
         return self.full_shapes(posed), posed
 
@@ -285,7 +285,7 @@ class Model:
             simplified[part] = surface.simplify(shape.positions, shape.faces, int(share * len(shape.faces)))
         return simplified
 
-    def _shapes(self, key: StanceKey) -> dict[str, Shape]:
+    def _shapes(self, key: StanceKey) -> dict[str, PartShape]:
         first = key._replace(carries="nothing") == _FIRST and not carried.takes_a_hand(key.carries)
         posed = self._first[1] if first else self.posed(key)
         full = self._first[0] if first else self.full_shapes(posed)
@@ -294,7 +294,7 @@ class Model:
         ground = origin[2]
         clothes = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
         for part, thing in carried.build(key.carries, key.pose, self.body, posed, clothes, float(ground)).items():
-            shapes[part] = Shape(*thing)
+            shapes[part] = PartShape(*thing)
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
 
     def _origin(self, posed: pose.Posed) -> Points:
@@ -308,11 +308,11 @@ class Model:
         posed = self.posed(key)
         return pose.joints(self.body, posed) - self._origin(posed)
 
-    def slimmed(self, full: Mapping[str, Shape]) -> dict[str, Shape]:
+    def slimmed(self, full: Mapping[str, PartShape]) -> dict[str, PartShape]:
         """Return parts from `full_shapes` with fewer triangles, the same ones in every stance."""
         slim = self._slim
         return {
-            part: Shape(
+            part: PartShape(
                 slim[part].matrix @ shape.positions,
                 slim[part].matrix @ shape.normals,
                 slim[part].matrix @ shape.uvs,
@@ -336,7 +336,7 @@ class Model:
             cloths.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(cloths)))
         return tuple(cloths)
 
-    def full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
+    def full_shapes(self, posed: pose.Posed) -> dict[str, PartShape]:
         """Return all parts, not simplified, in the body's frame."""
         shapes = dict(self._dressed(posed))
         shapes |= self._bare(posed)
@@ -346,27 +346,29 @@ class Model:
             for pair in self.pairs.values():
                 points = posed.apply(pair[index].points, pair[index].weights)
                 pieces.append(
-                    Shape(points, surface.vertex_normals(points, pair[index].faces), pair[index].uvs, pair[index].faces)
+                    PartShape(
+                        points, surface.vertex_normals(points, pair[index].faces), pair[index].uvs, pair[index].faces
+                    )
                 )
             shapes[part] = _joined(pieces)
         return shapes
 
-    def _dressed(self, posed: pose.Posed) -> Iterator[tuple[str, Shape]]:
+    def _dressed(self, posed: pose.Posed) -> Iterator[tuple[str, PartShape]]:
         for garment, settled in zip(self.look.garments, self.dressed(posed), strict=True):
             collar = garment.collar
             collared = settled if collar is None else trim.add_collar(settled, collar, self.body, posed)
             cloth = trim.add_hems(collared, garment.thickness)
             old, uvs, faces = unwrap.unwrap(garment.cut, self.body, cloth)
             normals = surface.vertex_normals(cloth.points, cloth.faces)
-            yield f"cloth-{garment.name}", Shape(cloth.points[old], normals[old], uvs, faces)
+            yield f"cloth-{garment.name}", PartShape(cloth.points[old], normals[old], uvs, faces)
 
-    def _bare(self, posed: pose.Posed) -> dict[str, Shape]:
+    def _bare(self, posed: pose.Posed) -> dict[str, PartShape]:
         body = self.body
         points = posed.apply(body.vertices, data.rig().weights)
         normals = surface.vertex_normals(points, data.base_mesh().groups["body"].quads)
         head, limbs = self._bare_parts
         shapes = {
-            name: Shape(points[part.vertices], normals[part.vertices], part.uvs, part.faces)
+            name: PartShape(points[part.vertices], normals[part.vertices], part.uvs, part.faces)
             for part, name in ((head, "skin-head"), (limbs, "skin-limbs"))
         }
         small = {
@@ -376,13 +378,13 @@ class Model:
         for name, pieces in small.items():
             shapes[name] = _joined(
                 [
-                    Shape(points[p.vertices], surface.vertex_normals(points[p.vertices], p.faces), p.uvs, p.faces)
+                    PartShape(points[p.vertices], surface.vertex_normals(points[p.vertices], p.faces), p.uvs, p.faces)
                     for p in pieces
                 ]
             )
         return shapes
 
-    def _on_head(self, posed: pose.Posed) -> Iterator[tuple[str, Shape]]:
+    def _on_head(self, posed: pose.Posed) -> Iterator[tuple[str, PartShape]]:
         turn = posed.transforms[data.rig().bones.index("head")]
         pieces: dict[str, hair.Hair] = {}
         if self.look.hair is not None:
@@ -393,7 +395,7 @@ class Model:
             points = piece.points @ turn[:3, :3].T + turn[:3, 3]
             normals = surface.vertex_normals(points, piece.faces)
             old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])
-            yield part, Shape(points[old], normals[old], uvs, faces)
+            yield part, PartShape(points[old], normals[old], uvs, faces)
 
     def _declare(self) -> None:
         look = self.look
@@ -427,7 +429,7 @@ class Model:
     def _painted(
         self,
         part: str,
-        canvas: Callable[[], textures.Canvas],
+        canvas: Callable[[], textures.TextureCanvas],
         roughness: float,
         specular: float,
         *,
@@ -452,7 +454,7 @@ class Model:
 class _Painting:
     """Colour and relief of one canvas, which is dropped after painting."""
 
-    canvas: Callable[[], textures.Canvas]
+    canvas: Callable[[], textures.TextureCanvas]
     _colour: NDArray[np.uint8] | None = None
     _normals: NDArray[np.uint8] | None = None
 
@@ -472,10 +474,10 @@ class _Painting:
             self._colour, self._normals = canvas.image(), canvas.normals()
 
 
-def _joined(pieces: list[Shape]) -> Shape:
+def _joined(pieces: list[PartShape]) -> PartShape:
     starts = np.cumsum([0] + [len(piece.positions) for piece in pieces])
     faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
-    return Shape(
+    return PartShape(
         np.concatenate([piece.positions for piece in pieces]),
         np.concatenate([piece.normals for piece in pieces]),
         np.concatenate([piece.uvs for piece in pieces]),
@@ -483,7 +485,7 @@ def _joined(pieces: list[Shape]) -> Shape:
     )
 
 
-def _mesh(shape: Shape, material: str) -> Mesh:
+def _mesh(shape: PartShape, material: str) -> Mesh:
     return Mesh(
         positions=shape.positions.astype(np.float32),
         normals=surface.normalize(shape.normals).astype(np.float32),

@@ -23,7 +23,7 @@ class Hat:
     """
 
     kind: Literal["beanie", "cap", "brimmed"]
-    texture: Callable[[], textures.Canvas]
+    texture: Callable[[], textures.TextureCanvas]
 
 
 _EDGES = {

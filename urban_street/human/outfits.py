@@ -32,7 +32,7 @@ class Garment:
 
     name: str
     cut: Cut
-    texture: Callable[[], textures.Canvas]
+    texture: Callable[[], textures.TextureCanvas]
     roughness: float
     specular: float
     thickness: float = 0.003
@@ -40,7 +40,7 @@ class Garment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class Outfit:
     """The look of a character.
 
     Attributes:
@@ -58,7 +58,7 @@ class Look:
     gait: Gait
     garments: tuple[Garment, ...]
     shoe: ShoeCut
-    shoe_texture: Callable[[], textures.Canvas]
+    shoe_texture: Callable[[], textures.TextureCanvas]
     shoe_roughness: float
     sole: tuple[float, float, float]
     hair: HairCut | None
@@ -71,7 +71,7 @@ class Look:
     umbrella_colour: textures.Colour = (28, 34, 66)
 
 
-def black_outfit() -> Look:
+def black_outfit() -> Outfit:
     hairline = {
         0.0: 41.0,
         25.0: 40.0,
@@ -85,7 +85,7 @@ def black_outfit() -> Look:
         118.0: -12.0,
         180.0: -36.0,
     }
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=1.0, age=0.55, muscle=0.52, weight=0.52, height=0.53, proportions=0.6),
         gait=Gait(phase=0.055, stride=0.86, arm_swing_deg=17.0, elbow_deg=22.0, arm_out_deg=14.0),
         garments=(
@@ -147,7 +147,7 @@ def black_outfit() -> Look:
     )
 
 
-def yellow_outfit() -> Look:
+def yellow_outfit() -> Outfit:
     """Return the person of `black_outfit`, with the same step and cut of the clothes, in the colours of `yellow_shirt`."""
     look = black_outfit()
     trousers, jacket = look.garments
@@ -160,9 +160,9 @@ def yellow_outfit() -> Look:
     )
 
 
-def yellow_shirt() -> Look:
+def yellow_shirt() -> Outfit:
     hairline = {0.0: 42.0, 18.0: 41.0, 35.0: 34.0, 50.0: 20.0, 60.0: -6.0, 75.0: -10.0, 120.0: -14.0, 180.0: -34.0}
-    return Look(
+    return Outfit(
         shape=BodyShape(sex=0.0, age=0.5, muscle=0.5, weight=0.47, height=0.57, proportions=0.7),
         gait=Gait(phase=0.58, stride=0.80, arm_swing_deg=15.0, elbow_deg=28.0, arm_out_deg=12.0, step_width_m=0.09),
         garments=(

@@ -78,8 +78,8 @@ class Posed:
     def apply(self, points: Points, weights: Points) -> Points:
         """Apply linear blend skinning to (V, 3) rest points with (V, bones) weights."""
         blended = np.einsum("vb,bij->vij", weights, self.transforms[:, :3, :], optimize=True)
-        moved: Points = np.einsum("vij,vj->vi", blended[:, :, :3], points) + blended[:, :, 3]
-        return moved
+        places: Points = np.einsum("vij,vj->vi", blended[:, :, :3], points) + blended[:, :, 3]
+        return places
 
 
 def joints(body: Body, posed: Posed) -> Points:

@@ -103,9 +103,9 @@ def _arm(
         palm = -palm
     pointing = normalize(np.array([-0.12 * outwards, 1.0, -0.22]))
     down = normalize(np.array([-0.25 * outwards, -0.15, -1.0]))
-    turned = _frame(pointing, down) @ _frame(finger - hand, palm).T
+    turn = _frame(pointing, down) @ _frame(finger - hand, palm).T
     # The palm, which is under the knuckles, lies on the grip.
-    wrist = grip - turned @ (0.92 * (finger - hand) + 0.028 * palm)
+    wrist = grip - turn @ (0.92 * (finger - hand) + 0.028 * palm)
     pole = np.array([outwards * 0.75, -0.35, -0.9])
     elbow = _joint(shoulder, wrist, float(np.linalg.norm(fore - upper)), float(np.linalg.norm(hand - fore)), pole)
     rest = normalize(np.cross(fore - upper, [0.0, 1.0, 0.0]))
@@ -115,7 +115,7 @@ def _arm(
     return {
         f"upperarm_{side}": Rotation.from_matrix(clavicle.T @ first),
         f"lowerarm_{side}": Rotation.from_matrix(first.T @ second),
-        f"hand_{side}": Rotation.from_matrix(second.T @ turned),
+        f"hand_{side}": Rotation.from_matrix(second.T @ turn),
     }
 
 

@@ -70,8 +70,8 @@ def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPar
 def eye_part(body: Body, side: str) -> SkinPart:
     """Return one eyeball with its texture projected from the front."""
     faces = surface.triangles(data.base_mesh().groups[f"helper-{side}-eye"].quads)
-    used = np.unique(faces)
-    centre, radius = _sphere(body.vertices[used])
+    vertices = np.unique(faces)
+    centre, radius = _sphere(body.vertices[vertices])
     offset = (body.vertices - centre) / (2.0 * radius)
     uvs = np.stack([0.5 + offset[:, 0], 0.5 - offset[:, 2]], axis=1)
     return SkinPart(*surface.unweld(faces, uvs[faces], wraps=False))
@@ -83,7 +83,7 @@ def lash_part(side: str) -> SkinPart:
     return SkinPart(*surface.unweld(faces, np.zeros((*faces.shape, 2)), wraps=False))
 
 
-def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
+def paint_head(face: Face, body: Body, seed: int) -> textures.TextureCanvas:
     """Paint the texture of head and neck; u runs around (0.5 in front), v down from above the crown."""
     canvas = textures.skin(face.skin, seed)
     random = np.random.default_rng(seed + 1)
@@ -118,7 +118,7 @@ def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
     return canvas
 
 
-def paint_limbs(face: Face, seed: int) -> textures.Canvas:
+def paint_limbs(face: Face, seed: int) -> textures.TextureCanvas:
     """Paint the texture of hands and arms in MakeHuman's own layout, with nails."""
     canvas = textures.skin(face.skin, seed)
     nails = ndimage.zoom(data.mask("fingernails").astype(np.float64) / 255.0, textures.SIZE / 2048.0, order=1)
@@ -127,7 +127,7 @@ def paint_limbs(face: Face, seed: int) -> textures.Canvas:
 
 
 def _paint_brows(
-    canvas: textures.Canvas,
+    canvas: textures.TextureCanvas,
     face: Face,
     across: Points,
     height: Points,

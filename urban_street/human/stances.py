@@ -37,7 +37,7 @@ Soles = Mapping[str, tuple[Points, Points]]
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class ArmReach:
     """The pose of the right arm, as directions seen from the trunk (x right, y ahead, z up). The left arm mirrors x.
 
     Attributes:
@@ -54,10 +54,10 @@ class Reach:
     grip: float = 1.0
 
 
-_PHONE: Final = Reach((0.16, 0.30, -1.0), (-0.42, 0.62, 0.62), (-0.40, 0.50, 0.77), (-0.10, -0.80, 0.60), 1.6)
-_WAVE: Final = Reach((0.95, 0.10, -0.02), (0.22, 0.22, 1.0), (0.05, 0.10, 1.0), (-0.1, 1.0, 0.0), 0.25)
-_CANOPY: Final = Reach((0.20, 0.22, -1.0), (-0.18, 0.80, 0.58), (-0.22, 0.95, 0.25), (-1.0, -0.1, 0.0), 3.0)
-_LOAD: Final = Reach((0.20, 0.00, -1.0), (0.10, 0.10, -1.0), (0.02, 0.05, -1.0), (-1.0, 0.0, 0.0), 2.6)
+_PHONE: Final = ArmReach((0.16, 0.30, -1.0), (-0.42, 0.62, 0.62), (-0.40, 0.50, 0.77), (-0.10, -0.80, 0.60), 1.6)
+_WAVE: Final = ArmReach((0.95, 0.10, -0.02), (0.22, 0.22, 1.0), (0.05, 0.10, 1.0), (-0.1, 1.0, 0.0), 0.25)
+_CANOPY: Final = ArmReach((0.20, 0.22, -1.0), (-0.18, 0.80, 0.58), (-0.22, 0.95, 0.25), (-1.0, -0.1, 0.0), 3.0)
+_LOAD: Final = ArmReach((0.20, 0.00, -1.0), (0.10, 0.10, -1.0), (0.02, 0.05, -1.0), (-1.0, 0.0, 0.0), 2.6)
 
 
 def gait_step(phase: float) -> int:
@@ -163,7 +163,7 @@ def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:
     return turns
 
 
-def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
+def _reach(body: Body, reach: ArmReach, side: str) -> Mapping[str, Rotation]:
     mirror = np.array([1.0 if side == "r" else -1.0, 1.0, 1.0])
 
     def towards(direction: Direction) -> Points:

@@ -40,9 +40,9 @@ def triangles(quads: Indices) -> Indices:
 
 def compact(faces: Indices, count: int) -> Mapped:
     """Drop the vertices, ``count`` in all, that no face uses."""
-    used, inverse = np.unique(faces, return_inverse=True)
-    rows = np.arange(len(used))
-    matrix = sparse.csr_matrix((np.ones(len(used)), (rows, used)), shape=(len(used), count))
+    vertices, inverse = np.unique(faces, return_inverse=True)
+    rows = np.arange(len(vertices))
+    matrix = sparse.csr_matrix((np.ones(len(vertices)), (rows, vertices)), shape=(len(vertices), count))
     return Mapped(matrix, inverse.reshape(faces.shape))
 
 
@@ -151,10 +151,10 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     part = values[new[:, 0]] / (values[new[:, 0]] - values[new[:, 1]])
     rows = np.repeat(np.arange(len(new)), 2)
     weights = np.stack([1.0 - part, part], axis=1)
-    added = sparse.csr_matrix((weights.ravel(), (rows, new.ravel())), shape=(len(new), count)) @ moved
+    crossings = sparse.csr_matrix((weights.ravel(), (rows, new.ravel())), shape=(len(new), count)) @ moved
     everything = np.concatenate([whole, np.array(pieces, np.int64).reshape(-1, 3)])
     small = compact(everything, count + len(new))
-    return Mapped(small.matrix @ sparse.vstack([moved, added]), small.faces)
+    return Mapped(small.matrix @ sparse.vstack([moved, crossings]), small.faces)
 
 
 def vertex_normals(points: Points, faces: Indices) -> Points:

@@ -23,7 +23,7 @@ SLEEVE_START: Final = 0.62
 
 
 @dataclass(slots=True, eq=False)
-class Canvas:
+class TextureCanvas:
     """A texture under construction.
 
     Attributes:
@@ -35,7 +35,7 @@ class Canvas:
     height: Field
 
     @classmethod
-    def plain(cls, colour: Colour, size: int = SIZE) -> Canvas:
+    def plain(cls, colour: Colour, size: int = SIZE) -> TextureCanvas:
         """Return a flat canvas of one colour."""
         return cls(np.tile(np.array(colour, np.float64), (size, size, 1)), np.zeros((size, size)))
 
@@ -78,7 +78,7 @@ def line(distance: Field, width: float) -> Field:
     return np.asarray(np.exp(-((distance / width) ** 2)))
 
 
-def weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, relief: float) -> None:
+def weave(canvas: TextureCanvas, random: np.random.Generator, *, contrast: float, relief: float) -> None:
     canvas.shade(1.0 + contrast * (0.6 * noise(random, (0.5, 0.5)) + 0.35 * noise(random, (6.0, 6.0))))
     canvas.height += relief * noise(random, (0.7, 0.7))
     # creases that are too small for the mesh, mostly across the limb
@@ -86,7 +86,7 @@ def weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, relie
 
 
 def seam(
-    canvas: Canvas,
+    canvas: TextureCanvas,
     distance: Field,
     where: Field | NDArray[np.bool_] | bool = True,
     *,
@@ -98,10 +98,10 @@ def seam(
     canvas.height -= 1.6 * groove
 
 
-def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
+def jacket(colour: Colour, metal: Colour, seed: int) -> TextureCanvas:
     """Paint a zipped jacket with hem band, cuffs, yoke and slanted pockets."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.16)
     u, v = grid()
     trunk = v < TRUNK_SHARE
@@ -127,10 +127,10 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
+def shirt(colour: Colour, button: Colour, seed: int) -> TextureCanvas:
     """Paint a buttoned shirt with placket, breast pocket, seams and cuffs."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.035, relief=0.10)
     u, v = grid()
     trunk = v < TRUNK_SHARE
@@ -154,10 +154,10 @@ def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
+def jeans(colour: Colour, thread: Colour, seed: int) -> TextureCanvas:
     """Paint denim: twill, washed out on thighs, knees and seat, with double seams and pockets."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.07, relief=0.12)
     u, v = grid()
     canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
@@ -172,10 +172,10 @@ def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def trousers(colour: Colour, seed: int) -> Canvas:
+def trousers(colour: Colour, seed: int) -> TextureCanvas:
     """Paint plain cloth trousers with side seams and pockets."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.13)
     u, v = grid()
     _trouser_seams(canvas, u, v, None)
@@ -183,7 +183,7 @@ def trousers(colour: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) -> None:
+def _trouser_seams(canvas: TextureCanvas, u: Field, v: Field, thread: Colour | None) -> None:
     inner = np.minimum(u, 1.0 - u)
     seam(canvas, u - 0.5, dark=0.35)
     seam(canvas, inner, dark=0.3)
@@ -201,10 +201,10 @@ def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) ->
         canvas.paint(thread, stitch * line(box - 0.94, 0.02))
 
 
-def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas:
+def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> TextureCanvas:
     """Paint a shoe's upper; u runs across (0.5 on top), v from heel to toe."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour, 256)
+    canvas = TextureCanvas.plain(colour, 256)
     canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 256))
     canvas.height += 0.15 * noise(random, (1.0, 1.0), 256)
     u, v = grid(256)
@@ -220,20 +220,20 @@ def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas
     return canvas
 
 
-def strands(colour: Colour, seed: int) -> Canvas:
+def strands(colour: Colour, seed: int) -> TextureCanvas:
     """Paint hair: streaks along v, darker between the locks."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour)
+    canvas = TextureCanvas.plain(colour)
     fine, locks = noise(random, (60.0, 0.7)), noise(random, (40.0, 5.0))
     canvas.shade(np.clip(1.0 + 0.22 * fine + 0.16 * locks, 0.35, 1.8))
     canvas.height += 0.9 * fine + 3.0 * locks
     return canvas
 
 
-def eye(iris: Colour, seed: int) -> Canvas:
+def eye(iris: Colour, seed: int) -> TextureCanvas:
     """Paint the front of an eyeball; the texture's width is its diameter."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain((226, 219, 213), 64)
+    canvas = TextureCanvas.plain((226, 219, 213), 64)
     u, v = grid(64)
     radius = np.hypot(u - 0.5, v - 0.5)
     canvas.paint((196, 150, 140), 0.5 * np.clip((radius - 0.30) / 0.15, 0.0, 1.0))
@@ -243,10 +243,10 @@ def eye(iris: Colour, seed: int) -> Canvas:
     return canvas
 
 
-def skin(colour: Colour, seed: int, size: int = SIZE) -> Canvas:
+def skin(colour: Colour, seed: int, size: int = SIZE) -> TextureCanvas:
     """Paint slightly blotchy bare skin."""
     random = np.random.default_rng(seed)
-    canvas = Canvas.plain(colour, size)
+    canvas = TextureCanvas.plain(colour, size)
     blotch = noise(random, (9.0, 9.0), size)
     canvas.shade(1.0 + 0.02 * noise(random, (1.2, 1.2), size))
     canvas.colour *= 1.0 + blotch[..., None] * np.array([0.012, 0.026, 0.026])

@@ -44,8 +44,8 @@ class Surface:
     def selected(self, mask: NDArray[np.bool_]) -> Surface:
         """Return only the faces with a true ``mask``, (F,), and the vertices that they use."""
         faces = self.faces[mask]
-        used, compact = np.unique(faces, return_inverse=True)
-        return Surface(self.positions[used], self.normals[used], self.uvs[used], compact.reshape(-1, 3))
+        vertices, compact = np.unique(faces, return_inverse=True)
+        return Surface(self.positions[vertices], self.normals[vertices], self.uvs[vertices], compact.reshape(-1, 3))
 
     def textured(self, uvs: Floats) -> Surface:
         """Return the same triangles with other texture coordinates."""

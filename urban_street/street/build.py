@@ -12,7 +12,7 @@ from urban_street.street import amenities, furniture, house_styles, road
 from urban_street.street.houses import add_floor, build_house
 from urban_street.street.layout import HOUSE_STYLES
 from urban_street.street.materials import make_materials, make_textures
-from urban_street.street.plan import Lines, Placement, StreetLayout
+from urban_street.street.plan import Placement, StreetLayout, StreetLines
 from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from urban_street.vehicles.content import VehicleContent
@@ -21,7 +21,7 @@ from valerie.scene.graph.model import Light, Material, Matrix, Mesh, Texture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class StreetPart:
     """One node: an object with its shape, or a vehicle, or a part of one.
 
     Attributes:
@@ -41,7 +41,7 @@ class Part:
 class StreetContent:
     """All objects of a street, with their materials and textures."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[StreetPart, ...]
     materials: dict[str, Material]
     textures: dict[str, Texture]
 
@@ -49,23 +49,23 @@ class StreetContent:
 def build_street(layout: StreetLayout) -> StreetContent:
     """Build the shape of every placement of a layout in a few CPU seconds. Equal layouts give equal bytes."""
     workshop = _Workshop(layout)
-    parts: list[Part] = []
+    parts: list[StreetPart] = []
     for placement in layout.placements:
         if placement.kind in KINDS:
             vehicle = workshop.vehicle(placement)
-            parts.append(Part(placement.path, _transform(placement), ()))
-            parts += (Part(f"{placement.path}.{p.name}", p.transform, p.meshes) for p in vehicle.parts)
+            parts.append(StreetPart(placement.path, _transform(placement), ()))
+            parts += (StreetPart(f"{placement.path}.{p.name}", p.transform, p.meshes) for p in vehicle.parts)
         else:
-            parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
+            parts.append(StreetPart(placement.path, _transform(placement), workshop.meshes(placement)))
             if placement.kind == "lamp":
-                parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
-    used = {mesh.material for part in parts for mesh in part.meshes}
+                parts.append(StreetPart(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
+    in_use = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
     all_materials = make_materials(settings.seed) | workshop.materials
-    materials = {name: material for name, material in all_materials.items() if name in used}
-    names = {texture for material in materials.values() for texture in material.textures}
+    materials = {name: material for name, material in all_materials.items() if name in in_use}
+    in_use = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(settings) | workshop.textures
-    textures = {name: texture for name, texture in painted.items() if name in names}
+    textures = {name: texture for name, texture in painted.items() if name in in_use}
     return StreetContent(tuple(parts), materials, textures)
 
 
@@ -129,8 +129,8 @@ class _Workshop:
         try:
             return _SHARED[kind]()
         except KeyError:
-            known = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
-            raise UnknownName("kind of street object", kind, known) from None
+            kinds = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            raise UnknownName("kind of street object", kind, kinds) from None
 
 
 #: Range along the street in which cars have all their details, metres.
@@ -145,7 +145,7 @@ _TREES = _with_far(SPECIES) | {
     "far-tree": Tree(TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20)),
 }
 
-_GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
+_GROUND: dict[str, Callable[[Placement, StreetLines], Bag]] = {
     "carriageway": road.build_carriageway,
     "left": road.build_footway,
     "right": road.build_footway,

@@ -28,7 +28,7 @@ from urban_street.street.plan import (
     rectangle,
     turned_rectangle,
 )
-from urban_street.street.planning import Plan
+from urban_street.street.planning import StreetPlan
 from urban_street.vehicles.build import dimensions
 
 #: Styles of houses, and the ones that close a view.
@@ -72,7 +72,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     """
     streams = np.random.SeedSequence(settings.seed).spawn(6)
     houses, cars, trees, furniture, ends, cycles = (np.random.default_rng(stream) for stream in streams)
-    plan = Plan(settings)
+    plan = StreetPlan(settings)
     lines = plan.lines
     plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
     plan.add("sidewalk", "left", 0.0, 0.0)
@@ -106,14 +106,14 @@ def _seed(rng: np.random.Generator) -> int:
     return int(rng.integers(2**31))
 
 
-def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
+def _place_houses(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place two rows of houses without gaps except for side streets. Neighbours differ in style; a few have front gardens."""
     for left in (True, False):
         for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
             _place_row(plan, rng, start, stop, left=left)
 
 
-def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
+def _place_row(plan: StreetPlan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
     lines, styles = plan.lines, HOUSE_STYLES
     previous, since_garden = "", 0
     while y < stop - 0.1:
@@ -153,7 +153,7 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
         y += width
 
 
-def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
+def _place_side_street(plan: StreetPlan, y: float, rng: np.random.Generator) -> None:
     """Place a street to the left, the right or both, with carriageway, pavements, two rows of houses and one across its end."""
     lines = plan.lines
     for left, there in zip((True, False), lines.sides, strict=True):
@@ -182,7 +182,7 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
 
 
 def _add_house(
-    plan: Plan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
+    plan: StreetPlan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
 ) -> None:
     """Add a house, with the left end of its front at ``spot``, and its footprint; width and depth in metres."""
     bays, door = _bays(width, rng)
@@ -200,7 +200,7 @@ def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
 
 
 def _place_garden(
-    plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
+    plan: StreetPlan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
 ) -> None:
     """Place grass and a hedge behind railings or a low wall, on both sides of the path to the door."""
     outward = -1.0 if left else 1.0
@@ -233,7 +233,7 @@ def _place_garden(
         plan.block(hedge, rectangle(x - 0.3, start + 0.2, x + 0.3, stop - 0.2))
 
 
-def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
+def _place_ends(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place cross streets at both ends, with houses behind them that close the horizon."""
     lines = plan.lines
     first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
@@ -250,7 +250,7 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
             x += width
 
 
-def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
+def _place_cars(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place cars in both parking bays, in rows with tight gaps and some free bays, and one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
@@ -283,7 +283,7 @@ def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
             y += length + _gap(rng, roomy=y < WALK_STOP)
 
 
-def _place_large_vehicles(plan: Plan) -> None:
+def _place_large_vehicles(plan: StreetPlan) -> None:
     """Place a delivery truck and a bus in the cross street at the far end."""
     for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
         length, width, _ = dimensions(kind)
@@ -294,7 +294,7 @@ def _place_large_vehicles(plan: Plan) -> None:
         )
 
 
-def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
+def _place_cycles(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Place motorcycles in free bays, and bicycles along the kerbs at free places."""
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
@@ -346,7 +346,7 @@ def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str
         yield avenue if rng.random() < 0.55 else str(rng.choice(others))
 
 
-def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
+def _place_trees(plan: StreetPlan, rng: np.random.Generator) -> list[tuple[bool, float]]:
     """Place trees along both kerbs, and return (left side?, y) of each trunk."""
     trunks = []
     species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
@@ -380,9 +380,9 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
     return trunks
 
 
-def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
+def _place_furniture(plan: StreetPlan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
     """Place lamp posts, signs, bollards, bins, planters and bicycle stands between the trunks."""
-    taken = list(trunks)
+    places = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
         """Return the nearest place along the kerb at least 1.6 m from all objects there."""
@@ -390,8 +390,8 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):
                 continue
-            if all(side != left or abs(candidate - other) > 1.6 for side, other in taken):
-                taken.append((left, candidate))
+            if all(side != left or abs(candidate - other) > 1.6 for side, other in places):
+                places.append((left, candidate))
                 return candidate
         return y
 
@@ -425,21 +425,21 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
         _place_along_walls(plan, rng, left=left)
 
 
-def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
+def _place_along_walls(plan: StreetPlan, rng: np.random.Generator, *, left: bool) -> None:
     """Place bins and planters, clear of house doors and of each other."""
     front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
-    taken = []
+    places = []
     for house in plan.placements:
         if house.object_class == "building" and house.heading == heading:
             width, _, bays, door = house.size[:4]
-            taken.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
+            places.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
     x = front + 0.42 if left else front - 0.42
     for y in rng.uniform(6.0, plan.lines.row_stop - 15.0, round(plan.settings.length_m / 22.0)):
-        if any(abs(y - other) < 2.0 for other in taken) or plan.lines.in_side_street(
+        if any(abs(y - other) < 2.0 for other in places) or plan.lines.in_side_street(
             float(y), SIDE_HALF + 1.0, left=left
         ):
             continue
-        taken.append(float(y))
+        places.append(float(y))
         if rng.random() < 0.5:
             size = (0.5, 1.1)
             planter = plan.add(

@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from urban_street.street.plan import SIDE_HALF, Spot
-from urban_street.street.planning import Plan
+from urban_street.street.planning import StreetPlan
 
 #: Start of the furniture along the street, metres, so that it is not near the cameras.
 _FIRST = 6.0
 
 
-def place_furniture(plan: Plan, rng: np.random.Generator) -> None:
+def place_furniture(plan: StreetPlan, rng: np.random.Generator) -> None:
     """Add the furniture to a plan that already has houses, cars, trees, lamps and signs."""
     _place_pits(plan)
     for left in (True, False):
@@ -25,7 +25,7 @@ def place_furniture(plan: Plan, rng: np.random.Generator) -> None:
         _place_cabinets(plan, rng, left=left)
 
 
-def _kerb(plan: Plan, inset: float, *, left: bool) -> float:
+def _kerb(plan: StreetPlan, inset: float, *, left: bool) -> float:
     return plan.lines.left_kerb - inset if left else plan.lines.right_kerb + inset
 
 
@@ -34,7 +34,7 @@ def _towards_houses(*, left: bool) -> float:
     return -0.5 * math.pi if left else 0.5 * math.pi
 
 
-def _place_pits(plan: Plan) -> None:
+def _place_pits(plan: StreetPlan) -> None:
     trees = [p for p in plan.placements if p.object_class == "vegetation" and p.kind.removeprefix("far-") in SPECIES]
     for tree in trees:
         if tree.y < plan.lines.road_stop - 3.0:
@@ -45,7 +45,7 @@ def _place_pits(plan: Plan) -> None:
 SPECIES = ("tree", "plane", "birch", "hornbeam", "cherry")
 
 
-def _place_signals(plan: Plan, *, left: bool) -> None:
+def _place_signals(plan: StreetPlan, *, left: bool) -> None:
     """Place a mast with a signal over the nearest lane at each crossing but the first, with two lanes or more."""
     if plan.settings.lanes < 2 or left:
         return
@@ -58,7 +58,7 @@ def _place_signals(plan: Plan, *, left: bool) -> None:
             plan.add("traffic-light", "signal", x - 3.4, y - 0.1, z=plan.lines.kerb_height + 2.15)
 
 
-def _place_railings(plan: Plan, *, left: bool) -> None:
+def _place_railings(plan: StreetPlan, *, left: bool) -> None:
     """Place guard rails along the kerb beyond each crossing."""
     for crossing in plan.lines.crossings[1:]:
         y = crossing + 4.2
@@ -70,7 +70,7 @@ def _place_railings(plan: Plan, *, left: bool) -> None:
         )  # fmt: skip
 
 
-def _place_bus_stop(plan: Plan) -> None:
+def _place_bus_stop(plan: StreetPlan) -> None:
     """Place a bus stop on the right. If the pavement is wide enough, it has a shelter with its back to the houses."""
     width = plan.lines.right_front - plan.lines.right_kerb
     heading = 0.5 * math.pi + math.pi
@@ -96,7 +96,7 @@ def _box(x: float, y: float, half_x: float, half_y: float) -> tuple[tuple[float,
     return ((x - half_x, y - half_y), (x + half_x, y - half_y), (x + half_x, y + half_y), (x - half_x, y + half_y))
 
 
-def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
+def _place_along_kerb(plan: StreetPlan, rng: np.random.Generator, *, left: bool) -> None:
     """Place benches that face the houses, litter bins, bicycle stands and one advertising column."""
     wide = plan.settings.pavement_width_m
     things = {
@@ -127,7 +127,7 @@ def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> No
         y += float(rng.uniform(5.0, 11.0))
 
 
-def _place_cabinets(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
+def _place_cabinets(plan: StreetPlan, rng: np.random.Generator, *, left: bool) -> None:
     """Place grey cabinets along the houses, clear of doors and shop windows."""
     x = plan.lines.left_front + 0.24 if left else plan.lines.right_front - 0.24
     heading = 0.5 * math.pi if left else -0.5 * math.pi

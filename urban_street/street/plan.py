@@ -63,7 +63,7 @@ class StreetSettings(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Lines:
+class StreetLines:
     """The lines of a street in metres: x of fronts and kerbs, y of ends, rows of houses and crossings.
 
     Attributes:
@@ -112,7 +112,7 @@ class Lines:
         return [(start, self.side_y - half), (self.side_y + half, stop)]
 
 
-def lines_of(settings: StreetSettings) -> Lines:
+def lines_of(settings: StreetSettings) -> StreetLines:
     """Return the lines of a street, across about the middle of the default kerbs, along from `ROW_START` on."""
     bay = LANE[0]
     width = 2.0 * bay + settings.lanes * settings.lane_width_m
@@ -123,7 +123,7 @@ def lines_of(settings: StreetSettings) -> Lines:
     # Zebra crossings are in the middle of pieces of carriageway (13.2 m): every fifth piece, or around the side street.
     first = _SIDE_CROSSING if any(sides) else 66.0
     crossings = [0.0, *(first + 66.0 * k for k in range(5))]
-    return Lines(
+    return StreetLines(
         left_front=round(left - settings.pavement_width_m, 4),
         left_kerb=left,
         right_kerb=right,
@@ -228,7 +228,7 @@ class StreetLayout:
     extent: tuple[float, float, float, float]
 
     @property
-    def lines(self) -> Lines:
+    def lines(self) -> StreetLines:
         """Return the lines of its kerbs, fronts and ends."""
         return lines_of(self.settings)
 

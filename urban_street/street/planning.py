@@ -10,22 +10,22 @@ import shapely
 
 from urban_street.street.plan import (
     Footprint,
-    Lines,
     Placement,
     Point,
     Polygon,
     Spot,
+    StreetLines,
     StreetSettings,
     lines_of,
 )
 
 
-class Plan:
+class StreetPlan:
     """Placements and footprints of a street. Objects are numbered by class."""
 
     def __init__(self, settings: StreetSettings) -> None:
         self.settings = settings
-        self.lines: Lines = lines_of(settings)
+        self.lines: StreetLines = lines_of(settings)
         self.placements: list[Placement] = []
         self.footprints: list[Footprint] = []
         self._numbers: Counter[str] = Counter()
@@ -39,9 +39,9 @@ class Plan:
         self.placements.append(placement)
         return placement
 
-    def block(self, placed: Placement, polygon: Polygon, height: float | None = None) -> None:
+    def block(self, placement: Placement, polygon: Polygon, height: float | None = None) -> None:
         """Add the footprint of an object (see `Footprint`)."""
-        self.footprints.append(Footprint(placed.path, polygon, height))
+        self.footprints.append(Footprint(placement.path, polygon, height))
         self._taken.append(shapely.Polygon(polygon))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, quads
-from urban_street.street.plan import SIDE_ROAD_HALF, Lines, Placement
+from urban_street.street.plan import SIDE_ROAD_HALF, Placement, StreetLines
 from urban_street.street.textures.ground import PAVING_TILE, ROAD_TILE
 
 KERB_WIDTH = 0.2
@@ -26,7 +26,7 @@ def floor_quads(x0: Floats, x1: Floats, y0: Floats, y1: Floats, z: float) -> Flo
     return np.stack([np.stack([x, y, height], -1) for x, y in corners], 1)
 
 
-def build_carriageway(placement: Placement, lines: Lines) -> Bag:
+def build_carriageway(placement: Placement, lines: StreetLines) -> Bag:
     """Build pieces of asphalt that meet edge to edge, each with its own wear. Crossings are part of their textures."""
     bag = Bag()
     rng = np.random.default_rng(placement.seed)
@@ -50,7 +50,7 @@ def build_carriageway(placement: Placement, lines: Lines) -> Bag:
     return bag
 
 
-def build_footway(placement: Placement, lines: Lines) -> Bag:
+def build_footway(placement: Placement, lines: StreetLines) -> Bag:
     """Build a kerb of granite with a worn edge, and paving from there to the houses."""
     bag = Bag()
     left = placement.kind == "left"
@@ -62,7 +62,7 @@ def build_footway(placement: Placement, lines: Lines) -> Bag:
     return bag
 
 
-def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bool) -> None:
+def _footway_span(bag: Bag, lines: StreetLines, start: float, stop: float, *, left: bool) -> None:
     kerb, front = (lines.left_kerb, lines.left_front) if left else (lines.right_kerb, lines.right_front)
     height = lines.kerb_height
     outward = -1.0 if left else 1.0
@@ -139,7 +139,7 @@ def _stone_ends(
     return np.concatenate(strips)
 
 
-def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -> None:
+def _kerb_ends(bag: Bag, lines: StreetLines, low: float, high: float, *, left: bool) -> None:
     """Add the pavement's upright faces at a side street, from the kerb into the side street's own pavement."""
     kerb, front = (lines.left_kerb, lines.left_front - 0.1) if left else (lines.right_kerb, lines.right_front + 0.1)
     x0, x1 = sorted((kerb, front))
@@ -169,7 +169,7 @@ def build_cross_road(placement: Placement) -> Bag:
     return bag
 
 
-def build_cross_footway(placement: Placement, lines: Lines) -> Bag:
+def build_cross_footway(placement: Placement, lines: StreetLines) -> Bag:
     """Build the far footway of a cross street."""
     bag = Bag()
     length, width = placement.size
@@ -185,7 +185,7 @@ def build_cross_footway(placement: Placement, lines: Lines) -> Bag:
     return bag
 
 
-def build_side_road(placement: Placement, lines: Lines) -> Bag:
+def build_side_road(placement: Placement, lines: StreetLines) -> Bag:
     """Build the carriageway of a side street along +x, level with the main one, with a zebra crossing at its mouth."""
     bag = Bag()
     length, width = placement.size
@@ -215,7 +215,7 @@ def build_side_footway(placement: Placement) -> Bag:
     return bag
 
 
-def build_outskirts(lines: Lines) -> Bag:
+def build_outskirts(lines: StreetLines) -> Bag:
     """Build ground below and around everything."""
     bag = Bag()
     cuts = np.linspace(-90.0, 90.0, 10)

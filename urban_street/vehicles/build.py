@@ -65,8 +65,8 @@ def build_vehicle(
     parts = tuple(
         replace(part, meshes=tuple(_finished(mesh, coat.name, plate) for mesh in part.meshes)) for part in model
     )
-    used = {mesh.material for part in parts for mesh in part.meshes}
-    materials = {name: m for name, m in {**common_materials(lights), coat.name: coat}.items() if name in used}
+    names = {mesh.material for part in parts for mesh in part.meshes}
+    materials = {name: m for name, m in {**common_materials(lights), coat.name: coat}.items() if name in names}
     images = {material.base_color_texture for material in materials.values()}
     textures = {texture.name: texture for texture in (plates(),) if texture.name in images}
     return VehicleContent(kind, KINDS[kind], parts, materials, textures, size_of(kind)[0])

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from urban_street.solids.surfaces import Floats
 
 
-class Outline:
+class PlanOutline:
     """Half of a plan outline (x ≥ 0), from the middle of the tail to the middle of the nose, by arc length.
 
     Args:

@@ -110,17 +110,17 @@ class Panels:
         plastic = plastic.union(diffuser)
         # Earlier panels take precedence where outlines overlap.
         doors = self._door_outlines()
-        taken: list[BaseGeometry] = []
+        outlines: list[BaseGeometry] = []
         bumpers = [self._front_bumper(), self._rear_bumper(), self._tailgate()]
         for name, outline in ((FRONT_DOOR, doors[0]), (REAR_DOOR, doors[1])):
-            panel = outline.intersection(metal).difference(shapely.union_all([*taken, cut_out]))
-            taken.append(outline)
+            panel = outline.intersection(metal).difference(shapely.union_all([*outlines, cut_out]))
+            outlines.append(outline)
             self._door(name, shrunk(panel, _GAP, ring.domain), plastic)
         for outline in bumpers:
-            panel = outline.intersection(metal).difference(shapely.union_all([*taken, cut_out]))
-            taken.append(outline)
+            panel = outline.intersection(metal).difference(shapely.union_all([*outlines, cut_out]))
+            outlines.append(outline)
             self._metal(body, ring, shrunk(panel, _GAP, ring.domain), plastic)
-        rest = metal.difference(shapely.union_all([*taken, cut_out]))
+        rest = metal.difference(shapely.union_all([*outlines, cut_out]))
         flap = shell.side_polygon(self._flap)
         self._metal(body, ring, shrunk(rest.difference(flap), _GAP, ring.domain), plastic)
         self._metal(body, ring, shrunk(flap.intersection(metal), _GAP, ring.domain), plastic)
@@ -378,9 +378,9 @@ class Panels:
         every_pane = [pane for group in panes.values() for pane in group]
         blank, black = shapely.union_all(every_pane), self._blackened(every_pane)
         doors = self._door_frames()
-        taken = shapely.union_all(list(doors.values()))
+        openings = shapely.union_all(list(doors.values()))
         shapes = {name: shrunk(door, _GAP, house.domain) for name, door in doors.items()}
-        shapes[BODY] = house.domain.difference(taken.buffer(_GAP))
+        shapes[BODY] = house.domain.difference(openings.buffer(_GAP))
         for name, shape in shapes.items():
             bag = self.half.parts[name]
             frame = shape.difference(blank)
@@ -391,7 +391,7 @@ class Panels:
             for pane in panes[name]:
                 behind = pane.buffer(0.002, quad_segs=2).intersection(house.domain)
                 bag.add("vehicle-glass", cut(house, behind, offset=-0.003).surface)
-        seam = taken.buffer(0.01).difference(taken.buffer(-0.012)).difference(blank.buffer(0.01))
+        seam = openings.buffer(0.01).difference(openings.buffer(-0.012)).difference(blank.buffer(0.01))
         self.half.parts[BODY].add("vehicle-gap", cut(house, seam, offset=-0.02).surface)
 
     # -- roof ---------------------------------------------------------------------------------------------------------

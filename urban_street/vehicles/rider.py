@@ -44,11 +44,11 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     """
     if mount not in MOUNTS:
         raise UnknownName("mount", mount, MOUNTS)
-    covered = mount == "motorcycle" if helmet is None else helmet
+    has_helmet = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
     person = figure(character)
     seated = person.seated(MOUNTS[mount])
-    hidden = ("hair-head", "cloth-hat") if covered and full_face else ()
+    hidden = ("hair-head", "cloth-hat") if has_helmet and full_face else ()
     # The seated pose is another mesh, so its materials need other names than the walking character's.
     prefix = f"rider-{mount}/"
     meshes: list[Mesh] = []
@@ -60,7 +60,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
             meshes.append(mesh.with_material(prefix + mesh.material))
             materials[prefix + mesh.material] = replace(material, name=prefix + mesh.material)
             textures |= {name: person.textures[name] for name in material.textures}
-    if covered:
+    if has_helmet:
         shared = common_materials(0.0)
         for name, build in (_FULL_FACE if full_face else _BICYCLE_HELMET).items():
             meshes.append(DeferredMesh(partial(_worn, build, name, seated), name))

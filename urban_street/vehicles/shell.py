@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from shapely.geometry.base import BaseGeometry
 
 from urban_street.solids.surfaces import Floats
-from urban_street.vehicles.curves import Outline, hermite, smooth
+from urban_street.vehicles.curves import PlanOutline, hermite, smooth
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.skin import Master, along_polyline
 
@@ -39,7 +39,7 @@ class Shell:
         half, end = 0.5 * design.width, 0.5 * design.length
         tail = [(half * f, -end + d) for f, d in design.tail_plan]
         nose = [(half * f, end - d) for f, d in design.nose_plan][::-1]
-        self.outline = Outline([*tail, (half, 0.5 * (tail[-1][1] + nose[0][1])), *nose])
+        self.outline = PlanOutline([*tail, (half, 0.5 * (tail[-1][1] + nose[0][1])), *nose])
         outline = self.outline
         places = np.array(
             [
@@ -162,12 +162,12 @@ class Shell:
         return np.column_stack([self.outline.length - along if front else along, self.height_of(fine[:, 1])])
 
     def side_polygon(self, line: ArrayLike) -> BaseGeometry:
-        closed = np.asarray(line, np.float64)
-        return shapely.Polygon(self.side(np.concatenate([closed, closed[:1]]))).buffer(0)
+        outline = np.asarray(line, np.float64)
+        return shapely.Polygon(self.side(np.concatenate([outline, outline[:1]]))).buffer(0)
 
     def bow_polygon(self, line: ArrayLike, *, front: bool, rounding: float = 0.0) -> BaseGeometry:
-        closed = np.asarray(line, np.float64)
-        shape = shapely.Polygon(self.bow(np.concatenate([closed, closed[:1]]), front=front)).buffer(0)
+        outline = np.asarray(line, np.float64)
+        shape = shapely.Polygon(self.bow(np.concatenate([outline, outline[:1]]), front=front)).buffer(0)
         return rounded(shape, rounding, self.ring.domain) if rounding else shape
 
     def arch(self, axle: float, *, wider: float = 0.0) -> Floats:

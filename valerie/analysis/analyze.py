@@ -11,7 +11,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.summary.all_classes import AllClasses
 from valerie.analysis.summary.summary import Summary, summarize
 from valerie.analysis.trends.trends import Trends, find_trends
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 
 
 @dataclass(frozen=True, slots=True)

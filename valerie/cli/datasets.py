@@ -18,7 +18,7 @@ from valerie.local.deployment import context_of
 
 if TYPE_CHECKING:
     from valerie.pipeline.export.datasets import ExportProgress
-    from valerie.pipeline.export.plan import ExportSettings
+    from valerie.pipeline.export.export_plan import ExportSettings
 
 app = typer.Typer(no_args_is_help=True, help="Export runs as data sets.")
 
@@ -27,7 +27,9 @@ _LINE_SECONDS: Final = 5.0
 Where = Annotated[
     str,
     typer.Option(
-        "--where", metavar="EXPRESSION", help='Only frames with a person that meets this: "occlusion_rate < 0.5".'
+        "--where",
+        metavar="EXPRESSION",
+        help='Only frames with a person that satisfies this expression: "occlusion_rate < 0.5".',
     ),
 ]
 
@@ -64,7 +66,7 @@ class ExportOptions:
         Raises:
             UnknownName, InvalidInput: a format, a split or an annotation is not known.
         """
-        from valerie.pipeline.export.plan import FORMATS, ExportSettings
+        from valerie.pipeline.export.export_plan import FORMATS, ExportSettings
 
         for name in self.formats or ():
             if name not in FORMATS:
@@ -96,7 +98,7 @@ def export(
     from valerie.pipeline.export.datasets import export_run
 
     settings = options.settings()
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
 
     def tell(now: ExportProgress) -> None:
         lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} already there" if now.resumed else "")
@@ -116,8 +118,8 @@ def export(
     rest = f"; {dataset.left_out:,} finished frames do not meet the expression" if dataset.left_out else ""
     typer.echo(f"{dataset.folder}: {split_text}{rest}")
     if dataset.polygons_lose_percent:
-        lost = ", ".join(f"{share:g} % of {name}" for name, share in dataset.polygons_lose_percent.items())
-        typer.echo(f"The polygons lose {lost}; the label pictures are exact.")
+        losses = ", ".join(f"{share:g} % of {name}" for name, share in dataset.polygons_lose_percent.items())
+        typer.echo(f"The polygons lose {losses}; the label pictures are exact.")
 
 
 def parse_splits(text: str) -> dict[str, float]:
@@ -138,7 +140,7 @@ def parse_splits(text: str) -> dict[str, float]:
     return shares
 
 
-class Lines:
+class ProgressLines:
     """Prints progress as one line every few seconds: how many, how fast, how long."""
 
     def __init__(self, what: str) -> None:

@@ -80,7 +80,7 @@ def evaluate(
     function is the version that the run evaluated, with the same numeric class. With --twin, shows on how many persons
     both data sets agree, such as recorded frames and their rendered twins.
     """
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.datasets.twins import person_twins
     from valerie.local.deployment import deployment_or_empty
     from valerie.pipeline.functions.references import open_pinned, open_reference
@@ -89,7 +89,7 @@ def evaluate(
     folder, other = data.open()
     # Before hours of work.
     persons = [] if other is None else person_twins(folder, other)
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with deployment_or_empty(settings_of(data_dir)) as deployment:
         sides = {} if beside is None else {name: run_side(deployment, beside, name) for name in functions}
 
@@ -179,8 +179,8 @@ def _tables(result: DatasetResult, beside: str | None, run_scores: dict[str, Col
             *(_percent(value) for value in (frames.mean, frames.minimum, frames.maximum, person.pacc.pooled)),
             *_both(person.precision),
             *_both(person.iou),
-            *_both(all_classes["miou"]),
-            _percent(all_classes["miou_cityscapes"].pooled),
+            *_both(all_classes.miou),
+            _percent(all_classes.miou_cityscapes.pooled),
         )
 
     classes = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.registry import import_file, open_registry, register_file
+from valerie.cli.registering import import_file, open_registry, register_file
 from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say, template, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -112,25 +112,25 @@ def try_(
     from valerie.runs.resolving.spec import parse
 
     settings = settings_of(data_dir)
-    parsed = parse(template("valerie.runs") if spec is None else read_spec(spec))
+    run_spec = parse(template("valerie.runs") if spec is None else read_spec(spec))
     with TemporaryDirectory(prefix="valerie-try-") as folder:
         imported = import_file(file, Path(folder), settings, document=document)
-        frames = render_frames(parsed, settings, count)
-        card, tried = try_function(imported.document, imported.payload, frames, settings)
+        frames = render_frames(run_spec, settings, count)
+        card, trials = try_function(imported.document, imported.payload, frames, settings)
     _rows(card)
-    _show_scores(collection_scores([frame.confusion for frame in tried]))
+    _show_scores(collection_scores([frame.confusion for frame in trials]))
     path = output or Path(f"{file.absolute().stem}-try.png")
-    write_output(path, png(contact_sheet(tried)))
+    write_output(path, png(contact_sheet(trials)))
 
 
 @app.command()
 def quantize(
     function: Annotated[str, typer.Argument(metavar="FUNCTION", help="One of the run's functions.")],
-    run: Annotated[str, typer.Option("--from", metavar="RUN", help="Run whose frames show the ranges of values.")],
+    run: Annotated[str, typer.Option("--from", metavar="RUN", help="Run whose frames calibrate the ranges of values.")],
     name: Annotated[
         str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of FUNCTION-int8.")
     ] = None,
-    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames that show the ranges.")] = 32,
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Number of calibration frames.")] = 32,
     threads: InferenceThreads = None,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -140,13 +140,13 @@ def quantize(
     The card states the change of pACC. Nothing is rendered.
     """
     from valerie.analysis.comparison.drawing import comparison_renderable
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.local.deployment import context_of
     from valerie.pipeline.retraining.quantization import quantize_function
 
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with context_of(data_dir) as deployment:
-        made = quantize_function(
+        model = quantize_function(
             deployment,
             run,
             function,
@@ -156,11 +156,11 @@ def quantize(
             progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
     if as_json:
-        typer.echo(json.dumps(made.comparison.as_document(), ensure_ascii=False))
+        typer.echo(json.dumps(model.comparison.as_document(), ensure_ascii=False))
     else:
-        console().print(comparison_renderable(made.comparison))
-    say(f"{'registered' if made.new else 'registered already'} as {made.registered.reference}; in a spec:")
-    say(f"functions: [{made.registered.document.name}]")
+        console().print(comparison_renderable(model.comparison))
+    say(f"{'registered' if model.new else 'registered already'} as {model.registered.reference}; in a spec:")
+    say(f"functions: [{model.registered.document.name}]")
 
 
 @app.command("list")

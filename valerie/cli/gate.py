@@ -56,7 +56,7 @@ class PlacesOptions:
 
     before: Annotated[
         bool,
-        typer.Option("--before", help="Only say how many places a verdict will need, with RUN as the baseline."),
+        typer.Option("--before", help="Only print how many places a verdict will need, with RUN as the baseline."),
     ] = False
     deviation: Annotated[
         float | None,
@@ -118,7 +118,7 @@ def gate(
 
     Requirements that are not met or undecided fail. The baseline is compared on
     identical frames, slice by slice; at most 5 % of the slices reported as worse are
-    expected to be reported by chance.
+    expected to be false alarms.
     """
     from valerie.analysis.verdicts.gate import called
     from valerie.analysis.verdicts.gate import gate as judge
@@ -205,7 +205,7 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
     """Return a function that reads a run from a server, or from the data folder."""
     if url is None:
         from valerie.local.deployment import context_of
-        from valerie.pipeline.reading.gate import read_gate_run
+        from valerie.pipeline.reading.gate_runs import read_gate_run
 
         def from_folder(run_id: str) -> GateRun:
             with context_of(data_dir) as context:

@@ -17,7 +17,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed
@@ -29,7 +29,7 @@ IdleSeconds = Annotated[
         "--idle",
         min=0,
         max=86_400,
-        help="End after this many seconds without work. Such a worker asks the database and needs no broker.",
+        help="End after this many seconds without work. Such a worker polls the database and needs no broker.",
         show_default=False,
     ),
 ]
@@ -52,7 +52,7 @@ def worker(
     VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL describe.
     """
     from valerie import plugins
-    from valerie.embedded.process import python_command
+    from valerie.embedded.guarded_process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
     if stage not in WORKERS:
@@ -119,14 +119,14 @@ def gc(
     with context_of(data_dir) as context:
         from valerie.pipeline.control.gc import collect
 
-        freed = collect(context, dry_run=dry_run)
+        space = collect(context, dry_run=dry_run)
     if as_json:
-        typer.echo(json.dumps({"products": freed.products, "objects": freed.objects, "bytes": freed.bytes}))
+        typer.echo(json.dumps({"products": space.products, "objects": space.objects, "bytes": space.bytes}))
         return
     verb = "would remove" if dry_run else "removed"
     typer.echo(
-        f"{verb} {freed.products:,} products that no run needs, and {freed.objects:,} orphaned objects "
-        f"({freed.bytes / 1e6:,.1f} MB)"
+        f"{verb} {space.products:,} products that no run needs, and {space.objects:,} orphaned objects "
+        f"({space.bytes / 1e6:,.1f} MB)"
     )
 
 
@@ -140,7 +140,7 @@ def migrate(data_dir: DataDir = None) -> None:
 
 
 def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Diagnose a deployment and say how to mend it. Exits with 5 if anything is wrong."""
+    """Diagnose a deployment and say how to fix it. Exits with 5 if anything is wrong."""
     with context_of(data_dir) as context:
         from valerie.broker import Broker
         from valerie.pipeline.control.diagnosis import diagnose
@@ -159,11 +159,11 @@ def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
 def backup(
     folder: Annotated[Path, typer.Argument(help="A new folder.")],
     products: Annotated[
-        bool, typer.Option("--products", help="Also products, which would otherwise be computed again when read.")
+        bool, typer.Option("--products", help="Include products, which are otherwise computed again when needed.")
     ] = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Back up database, functions and results into a folder, beside running work.
+    """Back up database, functions and results into a folder, while work continues.
 
     Your own assets are not part of it: back up their folder, too.
     """
@@ -217,14 +217,14 @@ def copy(
 
     Every command works on the copy: `valerie up --data-dir FOLDER` shows it. Your own assets are not part of it.
     """
-    from valerie.cli.datasets import Lines
-    from valerie.pipeline.control.copying import copy_run
+    from valerie.cli.datasets import ProgressLines
+    from valerie.pipeline.control.copy_run import copy_run
 
     if (to is None) == (source is None):
         raise InvalidInput(
             "a copy goes to one data folder or comes from one", field="--to, --from", limit="one of both"
         )
-    lines = Lines("objects")
+    lines = ProgressLines("objects")
     with ExitStack() as stack:
         if source is not None:
             first = stack.enter_context(folder_context(source, create=False))
@@ -234,11 +234,11 @@ def copy(
             assert to is not None
             first = stack.enter_context(context_of(data_dir))
             second = stack.enter_context(folder_context(to, create=True))
-        copied = copy_run(first, second, run, progress=lines.tell)
+        copy = copy_run(first, second, run, progress=lines.tell)
     if as_json:
-        typer.echo(copied.model_dump_json())
+        typer.echo(copy.model_dump_json())
     else:
-        typer.echo(f"copied run {run} with {copied.objects:,} objects ({copied.bytes / 1e6:,.1f} MB)")
+        typer.echo(f"copied run {run} with {copy.objects:,} objects ({copy.bytes / 1e6:,.1f} MB)")
 
 
 def _document(product: Replayed) -> JsonObject:

@@ -38,8 +38,8 @@ def put(
     paths = sorted(folder.glob("*.png"))
     foreign = [path.name for path in paths if not path.name.startswith(f"{run_id}.")]
     if foreign or not paths:
-        shown = ", ".join(foreign[:3]) or "no PNG"
-        raise InvalidInput("files must be named after frames", field="DIR", value=shown, limit=f"as {run_id}.0.0.0.png")
+        names = ", ".join(foreign[:3]) or "no PNG"
+        raise InvalidInput("files must be named after frames", field="DIR", value=names, limit=f"as {run_id}.0.0.0.png")
     new = existing = refused = 0
     with client_of(settings_of(data_dir), url) as client:
         client.run(run_id)  # so that an unknown run gives one error, not one per file

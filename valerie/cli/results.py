@@ -24,7 +24,7 @@ Runs = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, 
 def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> None:
     """Show the verdicts, the table and the findings of an ended run, or of several runs combined.
 
-    A grid has no confidence interval. Runs of a grid on several sites (``asset: {name: …, seed: 7}``), taken
+    A grid has no confidence interval. Runs of a grid on several sites (`asset: {name: …, seed: 7}`), taken
     together, have one: the sites are a sample.
     """
     from valerie.analysis.findings.findings import Findings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.registry import Remote, open_registry
+from valerie.cli.registering import Remote, open_registry
 from valerie.cli.shell import DataDir, EndWithParent, Exit, Json, RunId, Stopped, Url, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
@@ -137,7 +137,7 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
-    tag: Annotated[str | None, typer.Option("--tag", help="Only runs that carry this tag.")] = None,
+    tag: Annotated[str | None, typer.Option("--tag", help="Only runs with this tag.")] = None,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -294,8 +294,8 @@ def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
     """Continue a paused or cancelled run.
 
-    Where no server runs on the data folder, this command starts one, works the
-    run off and shows its result. That also continues a run whose server ended.
+    If no server runs on the data folder, this command starts one, completes the
+    run and shows its result. That also continues a run whose server ended.
     """
     from valerie.cli.connecting import source_of, system_of
     from valerie.cli.following import report_path
@@ -340,7 +340,7 @@ def mark(
         int | None, typer.Option("--finding", metavar="N", help="A finding of the run, by its number.")
     ] = None,
     tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
-    untag: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,
+    untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
     note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
     as_json: Json = False,
     url: Url = None,
@@ -348,7 +348,7 @@ def mark(
 ) -> None:
     """Put tags and a note on a run, a frame or a finding; without options, show those of the run.
 
-    They are for people: no spec, digest or result contains them. They go when the run is deleted.
+    They are for people: no spec, digest or result contains them. They are deleted with the run.
     """
     from valerie.client import Mark
 
@@ -359,16 +359,16 @@ def mark(
         if finding is not None:
             kind, name = "finding", _sentence(client, run_id, finding)
         if tags or untag or note is not None:
-            present = next((one for one in marks if (one.kind, one.name) == (kind, name)), None)
+            present = next((mark for mark in marks if (mark.kind, mark.name) == (kind, name)), None)
             kept = set(present.tags if present else ()) - set(untag or ()) | set(tags or ())
             text = note if note is not None else present.note if present else ""
             marks = client.put_mark(run_id, Mark(kind=kind, name=name, tags=tuple(sorted(kept)), note=text))
-    for one in marks:
+    for mark in marks:
         if as_json:
-            typer.echo(one.model_dump_json())
+            typer.echo(mark.model_dump_json())
         else:
-            subject = run_id if one.kind == "run" else f"{run_id}.{one.name}" if one.kind == "frame" else one.name
-            typer.echo(": ".join(part for part in (subject, ", ".join(one.tags), one.note) if part))
+            subject = run_id if mark.kind == "run" else f"{run_id}.{mark.name}" if mark.kind == "frame" else mark.name
+            typer.echo(": ".join(part for part in (subject, ", ".join(mark.tags), mark.note) if part))
 
 
 def _sentence(client: Client, run_id: str, number: int) -> str:
@@ -464,11 +464,11 @@ def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path 
     """Return a suggestion for the user: a cheap change to the spec file, and the command that runs it."""
     from valerie.runs.resolving.spec import parse
 
-    parsed = parse(text)
+    document = parse(text)
     # A named setting has a fixed exposure, which is black by night, where the run's camera meters.
-    metering = "auto_exposure: true, " if parsed.sensors[0].auto_exposure else ""
+    metering = "auto_exposure: true, " if document.sensors[0].auto_exposure else ""
     dark = f"{{name: dark, {metering}exposure_ev: -2}}"
-    if "sensors" in parsed.model_fields_set:
+    if "sensors" in document.model_fields_set:
         change = f"add  {dark}  to the sensors in {spec}"
     else:
         change = f"add the line  sensors: [{{name: metered, auto_exposure: true}}, {dark}]  to {spec}"

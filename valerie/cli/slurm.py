@@ -1,4 +1,4 @@
-"""Workers as jobs of Slurm."""
+"""Run workers as Slurm jobs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from valerie.local.deployment import settings_of
 if TYPE_CHECKING:
     from valerie.settings import Settings
 
-app = typer.Typer(no_args_is_help=True, help="Workers as jobs of Slurm.")
+app = typer.Typer(no_args_is_help=True, help="Run workers as Slurm jobs.")
 
 _IDLE_SECONDS: Final = 300.0
 _OPTION: Final = re.compile(r"[a-z][a-z-]*(=.*)?")
@@ -99,7 +99,7 @@ def _options_of(stage: str, options: Sequence[str], stages: Collection[str]) -> 
 
 
 def _command(stage: str, count: int, options: list[str], data_dir: Path) -> list[str]:
-    from valerie.embedded.process import python_command
+    from valerie.embedded.guarded_process import python_command
     from valerie.embedded.supervisor import WORKERS
 
     logs = data_dir / "logs"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.registry import Opening, functions_named, open_registry, say_missing_files
+from valerie.cli.registering import Opening, functions_named, open_registry, say_missing_files
 from valerie.cli.shell import DataDir, Json, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
@@ -103,10 +103,10 @@ def _choose(text: bytes, settings: Settings, *, where: str | None, output: Path 
         variants = list(measure_truths(resolved, asset, truth_pass))
     finally:
         truth_pass.close()
-    chosen = [v for v in variants if condition is None or any(map(condition.holds, v.rows))]
-    for variant in chosen if as_json else ():
+    selection = [v for v in variants if condition is None or any(map(condition.holds, v.rows))]
+    for variant in selection if as_json else ():
         typer.echo(json.dumps({"variant": variant.assignment.index, "rows": variant.rows}))
-    say(f"{len(chosen):,} of {len(variants):,} legal variants chosen")
+    say(f"{len(selection):,} of {len(variants):,} legal variants chosen")
     if len(variants) > 1:  # the first draws the statics
         cost = sum(variant.cpu_seconds for variant in variants[1:]) / (len(variants) - 1) / len(resolved.cameras)
         layer = price_of_layers(resolved, asset, variants[:_PRICED])
@@ -114,9 +114,9 @@ def _choose(text: bytes, settings: Settings, *, where: str | None, output: Path 
         say(f"CPU time of a frame: {1000 * cost:.1f} ms for its truth, {1000 * layer:.1f} ms for its layer by {engine}")
         say(f"a layer costs {layer / cost:.1f} times a truth, here and now")
     if output is not None:
-        if not chosen:
+        if not selection:
             raise InvalidInput("no variant is chosen", field="--where", value=where)
-        write_output(output, chosen_spec(resolved, chosen).to_yaml().encode())
+        write_output(output, chosen_spec(resolved, selection).to_yaml().encode())
 
 
 def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
@@ -124,7 +124,7 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
 
     Args:
         path: file of the spec; ``-`` is standard input.
-        functions: see `valerie.cli.registry.functions_named`.
+        functions: see `valerie.cli.registering.functions_named`.
         opening: opens the registry for files among the functions.
 
     Raises:
@@ -166,7 +166,7 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
     if url is not None or running.find(settings.data_dir) is not None:
         with client_of(settings, url) as client, own_assets(settings, client):
             return client.plan(text)
-    from valerie.pipeline.control.plan import plan_run
+    from valerie.pipeline.control.planning import plan_run
     from valerie.runs.resolving.spec import parse
 
     spec = parse(text)
@@ -181,13 +181,13 @@ def show_plan(plan: Plan) -> None:
 
     out = console()
     about = "about " if plan.estimated else ""
-    rejected = sum(plan.rejected.values())
+    rejections = sum(plan.rejected.values())
     out.print(Text.assemble((plan.name, "bold"), f"  on {plan.asset}"))
     table = Table.grid(padding=(0, 2))
     table.add_column()
     table.add_column(justify="right")
     table.add_column()
-    table.add_row("variants", f"{plan.variants:,}", f"{about}{rejected:,} rejected" if rejected else "")
+    table.add_row("variants", f"{plan.variants:,}", f"{about}{rejections:,} rejected" if rejections else "")
     moments = f", {plan.moments:,} moments each" if plan.moments > 1 else ""
     cameras = "1 camera" if len(plan.cameras) == 1 else f"{len(plan.cameras)} cameras"
     table.add_row("frames", f"{about}{plan.frames:,}", f"{cameras}: {', '.join(plan.cameras)}{moments}")

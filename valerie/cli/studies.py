@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from valerie.client import Client, NextBatch, Study
 
 app = typer.Typer(
-    no_args_is_help=True, help="Ask a question with a budget: the system proposes, runs, decides, explains."
+    no_args_is_help=True,
+    help="Answer a question within a budget: a study proposes and runs batches of variants, decides, and explains.",
 )
 
 StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study as YAML or JSON; - reads standard input.")]
@@ -56,7 +57,7 @@ def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: Data
     else:
         from valerie.local.deployment import deployment_or_empty
         from valerie.pipeline.control.studies.commands import plan_study
-        from valerie.runs.study.document import parse_study
+        from valerie.runs.study.study_document import parse_study
 
         document = parse_study(text)
         with deployment_or_empty(settings) as context:
@@ -84,10 +85,10 @@ def run(
     ] = None,
     retrain: Annotated[
         bool,
-        typer.Option("--retrain", help="Where the requirement is not met: find failures, train on them, verify again."),
+        typer.Option("--retrain", help="If the requirement is not met, find failures, train on them and verify again."),
     ] = False,
     until_met: Annotated[
-        bool, typer.Option("--until-met", help="With --retrain: as often as `rounds` and the budget allow.")
+        bool, typer.Option("--until-met", help="With --retrain: repeat as often as `rounds` and the budget allow.")
     ] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -105,7 +106,7 @@ def run(
         return
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.following import report_path
-    from valerie.runs.study.document import StudyState, parse_study
+    from valerie.runs.study.study_document import StudyState, parse_study
 
     settings = settings_of(data_dir)
     known = None if file.exists() or str(file) == "-" else str(file)
@@ -144,10 +145,10 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
     from valerie.cli.connecting import own_assets, system_of
     from valerie.cli.training import Steps, say_site
     from valerie.local.deployment import context_of
-    from valerie.pipeline.retraining.loop import Watcher
-    from valerie.pipeline.rounds.flow import Ending, Surroundings, check_flow, until_met
-    from valerie.pipeline.rounds.reporting import flow_report
-    from valerie.runs.study.document import parse_study
+    from valerie.pipeline.retraining.retrain import Watcher
+    from valerie.pipeline.rounds.flow import FlowEnd, Surroundings, check_flow, until_met
+    from valerie.pipeline.rounds.flow_reporting import flow_report
+    from valerie.runs.study.study_document import parse_study
     from valerie.spelling import plain_name
 
     settings = settings_of(data_dir)
@@ -173,7 +174,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
         typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
-    if flow.ending is not Ending.MET:
+    if flow.ending is not FlowEnd.MET:
         raise typer.Exit(Exit.GATE_FAILED)
 
 
@@ -249,7 +250,7 @@ def mode(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Let a study run by itself, or accept its batches by hand."""
+    """Let a study run by itself, or ask before each batch."""
     if how not in ("automatic", "by-hand"):
         raise InvalidInput("no such mode", field="MODE", value=how, limit="automatic, by-hand")
     with _client(url, data_dir) as client:
@@ -297,7 +298,7 @@ def _client(url: str | None, data_dir: Path | None) -> Client:
 
 def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
     """Print the steps of a study until it ends or is paused."""
-    from valerie.runs.study.document import StudyState
+    from valerie.runs.study.study_document import StudyState
 
     printed: set[str] = set()
 
@@ -344,6 +345,8 @@ def _show(study: Study, *, as_json: bool) -> None:
         cost = "" if batch.cpu_seconds is None else duration(batch.cpu_seconds)
         table.add_row(str(batch.number + 1), batch.run_id or "", str(batch.legal), state, cost, batch.reason)
     out.print(table)
+    if study.result is None:
+        out.print("The study ended without a result." if study.state in ("finished", "stopped") else "No result yet.")
     for sentence in () if study.result is None else study.result.sentences:
         out.print(sentence)
 
@@ -355,8 +358,8 @@ def _show_next(batch: NextBatch, *, as_json: bool) -> None:
     from valerie.cli.specs import show_plan
     from valerie.runs.forecasting.forecast import Plan
 
-    rejected = f", {batch.rejected} rejected" if batch.rejected else ""
-    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejected}.\n")
+    rejections = f", {batch.rejected} rejected" if batch.rejected else ""
+    typer.echo(f"batch {batch.number + 1}: {batch.reason} {batch.legal} variants{rejections}.\n")
     show_plan(Plan.model_validate(batch.plan))
 
 
@@ -370,7 +373,8 @@ def refine(
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default="printed")
     ] = None,
     where: Annotated[
-        str | None, typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that meet this.")
+        str | None,
+        typer.Option("--where", metavar="EXPRESSION", help="Refine around the rows that satisfy this expression."),
     ] = None,
     finding: Annotated[
         int | None, typer.Option("--finding", min=1, metavar="N", help="A finding, numbered as in the report.")

@@ -12,7 +12,7 @@ import typer
 from valerie.cli.shell import DataDir, Json
 from valerie.local.deployment import context_of
 
-app = typer.Typer(no_args_is_help=True, help="Tokens of the API, each with an owner and a role.")
+app = typer.Typer(no_args_is_help=True, help="Manage tokens of the API, each with an owner and a role.")
 _Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the token.")]
 
 

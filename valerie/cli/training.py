@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valerie.analysis.comparison.before_after import VersionComparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
-    from valerie.pipeline.retraining.loop import Retrained
+    from valerie.pipeline.retraining.retrain import Retrained
     from valerie.pipeline.retraining.weakness import Weakness
     from valerie.runs.study.retraining import RetrainSettings
 
@@ -36,10 +36,14 @@ Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU thre
 class WeaknessOptions:
     """Where a run found a function weak."""
 
-    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run that found the weakness.")] = None
+    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run in which the function was weak.")] = None
     where: Annotated[
         str | None,
-        typer.Option("--where", metavar="EXPRESSION", help='Selects its weak rows: "pacc < 0.5 and distance_m > 25".'),
+        typer.Option(
+            "--where",
+            metavar="EXPRESSION",
+            help='Expression that selects the weak rows: "pacc < 0.5 and distance_m > 25".',
+        ),
     ] = None
     function: Annotated[
         str | None,
@@ -99,15 +103,17 @@ class RetrainOptions:
     sites: Annotated[int, typer.Option("--sites", min=1, help="Sites to spread them over.")] = 8
     broad_share: Annotated[
         float,
-        typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that need not be in the region."),
+        typer.Option(
+            "--broad-share", min=0.0, max=0.99, help="Share of the frames that are not restricted to the region."
+        ),
     ] = 0.5
-    anywhere: Annotated[bool, typer.Option("--anywhere", help="Draw all frames anywhere, as a control.")] = False
+    anywhere: Annotated[bool, typer.Option("--anywhere", help="Restrict no frame to the region, as a control.")] = False
     steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300
-    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 3e-4
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Peak learning rate.")] = 3e-4
     batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training.")] = 0
     held_out_frames: Annotated[
-        int, typer.Option("--held-out-frames", min=0, help="Frames for the figures on the card; 0 for none.")
+        int, typer.Option("--held-out-frames", min=0, help="Held-out frames for the scores on the card; 0 for none.")
     ] = 20
 
     def settings(self) -> RetrainSettings:
@@ -129,7 +135,7 @@ def train(
     weak: WeaknessOptions,
     version: VersionOptions,
     training: RetrainOptions,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
     threads: Threads = 1,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -148,7 +154,7 @@ def train(
     run, where = chosen
     version.require_new_file()
     from valerie.pipeline.functions.registry import require_free
-    from valerie.pipeline.retraining.loop import (
+    from valerie.pipeline.retraining.retrain import (
         TrainingResources,
         Watcher,
         register_retrained,
@@ -241,14 +247,14 @@ def _compare(
     threads: int | None = None,
     mixed: bool = False,
 ) -> VersionComparison:
-    from valerie.cli.datasets import Lines
+    from valerie.cli.datasets import ProgressLines
     from valerie.pipeline.functions.references import open_reference
-    from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+    from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
     from valerie.pipeline.retraining.weakness import selected_region
 
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     with context_of(data_dir) as deployment:
-        return compare_versions(
+        return compare_on_run(
             deployment,
             run,
             versions,
@@ -275,8 +281,8 @@ def _say_weakness(weakness: Weakness) -> None:
 
 def say_site(shard: Shard) -> None:
     """Report that the frames of a site are rendered."""
-    drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
-    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{drawn}")
+    scenes = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
+    say(f"site {shard.site_seed}: {len(shard.sizes)} frames{scenes}")
 
 
 def _say_retrained(retrained: Retrained, folder: Path) -> None:
@@ -291,9 +297,9 @@ class Steps:
     """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
-        from valerie.cli.datasets import Lines
+        from valerie.cli.datasets import ProgressLines
 
-        self._lines = Lines("steps")
+        self._lines = ProgressLines("steps")
 
     def __call__(self, now: TrainingProgress) -> None:
         self._lines.tell(now.step, now.steps, now.step / max(now.elapsed_s, 1e-9), f"loss {now.loss:.3f}")

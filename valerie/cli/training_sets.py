@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
-    from valerie.perception.training.settings import TrainingSettings
+    from valerie.perception.training.training_settings import TrainingSettings
     from valerie.pipeline.retraining.training_frames import FrameSettings
 
 #: Settings to the parameters that set them, if the names differ.
@@ -30,7 +30,7 @@ _STEPS_PER_LINE: Final = 50
 class FrameOptions:
     """The frames of a training set."""
 
-    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Which sites.")] = "train"
+    split: Annotated[str, typer.Option("--split", metavar="train|held-out", help="Sites to render.")] = "train"
     first_seed: Annotated[
         int | None, typer.Option("--first-seed", help="First site seed.", show_default="the split's first")
     ] = None
@@ -66,10 +66,10 @@ def frames(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Empty folder to render into.")],
     options: FrameOptions,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
 ) -> None:
-    """Render a training set into an empty folder: of sites whose seeds no run uses by default."""
-    from valerie.pipeline.retraining.training_frames import render_frames
+    """Render a training set into an empty folder, of sites that runs do not use by default."""
+    from valerie.pipeline.retraining.training_frames import render_training_frames
 
     with _named_by_option(context):
         settings = options.settings()
@@ -81,7 +81,7 @@ def frames(
             rate = done * settings.per_site / (time.monotonic() - started)
             typer.echo(f"site {shard.site_seed}: {done}/{settings.sites} sites, {rate:.1f} frames/s")
 
-        rendered = render_frames(folder, settings, processes=processes, progress=tell)
+        rendered = render_training_frames(folder, settings, processes=processes, progress=tell)
     typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
 
 
@@ -91,15 +91,18 @@ class FitFiles:
 
     frames: Annotated[
         list[Path],
-        typer.Option("--frames", metavar="DIR", help="Folder to train on; can be repeated, and twice counts twice."),
+        typer.Option("--frames", metavar="DIR", help="Folder to train on; may be repeated, also to count it twice."),
     ]
     held_out: Annotated[Path, typer.Option("--held-out", metavar="DIR", help="Folder to validate on.")]
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Function file to write (….safetensors).")]
     start_from: Annotated[
-        Path | None, typer.Option("--start-from", metavar="FILE", help="Function file with the first weights.")
+        Path | None, typer.Option("--start-from", metavar="FILE", help="Function file with the initial weights.")
     ] = None
     checkpoint: Annotated[
-        Path | None, typer.Option("--checkpoint", metavar="FILE", help="Written on the way; resumed if it exists.")
+        Path | None,
+        typer.Option(
+            "--checkpoint", metavar="FILE", help="Checkpoint to write; training resumes from it if it exists."
+        ),
     ] = None
 
     def new_curve(self) -> TrainingCurve:
@@ -123,19 +126,20 @@ class FitOptions:
     ] = None
     batch: Annotated[int, typer.Option("--batch", help="Samples per step.")] = 16
     seed: Annotated[int, typer.Option("--seed", help="Seed of weights, order of frames and crops.")] = 0
-    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 2e-3
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Peak learning rate.")] = 2e-3
     longest_side: Annotated[
-        int | None, typer.Option("--longest-side", metavar="PIXELS", help="The function reduces longer frames to it.")
+        int | None,
+        typer.Option("--longest-side", metavar="PIXELS", help="Longest side; the function shrinks larger frames."),
     ] = None
     class_balance: Annotated[
-        float, typer.Option("--class-balance", metavar="EXPONENT", help="0 weighs all pixels alike, 1 all classes.")
+        float, typer.Option("--class-balance", metavar="EXPONENT", help="0 weights all pixels equally, 1 all classes.")
     ] = 0.0
-    person_weight: Annotated[float, typer.Option("--person-weight", help="Factor of person pixels.")] = 3.0
+    person_weight: Annotated[float, typer.Option("--person-weight", help="Weight of person pixels in the loss.")] = 3.0
     void_weight: Annotated[
-        float, typer.Option("--void-weight", help="Weight of the loss for void pixels predicted as persons.")
+        float, typer.Option("--void-weight", help="Weight in the loss of void pixels predicted as persons.")
     ] = 0.0
     scales: Annotated[
-        str, typer.Option("--scales", metavar="S,S,…", help="Scales of samples, as the function sees frames.")
+        str, typer.Option("--scales", metavar="S,S,…", help="Scales of the samples, relative to the function's input.")
     ] = "1.0,0.5"
     keep_norm_statistics: Annotated[
         bool,
@@ -151,7 +155,7 @@ class FitOptions:
         "auto"
     )
     loader_threads: Annotated[
-        int, typer.Option("--loader-threads", help="Threads that cut samples; no effect on the result.")
+        int, typer.Option("--loader-threads", help="Threads that prepare samples; they do not affect the result.")
     ] = 4
     validate_every: Annotated[
         int, typer.Option("--validate-every", help="Steps between validations on held-out frames.")
@@ -163,7 +167,7 @@ class FitOptions:
         Raises:
             InvalidInput, ValidationError: a setting is out of bounds.
         """
-        from valerie.perception.training.settings import TrainingSettings
+        from valerie.perception.training.training_settings import TrainingSettings
 
         options = asdict(self)
         options["time_budget_s"] = options.pop("time_budget")
@@ -231,20 +235,22 @@ def _named_by_option(context: typer.Context) -> Iterator[None]:
 
     from valerie.validation import problem_of
 
-    shown = {
+    options = {
         str(parameter.name): parameter.opts[0]
         if isinstance(parameter, typer.core.TyperOption)
         else str(parameter.metavar)
         for parameter in context.command.params
     }
-    shown |= {setting: shown[name] for setting, name in _PARAMETERS.items() if name in shown}
+    options |= {setting: options[name] for setting, name in _PARAMETERS.items() if name in options}
     try:
         yield
     except ValidationError as error:
-        raise InvalidInputs([problem_of(detail, shown[str(detail["loc"][0])]) for detail in error.errors()]) from None
+        raise InvalidInputs([problem_of(detail, options[str(detail["loc"][0])]) for detail in error.errors()]) from None
     except InvalidInput as error:
-        if type(error) is InvalidInput and error.field in shown:
-            raise InvalidInput(error.message, field=shown[error.field], value=error.value, limit=error.limit) from None
+        if type(error) is InvalidInput and error.field in options:
+            raise InvalidInput(
+                error.message, field=options[error.field], value=error.value, limit=error.limit
+            ) from None
         raise
 
 

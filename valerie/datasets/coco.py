@@ -13,7 +13,7 @@ annotation; the Parquet index lists it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NotRequired
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,21 @@ from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
 from valerie.measures import Cell
 from valerie.plain import JsonObject
 
-#: The 19 evaluated classes; ``isthing`` is 1 for classes with instances.
-CATEGORIES: Final[tuple[JsonObject, ...]] = tuple(
+
+class Category(TypedDict):
+    """A class; ``isthing`` is 1 if it has instances. Only classes whose annotations have key points name these."""
+
+    id: int
+    name: str
+    supercategory: str
+    isthing: int
+    color: list[int]
+    keypoints: NotRequired[list[str]]
+    skeleton: NotRequired[list[list[int]]]
+
+
+#: The 19 evaluated classes.
+CATEGORIES: Final[tuple[Category, ...]] = tuple(
     {
         "id": label.id,
         "name": label.name,
@@ -36,6 +49,15 @@ CATEGORIES: Final[tuple[JsonObject, ...]] = tuple(
     }
     for label in TRAIN_LABELS
 )
+
+
+class CocoImage(TypedDict):
+    """A picture, by its path below the data set."""
+
+    id: int
+    width: int
+    height: int
+    file_name: str
 
 
 class Segment(TypedDict):
@@ -61,9 +83,9 @@ class CocoDocument(TypedDict):
 
     info: dict[str, str]
     licenses: list[str]
-    images: list[JsonObject]
+    images: list[CocoImage]
     annotations: Sequence[JsonObject] | Sequence[PanopticAnnotation]
-    categories: list[JsonObject]
+    categories: list[Category]
 
 
 class RunLengths(TypedDict):
@@ -73,7 +95,7 @@ class RunLengths(TypedDict):
     counts: str
 
 
-class Shape(TypedDict):
+class MaskShape(TypedDict):
     """A mask with its box (x, y, width, height) and number of pixels."""
 
     segm: RunLengths
@@ -95,8 +117,8 @@ class Instance(Document):
 
     category_id: int
     instance_id: int
-    visible: Shape
-    amodal: Shape | None
+    visible: MaskShape
+    amodal: MaskShape | None
     measures: dict[str, Cell]
     key_points: KeyPoints | None
 
@@ -164,7 +186,7 @@ def instance_annotations(frame: LabelledFrame) -> list[Instance]:
 
 
 def assemble(
-    images: Sequence[JsonObject],
+    images: Sequence[CocoImage],
     annotations: Sequence[JsonObject] | Sequence[PanopticAnnotation],
     description: str,
     *,
@@ -177,14 +199,16 @@ def assemble(
     persons and riders.
     """
     pointed = any("keypoints" in annotation for annotation in annotations)
-    named: JsonObject = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
+    skeleton = [[a + 1, b + 1] for a, b in limbs]
     return {
         "info": {"description": description},
         "licenses": [],
         "images": list(images),
         "annotations": annotations,
         "categories": [
-            {**category, **named} if pointed and category["name"] in (PERSON.name, RIDER.name) else category
+            {**category, "keypoints": list(key_points), "skeleton": skeleton}
+            if pointed and category["name"] in (PERSON.name, RIDER.name)
+            else category
             for category in CATEGORIES
         ],
     }
@@ -215,7 +239,7 @@ def run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
     return {"size": [int(mask.shape[0]), int(mask.shape[1])], "counts": "".join(code)}
 
 
-def _shape_entries(shape: Shape, mask: str, prefix: str) -> JsonObject:
+def _shape_entries(shape: MaskShape, mask: str, prefix: str) -> JsonObject:
     return {
         mask: {"size": shape["segm"]["size"], "counts": shape["segm"]["counts"]},
         f"{prefix}bbox": shape["bbox"],
@@ -223,7 +247,7 @@ def _shape_entries(shape: Shape, mask: str, prefix: str) -> JsonObject:
     }
 
 
-def _shape(mask: NDArray[np.bool_]) -> Shape:
+def _shape(mask: NDArray[np.bool_]) -> MaskShape:
     return {"segm": run_lengths(mask), "bbox": _box(mask), "area": int(np.count_nonzero(mask))}
 
 

@@ -11,8 +11,8 @@ from sqlalchemy.orm import InstrumentedAttribute
 
 from valerie.db.models import (
     Base,
-    Block,
     Evaluation,
+    FedBlock,
     Frame,
     FrameAnnotation,
     MarkTag,
@@ -44,7 +44,7 @@ _CONTENTS: Final[Mapping[type[Base], InstrumentedAttribute[str]]] = {
     PersonScore: PersonScore.digest,
 }
 #: The rows of a run, tables that others refer to first.
-_PARTS: Final = (Block, Variant, Frame, Evaluation, FrameAnnotation, Note, MarkTag)
+_PARTS: Final = (FedBlock, Variant, Frame, Evaluation, FrameAnnotation, Note, MarkTag)
 
 
 class StoredProduct(NamedTuple):
@@ -103,7 +103,7 @@ def _copy_products(source: Connection, target: Connection, products: list[_Copie
 
 def _products(connection: Connection, run_id: str) -> Iterator[_CopiedProduct]:
     """Yield the rows of a run's products and of their inputs, without leases: in a copy nobody works on them."""
-    for row in _rows(connection, Product, _needed(run_id)):
+    for row in _rows(connection, Product, _needed(run_id), Product.digest):
         state = row["state"] if row["state"] in (ProductState.DONE, ProductState.FAILED) else ProductState.PARKED
         values = {**row, "state": state, "lease_owner": None, "lease_until": None, "sent_at": None, "not_before": None}
         yield _CopiedProduct(str(row["digest"]), state is ProductState.DONE, values)
@@ -120,8 +120,10 @@ def _needed(run_id: str) -> ColumnElement[bool]:
     return Product.digest.in_(select(needed.c[0]))
 
 
-def _rows(connection: Connection, table: type[Base], condition: ColumnElement[bool]) -> Iterator[Values]:
-    query = select(*table.__table__.columns).where(condition)
+def _rows(
+    connection: Connection, table: type[Base], condition: ColumnElement[bool], *order: InstrumentedAttribute[str]
+) -> Iterator[Values]:
+    query = select(*table.__table__.columns).where(condition).order_by(*order)
     for row in connection.execution_options(yield_per=_CHUNK).execute(query).mappings():
         yield {str(column): value for column, value in row.items()}
 

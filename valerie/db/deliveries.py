@@ -16,7 +16,7 @@ _FINAL: Final = tuple(state for state in RunState if state.is_final)
 
 
 @dataclass(frozen=True, slots=True)
-class Ending:
+class RunEnding:
     """A run that ended, and how often a receiver was told so in vain. A resumed run ends again."""
 
     id: str
@@ -28,7 +28,7 @@ class Ending:
     attempts: int
 
 
-def due(connection: Connection, receiver: str, *, since: datetime, now: float, limit: int) -> list[Ending]:
+def due(connection: Connection, receiver: str, *, since: datetime, now: float, limit: int) -> list[RunEnding]:
     """Return the endings that a receiver has not heard of and may be told now, oldest first.
 
     Args:
@@ -38,18 +38,18 @@ def due(connection: Connection, receiver: str, *, since: datetime, now: float, l
         limit: most endings.
     """
     query = (
-        select(*columns_of(Ending, Run, attempts=func.coalesce(Delivery.attempts, 0)))
+        select(*columns_of(RunEnding, Run, attempts=func.coalesce(Delivery.attempts, 0)))
         .outerjoin(Delivery, _of(receiver))
         .where(Run.state.in_(_FINAL), Run.finished_at >= since)
         .where(Delivery.run_id.is_(None) | (Delivery.due_at <= now))
         .order_by(Run.finished_at, Run.id)
         .limit(limit)
     )
-    return read_all(connection, query, Ending)
+    return read_all(connection, query, RunEnding)
 
 
 def note(
-    connection: Connection, ending: Ending, receiver: str, *, due_at: float | None, problem: str | None = None
+    connection: Connection, ending: RunEnding, receiver: str, *, due_at: float | None, problem: str | None = None
 ) -> None:
     """Record an attempt to tell a receiver of an ending; nothing if the run was deleted meanwhile.
 

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, select
@@ -23,7 +24,7 @@ _CACHE_KIB = 32 * 1024
 _CHECKPOINT_PAGES = 10_000
 _OPTIONS: Final = {
     "hide_parameters": True,  # keep thousands of rows out of the log
-    # `valerie.db.documents` reads and writes JSON text itself.
+    # `valerie.db.column_types` reads and writes JSON text itself.
     "json_serializer": lambda text: text,
     "json_deserializer": lambda text: text,
 }
@@ -34,7 +35,7 @@ _FORK = threading.Lock()
 os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_in_child=_FORK.release)
 
 
-def open_engine(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
+def open_database(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
     """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
     On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails
@@ -47,16 +48,16 @@ def open_engine(url: str, *, clock: Callable[[], float] = time.time) -> Engine:
     Raises:
         InvalidInput: another kind of database.
     """
-    parsed = make_url(url)
-    backend = parsed.get_backend_name()
+    address = make_url(url)
+    backend = address.get_backend_name()
     if backend == "sqlite":
         arguments = {"timeout": _BUSY_TIMEOUT_MS / 1000}
-        engine = create_engine(parsed, connect_args=arguments, execution_options={_CLOCK: clock}, **_OPTIONS)
+        engine = create_engine(address, connect_args=arguments, execution_options={_CLOCK: clock}, **_OPTIONS)
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", _begin_immediate)
         return engine
     if backend == "postgresql":
-        return create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_OPTIONS)
+        return create_engine(address.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_OPTIONS)
     raise InvalidInput("unknown kind of database", field="database_url", value=backend, limit="sqlite or postgresql")
 
 
@@ -88,6 +89,11 @@ def database_time(connection: Connection) -> float:
     if clock is not None:
         return float(clock())
     return float(connection.scalar(select(func.extract("epoch", func.clock_timestamp()))) or 0.0)
+
+
+def database_moment(connection: Connection) -> datetime:
+    """Return `database_time` as a moment in UTC, for the times of rows."""
+    return datetime.fromtimestamp(database_time(connection), UTC)
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from valerie.db.measured import SEEN, SeenPerson
 from valerie.db.models import Frame, FrameAnnotation, PersonLight, PersonView, Product, Variant
 from valerie.errors import NotFound
 from valerie.measures import Source, names_from
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import ProductState
 
 _LIT: Final = names_from(Source.LIGHT)

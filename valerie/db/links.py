@@ -9,7 +9,7 @@ from sqlalchemy import ColumnElement, and_, bindparam, select
 
 from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, PersonLight, PersonView, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products.frames import FrameKey, FrameProducts
+from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 
 #: A table whose rows name a frame.
 OfFrames = type[Frame] | type[Evaluation] | type[FrameAnnotation]

@@ -40,7 +40,7 @@ from valerie.db.models import (
 from valerie.db.rows import read_all
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell, Measures, Source, measures_from
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 #: The table that holds the measures from each source.
 _TABLES: Final[dict[Source, type[Base]]] = {
@@ -65,7 +65,10 @@ COLUMNS: Final[Mapping[str, InstrumentedAttribute[Any]]] = {
 
 def measure_columns() -> tuple[Column[Any], ...]:
     """Return the columns of the database that hold measures."""
-    return tuple(_TABLES[measure.source].__table__.columns[measure.name] for measure in measures_from(*_TABLES))
+    tables = Base.metadata.tables
+    return tuple(
+        tables[_TABLES[measure.source].__tablename__].columns[measure.name] for measure in measures_from(*_TABLES)
+    )
 
 
 #: Columns that identify a row in one run's long table.
@@ -307,8 +310,8 @@ def points(connection: Connection, run_id: str, column: str | None, *, share: fl
     """
     if column is not None and column not in COLUMNS:
         raise UnknownName("column", column, COLUMNS, field="column")
-    wanted = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
-    query = _select(run_id).with_only_columns(*wanted, maintain_column_froms=True)
+    selection = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
+    query = _select(run_id).with_only_columns(*selection, maintain_column_froms=True)
     if share < 1.0:
         spread = Evaluation.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
         query = query.where(spread < literal(int(share * 2**32), BigInteger))

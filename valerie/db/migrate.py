@@ -84,8 +84,8 @@ def _refuse_unknown(current: str | None) -> None:
             f"the database is from before VALERIE 0.1.0 (revision {current}), which no released version reads; nothing in it "
             "was changed. Move it away or name another one (VALERIE_DATABASE_URL), and submit its specs again"
         )
-    known = {script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()}
-    if current is not None and current not in known:
+    revisions = {script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()}
+    if current is not None and current not in revisions:
         raise Conflict(
             f"the database is at revision {current}, which this version of VALERIE does not know: it was written by a "
             "newer one; install that version, or use another database"

@@ -30,7 +30,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeEngine
 
 from valerie.access import Role
-from valerie.db.documents import JsonDocument, words
+from valerie.db.column_types import JsonDocument, words
 from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
@@ -41,7 +41,7 @@ from valerie.runs.products.progress import BlockCounts, Progress
 from valerie.runs.products.ready import ProductError
 from valerie.runs.products.states import Priority, ProductKind, ProductState, RunState, Stage
 from valerie.runs.resolving.spec import RunSpec
-from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
+from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 #: The newest revision in migrations/, which has the tables below.
 REVISION: Final = "release_0_1_0"
@@ -135,7 +135,7 @@ class Run(Base):
     __table_args__ = (Index("ix_runs_state", "state"), Index("ix_runs_created_at", "created_at"))
 
 
-class Block(Base):
+class FedBlock(Base):
     """A range of consecutive variants. A finished block is not counted again, which keeps progress cheap."""
 
     __tablename__ = "blocks"
@@ -465,7 +465,7 @@ class MarkTag(Base):
 
 
 class Delivery(Base):
-    """What a receiver of webhooks has heard of the ending of a run; no row before the first attempt."""
+    """The state of telling a receiver of webhooks that a run ended; no row before the first attempt."""
 
     __tablename__ = "deliveries"
 

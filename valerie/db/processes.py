@@ -69,8 +69,8 @@ def remove_worker(connection: Connection, worker_id: str) -> None:
 def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
     """Return the live workers, the longest-running first."""
     # A heartbeat from the future is of a worker that died before the clock was set back: a live one sends another.
-    seen = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
-    query = select(*columns_of(WorkerRow, Worker)).where(seen)
+    alive = Worker.seen_at.between(now - ALIVE_SECONDS, now + ALIVE_SECONDS)
+    query = select(*columns_of(WorkerRow, Worker)).where(alive)
     return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
 
 
@@ -100,6 +100,22 @@ def hold_lease(connection: Connection, name: str, *, owner: str, now: float, sec
         return True
     connection.execute(update(Lease).where(Lease.name == name, Lease.until > until).values(until=until))
     return False
+
+
+def renew_lease(connection: Connection, name: str, *, owner: str, until: float) -> None:
+    """Extend a role that ``owner`` still holds; unlike `hold_lease` it never takes one."""
+    connection.execute(update(Lease).where(Lease.name == name, Lease.owner == owner).values(until=until))
+
+
+def holds_lease(connection: Connection, name: str, *, owner: str) -> bool:
+    """Return True if ``owner`` still holds a role; nobody else takes it before the commit."""
+    query = select(Lease.name).where(Lease.name == name, Lease.owner == owner).with_for_update()
+    return connection.scalar(query) is not None
+
+
+def drop_lease(connection: Connection, name: str, *, owner: str) -> None:
+    """Release a role that ``owner`` holds and that is not needed again."""
+    connection.execute(delete(Lease).where(Lease.name == name, Lease.owner == owner))
 
 
 def release_lease(connection: Connection, name: str, *, owner: str) -> None:

@@ -29,7 +29,7 @@ from valerie.db.models import (
     Score,
     Variant,
 )
-from valerie.db.statements import UNFINISHED, WAITING, among, insert_ignoring, insert_rows
+from valerie.db.statements import UNFINISHED, WAITING, among, in_order, insert_ignoring, insert_rows, lock
 from valerie.measures import Measures
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.ready import FailedInput, ProductError, Ready
@@ -88,10 +88,11 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float, turns: 
     """
     links = (link for product in wanted for link in (product.digest, product.input_a, product.input_b, product.input_c))
     digests = {digest for digest in links if digest is not None}
-    # Locked until the commit (SQLite: no one else writes): a worker must not park what this transaction is about to link.
+    # A worker must not park what this transaction is about to link.
+    lock(connection, digests)
     columns = Product.digest, Product.state, Product.turn
-    known = select(*columns).where(among(connection, Product.digest, digests)).with_for_update()
-    states = {digest: (state, turn) for digest, state, turn in connection.execute(known)}
+    present = connection.execute(select(*columns).where(among(connection, Product.digest, digests)))
+    states = {digest: (state, turn) for digest, state, turn in present}
     done: set[str | None] = {None, *(digest for digest, (state, _) in states.items() if state is ProductState.DONE)}
     rows: list[_NewProduct] = []
     ready: list[Ready] = []
@@ -149,8 +150,11 @@ def revive(connection: Connection, digests: Collection[str]) -> None:
     connection.execute(
         update(Product)
         .where(
-            among(connection, Product.digest, digests),
-            Product.state.in_((ProductState.FAILED, ProductState.PARKED)),
+            in_order(
+                connection,
+                among(connection, Product.digest, digests),
+                Product.state.in_((ProductState.FAILED, ProductState.PARKED)),
+            )
         )
         .values(
             state=ProductState.WAITING,
@@ -188,7 +192,7 @@ def promote_all(connection: Connection, now: float) -> list[Ready]:
 def _promote(connection: Connection, condition: ColumnElement[bool], now: float) -> list[Ready]:
     statement = (
         update(Product)
-        .where(Product.state == ProductState.WAITING, condition, _INPUTS_DONE)
+        .where(in_order(connection, Product.state == ProductState.WAITING, condition, _INPUTS_DONE))
         .values(state=ProductState.READY, sent_at=now)
         .returning(*READY_COLUMNS)
     )
@@ -201,7 +205,7 @@ def to_send(rows: Iterable[Row[str, ProductKind, str, str, float]]) -> list[Read
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class EvaluationLink:
     """One function's evaluation of a frame through one sensor.
 
     Attributes:
@@ -231,7 +235,7 @@ class Job:
     kind: ProductKind
     attempts: int
     frame: StoredFrame
-    look: Look | None = None
+    look: EvaluationLink | None = None
 
 
 def claim_next(connection: Connection, route: str, *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -268,7 +272,7 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
     """
     statement = (
         update(Product)
-        .where(Product.digest.in_(digests), Product.state == ProductState.READY)
+        .where(in_order(connection, Product.digest.in_(digests), Product.state == ProductState.READY))
         .values(
             state=ProductState.RUNNING,
             lease_owner=owner,
@@ -347,7 +351,7 @@ _JOB_OF_KIND: Final = {
     ProductKind.EVALUATION: _evaluation_job(Evaluation.scores),
 }
 _EMPTY_JOB: Final = _evaluation_job(Evaluation.empty)
-#: Kinds of products whose jobs have a `Look`.
+#: Kinds of products whose jobs have a `EvaluationLink`.
 _LOOKS: Final = frozenset({ProductKind.PREDICTION, ProductKind.EVALUATION})
 
 
@@ -357,17 +361,17 @@ def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) 
         row = connection.execute(_EMPTY_JOB, {"digest": digest}).first()
     if row is None:
         return None
-    look = Look(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
+    look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty) if kind in _LOOKS else None
     return Job(digest, kind, attempts, StoredFrame.of(row), look)
+
+
+def _held(digests: Collection[str], owner: str) -> tuple[ColumnElement[bool], ...]:
+    return Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING
 
 
 def renew(connection: Connection, digests: Collection[str], *, owner: str, until: float) -> None:
     """Extend the leases that ``owner`` still holds."""
-    connection.execute(
-        update(Product)
-        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)
-        .values(lease_until=until)
-    )
+    connection.execute(update(Product).where(in_order(connection, *_held(digests, owner))).values(lease_until=until))
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,11 +395,11 @@ class Finished:
     picture: Measures | None = None
     score: FrameScore | None = None
     person_scores: tuple[MeasuredPerson, ...] = ()
-    part: Part | None = None
+    part: SharedStatics | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SharedStatics:
     """The statics that several truths are stored over; its row keeps it from being freed while one of them exists.
 
     Attributes:
@@ -418,16 +422,11 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         The digests that were published.
     """
     digests = [product.digest for product in finished]
-    # Locked until the commit (SQLite: no one else writes): a product keeps its holder until its rows are written.
+    lock(connection, digests)  # a product keeps its holder until its rows are written
+    condition = among(connection, Product.digest, digests)
     held = set(
         connection.scalars(
-            select(Product.digest)
-            .where(
-                among(connection, Product.digest, digests),
-                Product.state == ProductState.RUNNING,
-                Product.lease_owner == owner,
-            )
-            .with_for_update()
+            select(Product.digest).where(condition, Product.state == ProductState.RUNNING, Product.lease_owner == owner)
         )
     )
     published = [product for product in finished if product.digest in held]
@@ -478,7 +477,8 @@ def _publish_parts(connection: Connection, published: Sequence[Finished], now: f
         "cpu_seconds": 0.0,
         "finished_at": now,
     }
-    distinct = {part.digest: part for part in parts.values()}.values()
+    # Sorted: two workers that insert the same ones wait for each other in any other order.
+    distinct = sorted({part.digest: part for part in parts.values()}.values(), key=attrgetter("digest"))
     rows = [{**row, "digest": part.digest, "bytes": part.bytes, "pixels": part.pixels} for part in distinct]
     insert_ignoring(connection, Product, rows)
     table = Product.__table__
@@ -495,7 +495,7 @@ def hand_back(
     attempts = Product.attempts if count_attempt else Product.attempts - 1
     connection.execute(
         update(Product)
-        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)
+        .where(in_order(connection, *_held(digests, owner)))
         .values(
             state=ProductState.READY,
             lease_owner=None,
@@ -517,6 +517,7 @@ def fail(connection: Connection, digest: str, *, owner: str | None, error: Produ
         error: the cause.
         now: Unix seconds.
     """
+    lock_with_dependents(connection, [digest])
     condition = [Product.digest == digest]
     if owner is not None:
         condition.append(Product.lease_owner == owner)
@@ -543,11 +544,23 @@ def fail_dependents(connection: Connection, failed: Iterable[str], now: float) -
         )
 
 
+def lock_with_dependents(connection: Connection, digests: Iterable[str]) -> None:
+    """Lock products, and all that wait for one of them, directly or not, until the commit."""
+    if connection.dialect.name != "postgresql":
+        return
+    family, generation = set[str](), set(digests)
+    while generation:
+        family |= generation
+        waiting = [select(Product.digest).where(WAITING, among(connection, column, generation)) for column in _INPUTS]
+        generation = set(connection.scalars(union(*waiting))) - family
+    lock(connection, family)
+
+
 def forget(connection: Connection, digests: Collection[str]) -> None:
     """Have finished products made again, whose objects are missing or damaged."""
     connection.execute(
         update(Product)
-        .where(Product.digest.in_(digests), Product.state == ProductState.DONE)
+        .where(in_order(connection, Product.digest.in_(digests), Product.state == ProductState.DONE))
         .values(state=ProductState.WAITING, sent_at=None)
     )
 
@@ -556,6 +569,6 @@ def await_inputs(connection: Connection, digests: Collection[str], *, owner: str
     """Return leased products to waiting: their inputs have to be made again."""
     connection.execute(
         update(Product)
-        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == ProductState.RUNNING)
+        .where(in_order(connection, *_held(digests, owner)))
         .values(state=ProductState.WAITING, lease_owner=None, lease_until=None)
     )

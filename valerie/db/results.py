@@ -15,7 +15,7 @@ from valerie.db.measured import FrameScore
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Product, Score
 from valerie.errors import NotFound
 from valerie.measures import Source, names_from
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.ready import ProductError
 from valerie.runs.products.states import ProductKind, ProductState
 
@@ -60,7 +60,7 @@ def confusions(connection: Connection, run_id: str) -> Iterator[FrameConfusion]:
 
 
 @dataclass(frozen=True, slots=True)
-class EvaluationRow:
+class FrameEvaluation:
     """An evaluation of a frame.
 
     Attributes:
@@ -106,9 +106,9 @@ _OF_FRAME: Final = (
 )
 
 
-def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationRow]:
+def frame_evaluations(connection: Connection, key: FrameKey) -> list[FrameEvaluation]:
     """Read the evaluations of one frame: links, states and scores."""
-    evaluations: list[EvaluationRow] = []
+    evaluations: list[FrameEvaluation] = []
     for (
         sensor, function, prediction_digest, scores_digest, empty, prediction_state, scores_state,
         confusion, tp, fn, tn, pacc, *values,
@@ -116,7 +116,7 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[EvaluationR
         measures = dict(zip(_SCORED, values, strict=True))
         score = None if confusion is None else FrameScore(confusion, tp, fn, tn, pacc, measures)
         evaluations.append(
-            EvaluationRow(
+            FrameEvaluation(
                 sensor, function, prediction_digest, scores_digest, empty, prediction_state, scores_state, score
             )
         )

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Collection, Set
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
 from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
 from sqlalchemy.exc import IntegrityError
 
 from valerie.db import marks
-from valerie.db.models import Assignment, Block, Evaluation, Frame, FrameAnnotation, Product, Run, StudyBatch, Variant
+from valerie.db.models import (
+    Assignment,
+    Evaluation,
+    FedBlock,
+    Frame,
+    FrameAnnotation,
+    Product,
+    Run,
+    StudyBatch,
+    Variant,
+)
 from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
@@ -128,11 +138,6 @@ class Relative:
 _RUN = select(*columns_of(RunRow, Run))
 
 
-def now_utc() -> datetime:
-    """Return the current time, UTC."""
-    return datetime.now(UTC)
-
-
 def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | None = None) -> str:
     """Insert a run and return its id; if a run has its idempotency key already, return that run's id.
 
@@ -162,10 +167,10 @@ def of_key(connection: Connection, key: str | None, spec_digest: str) -> str | N
     """
     if key is None:
         return None
-    known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
-    if known is None:
+    row = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
+    if row is None:
         return None
-    run_id, known_digest = known
+    run_id, known_digest = row
     if known_digest != spec_digest:
         raise Conflict(f"the idempotency key {key!r} was used for another spec (run {run_id})")
     return run_id
@@ -194,13 +199,16 @@ def require(connection: Connection, run_id: str) -> None:
 
 
 def fed(connection: Connection, run_id: str) -> Fed:
-    """Return the part of a run that has rows.
+    """Return the part of a run that has rows; the run stays as it is until the commit.
+
+    Transactions that write a run and its products do so in this order.
 
     Raises:
         NotFound: no such run.
     """
     columns = Run.state, Run.next_index, Run.rejected_count, Run.turn
-    row = connection.execute(select(*columns).where(Run.id == run_id)).first()
+    query = select(*columns).where(Run.id == run_id).with_for_update(key_share=True)  # SQLite: no one else writes
+    row = connection.execute(query).first()
     if row is None:
         raise NotFound("run", run_id)
     return Fed(*row)
@@ -309,7 +317,7 @@ def set_values(connection: Connection, run_id: str, **values: Unpack[RunValues])
 
 def remove(connection: Connection, run_id: str) -> None:
     """Delete a run with its variants, frames, links and marks; its products stay until `gc` frees those without a link."""
-    for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
+    for table in (Evaluation, FrameAnnotation, Frame, Variant, FedBlock):
         connection.execute(delete(table).where(table.run_id == run_id))
     marks.remove_all(connection, run_id)
     connection.execute(delete(Run).where(Run.id == run_id))

@@ -13,6 +13,8 @@ from sqlalchemy import (
     Connection,
     Select,
     String,
+    TextClause,
+    and_,
     any_,
     func,
     literal,
@@ -55,6 +57,24 @@ def among(connection: Connection, column: InstrumentedAttribute[Any], digests: C
         return column == any_(literal(values, ARRAY(String)))
     each = func.json_each(orjson.dumps(values).decode()).table_valued("value")
     return column.in_(select(each.c.value))
+
+
+def lock(connection: Connection, digests: Collection[str]) -> None:
+    """Lock products until the commit, in the order in which every transaction locks them: that of their digests.
+
+    Two transactions that lock the same rows in different orders may wait for each other. SQLite has one writer at a time.
+    """
+    if connection.dialect.name == "postgresql":
+        query = select(Product.digest).where(among(connection, Product.digest, digests))
+        connection.execute(query.order_by(Product.digest).with_for_update())
+
+
+def in_order(connection: Connection, *conditions: ColumnElement[bool] | TextClause) -> ColumnElement[bool]:
+    """Return the condition that a product meets all ``conditions``; an UPDATE with it locks its rows as `lock` does."""
+    if connection.dialect.name != "postgresql":
+        return and_(*conditions)
+    rows = select(Product.digest).where(*conditions).order_by(Product.digest).with_for_update().cte("locked")
+    return Product.digest.in_(select(rows.c.digest))
 
 
 class Seen(NamedTuple):

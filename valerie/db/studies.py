@@ -15,7 +15,7 @@ from valerie.db.runs import links_of
 from valerie.db.statements import Seen, insert_ignoring, newest_first
 from valerie.errors import NotFound
 from valerie.runs.moments import in_utc
-from valerie.runs.study.document import Outcomes, StudyDocument, StudyResult, StudyState
+from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 
 @dataclass(frozen=True)

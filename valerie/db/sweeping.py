@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 from sqlalchemy import Connection, delete, or_, select, text, update
 
 from valerie.db.models import Product
-from valerie.db.products import READY_COLUMNS, fail, fail_dependents, to_send
-from valerie.db.statements import UNFINISHED, among
+from valerie.db.products import READY_COLUMNS, fail, fail_dependents, lock_with_dependents, to_send
+from valerie.db.statements import UNFINISHED, among, in_order
 from valerie.runs.products.ready import Fault, Ready
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind, ProductState
 
-#: Longest product rests longer product this, seconds; see `valerie.pipeline.work.stages`.
+#: No product rests longer than this, seconds; see `valerie.pipeline.work.stages`.
 _LONGEST_PAUSE: Final = 60.0
 
 
@@ -28,18 +28,18 @@ def bound_times(connection: Connection, *, now: float, lease_seconds: float) -> 
     """Shorten leases and pauses that end impossibly late: the clock was set back, or the worker's is ahead."""
     running, ready = Product.state == ProductState.RUNNING, Product.state == ProductState.READY
     longest = now + lease_seconds
-    connection.execute(
-        update(Product).where(UNFINISHED, running, Product.lease_until > longest).values(lease_until=longest)
-    )
-    connection.execute(
-        update(Product).where(UNFINISHED, ready, Product.not_before > now + _LONGEST_PAUSE).values(not_before=now)
-    )
-    connection.execute(update(Product).where(UNFINISHED, ready, Product.sent_at > now).values(sent_at=now))
+    held = in_order(connection, UNFINISHED, running, Product.lease_until > longest)
+    connection.execute(update(Product).where(held).values(lease_until=longest))
+    resting = in_order(connection, UNFINISHED, ready, Product.not_before > now + _LONGEST_PAUSE)
+    connection.execute(update(Product).where(resting).values(not_before=now))
+    sent = in_order(connection, UNFINISHED, ready, Product.sent_at > now)
+    connection.execute(update(Product).where(sent).values(sent_at=now))
 
 
 def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
     """Make products ready whose lease ended; return them. After ``max_attempts`` attempts they fail instead."""
     expired = (UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_until < now)
+    lock_with_dependents(connection, connection.scalars(select(Product.digest).where(*expired)))
     hopeless = connection.execute(
         select(Product.digest, Product.kind, Product.attempts).where(*expired, Product.attempts >= max_attempts)
     ).all()
@@ -73,29 +73,31 @@ def stale_ready(connection: Connection, *, now: float, resend_seconds: float, li
 
 def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:
     """Record when products were sent."""
-    condition = among(connection, Product.digest, digests)
-    connection.execute(update(Product).where(condition, Product.state == ProductState.READY).values(sent_at=now))
+    ready = in_order(connection, among(connection, Product.digest, digests), Product.state == ProductState.READY)
+    connection.execute(update(Product).where(ready).values(sent_at=now))
 
 
 def fail_orphaned_dependents(connection: Connection, now: float) -> None:
     """Fail every product that waits for a failed input."""
-    failed = connection.execute(
+    failed = connection.scalars(
         text(
             "SELECT DISTINCT i.digest FROM products AS w JOIN products AS i ON i.digest IN (w.input_a, w.input_b, w.input_c) "
             "WHERE w.state IN ('waiting','ready','running') AND w.state = 'waiting' AND i.state = 'failed'"
         )
-    ).scalars()
+    ).all()
+    lock_with_dependents(connection, failed)
     fail_dependents(connection, failed, now)
 
 
 def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
     """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds.
 
-    No other transaction writes products until this one ends, so that none of these is linked meanwhile. (On SQLite, no two
-    transactions write at the same time anyway.)
+    No other transaction writes or locks products until this one ends, so that none of these is linked meanwhile. (On SQLite,
+    no two transactions write at the same time anyway.)
     """
     if connection.dialect.name == "postgresql":
-        connection.execute(text("LOCK TABLE products IN SHARE ROW EXCLUSIVE MODE"))
+        # Not SHARE ROW EXCLUSIVE, which a transaction that has locked rows may pass, only to wait for this one later.
+        connection.execute(text("LOCK TABLE products IN EXCLUSIVE MODE"))
     rows = connection.execute(
         text(
             "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"

@@ -34,7 +34,7 @@ class KindTotal(NamedTuple):
     cpu_seconds: float
 
 
-class Held(NamedTuple):
+class HeldProducts(NamedTuple):
     """Products of one kind that one process makes now."""
 
     owner: str
@@ -43,7 +43,7 @@ class Held(NamedTuple):
 
 
 class CostBin(NamedTuple):
-    """What the products of one kind cost that were finished in one span of time.
+    """The cost of the products of one kind that were finished in one span of time.
 
     Attributes:
         kind: of the products.
@@ -134,14 +134,14 @@ def totals(connection: Connection) -> list[KindTotal]:
     return [total(kind) for kind in sorted(ProductKind)]
 
 
-def held(connection: Connection) -> list[Held]:
+def held(connection: Connection) -> list[HeldProducts]:
     """Return what each process makes now, by the names in leases (see `valerie.pipeline.base.context.Context`)."""
     rows = connection.execute(
         select(Product.lease_owner, Product.kind, func.count())
         .where(UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_owner.is_not(None))
         .group_by(Product.lease_owner, Product.kind)
     )
-    return [Held(owner, kind, count) for owner, kind, count in rows if owner is not None]
+    return [HeldProducts(owner, kind, count) for owner, kind, count in rows if owner is not None]
 
 
 def done_since(connection: Connection, since: float) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """Run one command so that it never outlives the supervisor that started it, however the supervisor ends.
 
-`valerie.embedded.process` starts this file by path, as ``python -I -S guard.py GRACE_SECONDS STATUS_FD LOCK_FD
+`valerie.embedded.guarded_process` starts this file by path, as ``python -I -S guard.py GRACE_SECONDS STATUS_FD LOCK_FD
 COMMAND…``. It uses the standard library only, so that it is small and starts fast. Standard input is a *lifeline*: a
 pipe whose other end only the supervisor holds. When the supervisor ends, even by kill -9, the kernel closes the pipe,
 and the guard ends the command: SIGTERM to the command and, after the grace period, SIGKILL to its process group and to

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from valerie.embedded import redis_server, running
-from valerie.embedded.process import Command, GuardedProcess, python_command
+from valerie.embedded.guarded_process import Command, GuardedProcess, python_command
 from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
 from valerie.settings import NO_BROKER, Settings
 
@@ -196,13 +196,13 @@ class Supervisor:
         self._note()
 
     def _prepare_stores(self) -> None:
-        from valerie.db.engine import open_engine
+        from valerie.db.engine import open_database
         from valerie.db.migrate import migrate
         from valerie.storage import open_store
 
         settings = self._initial_settings
         open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint).check()
-        engine = open_engine(settings.database_url)
+        engine = open_database(settings.database_url)
         try:
             migrate(engine)
         finally:

@@ -102,16 +102,23 @@ class Cascade:
         if len(rows):
             self._paired[rows] = True
             self._levels.append(rows)
-            return self._open.add(
-                self._points[rows], Reason(Why.COSTLY, {"points": len(rows), "ratio": self._ratio()}), 1
-            )
+            return self._open.add(self._points[rows], Reason(Why.COSTLY, self._known(len(rows))), 1)
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
         self._levels.append(None)
         self._drawn += count
-        return self._open.add(
-            self.domain.draw(rng, count), Reason(Why.CHEAP, {"points": count, "ratio": self._ratio()})
-        )
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.CHEAP, self._known(count)))
+
+    def _known(self, count: int) -> dict[str, float]:
+        """Return the numbers of the reason for a batch of ``count`` points."""
+        return {
+            "points": count,
+            "cheap": int(np.count_nonzero(~np.isnan(self._cheap))),
+            "pairs": int(np.count_nonzero(self._both())),
+            "fewest": FEWEST,
+            "correlation": self._correlation(),
+            "ratio": self._ratio(),
+        }
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

@@ -103,8 +103,12 @@ class Compare:
             return self._open.add(self._points[:0], Reason(Why.NARROW))
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
-        numbers = {"points": count} if known is None else {"points": count, "further": known.further}
-        return self._open.add(self.domain.draw(rng, count), Reason(Why.OPERATIONAL, numbers))
+        numbers: dict[str, float] = {"points": count, "within": self.within, "pairs": 0, "fewest": FEWEST}
+        if known is not None:
+            numbers |= {"pairs": known.pairs, "estimate": known.estimate, "half_width": known.half_width}
+        if known is not None and known.further is not None:
+            numbers["further"] = known.further
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.PAIRING, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores, (n, 2), of the oldest batch that has none.

@@ -179,7 +179,7 @@ class Estimate:
         else:
             draws = self._guided(rng, self.draws[-1].number + 1, count)
         self.draws.append(draws)
-        return self._open.add(draws.points, _reason(draws))
+        return self._open.add(draws.points, self._reason(draws))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.
@@ -188,6 +188,17 @@ class Estimate:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         self.scores.append(self._open.close(points, scores))
+
+    def _reason(self, draws: Draws) -> Reason:
+        scores = np.concatenate([np.empty(0), *self.scores])
+        scored, failed = np.count_nonzero(~np.isnan(scores)), np.count_nonzero(scores < self.at_least)
+        known = {"scored": int(scored), "failed": int(failed)}
+        numbers = {"points": len(draws.points), **known}
+        if draws.predicted is not None:
+            doubtful = len(draws.points) - draws.operational
+            expected = {"operational": draws.operational, "doubtful": doubtful, "expected": draws.pool_mean}
+            return Reason(Why.DOUBTFUL, {**numbers, **expected})
+        return Reason(Why.UNMODELLED if draws.number else Why.FIRST, {**numbers, "first": self.first})
 
     def _operational(self, rng: np.random.Generator, number: int, count: int) -> Draws:
         zeros = np.zeros(count)
@@ -340,14 +351,6 @@ class Estimate:
             low, high = estimate / factor, estimate * factor
             method = "Student's t on the logarithm"
         return Interval(low, min(high, 1.0), min(estimate, 1.0), level, len(terms), method, Estimand.DESIGN_BOX)
-
-
-def _reason(draws: Draws) -> Reason:
-    if draws.predicted is None:
-        return Reason(Why.OPERATIONAL, {"points": len(draws.points)})
-    operational = draws.operational
-    doubtful = len(draws.points) - operational
-    return Reason(Why.DOUBTFUL, {"operational": operational, "doubtful": doubtful, "expected": draws.pool_mean})
 
 
 def _share_interval(hits: NDArray[np.bool_], level: float) -> Interval:

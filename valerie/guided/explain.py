@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
 
@@ -95,14 +95,14 @@ class Explain:
         self._verdicts = {self._failing.tobytes(): Verdict.FAIL, self._passing.tobytes(): Verdict.PASS}
         self._open = OpenBatches(bounded=False)
         self._evaluations = 0
-        self._step = Reason(Why.NEEDED)
+        self._step = Reason(Why.NEEDED, parameters=tuple(self._changed(self._failing)))
         self._search = self._minimize()
         self._wanted = next(self._search, [])
 
     def ask(self, count: int) -> Proposal:
         """Return the next variants to evaluate."""
         points, self._wanted = self._wanted[:count], self._wanted[count:]
-        reason = self._step if points else Reason(Why.VERDICTS)
+        reason = replace(self._step, numbers={"points": len(points)}) if points else Reason(Why.VERDICTS)
         if self.result is not None:
             reason = Reason(Why.MINIMAL)
         return self._open.add(np.array(points).reshape(-1, self.domain.dimensions), reason)

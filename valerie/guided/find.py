@@ -231,7 +231,16 @@ class Find:
             [np.array([point for point, _ in wanted]).reshape(-1, self.domain.dimensions), explores]
         )
         self._tags.append([tag for _, tag in wanted] + [_EXPLORES] * len(explores))
-        numbers = {"exploring": len(explores), "descending": descending, "low": len(self._descents), "checking": checks}
+        explored = int(np.count_nonzero(self._explores))
+        numbers = {
+            "explored": explored,
+            "modes": len(self._modes),
+            "smallest": _smallest(explored),
+            "exploring": len(explores),
+            "descending": descending,
+            "low": len(self._descents),
+            "checking": checks,
+        }
         return self._open.add(points, Reason(Why.SEARCH, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
@@ -470,7 +479,6 @@ class Find:
         )
         repeated = sum(failure.repeated >= self.repeats for failure in self._failures)
         unplaced = sum(failure.joined is None for failure in self._failures)
-        smallest = 1 - 0.05 ** (1 / explored) if explored else 1.0
         return Modes(
             tuple(modes),
             repeated,
@@ -478,7 +486,7 @@ class Find:
             self._unrepeated,
             self._unscored,
             explored,
-            smallest,
+            _smallest(explored),
             self._evaluations,
         )
 
@@ -491,3 +499,8 @@ class Find:
         )
         hits = int(np.count_nonzero(self._explores[members]))
         return Mode(points[middle], tuple(narrow.tolist()), len(members), hits, hits / max(explored, 1))
+
+
+def _smallest(explored: int) -> float:
+    """Return the probability of a mode that so many points hit with 95 % probability."""
+    return 1 - 0.05 ** (1 / explored) if explored else 1.0

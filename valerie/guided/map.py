@@ -115,7 +115,8 @@ class Map:
             doubtful = self._doubtful(model, rng, count - exploring)
             points = np.concatenate([points, doubtful])
         self._predicted.append(np.full(len(points), np.nan) if model is None else model.confidence(points))
-        return self._open.add(points, Reason(Why.BORDER, {"exploring": exploring, "doubtful": len(doubtful)}))
+        numbers = {"scored": len(self._scores), "exploring": exploring, "doubtful": len(doubtful)}
+        return self._open.add(points, Reason(Why.BORDER, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

@@ -149,15 +149,19 @@ class Rank:
         while self._groups is not None and (len(self._left) < count or len(self._scores) < FEWEST):
             self._add_block(self._groups)
             if len(self._scores) >= FEWEST and self._illegal > HOPELESS * len(self._scores):
-                numbers = {"illegal": self._illegal, "drawn": len(self._scores)}
-                return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, numbers))
+                legality = {"illegal": self._illegal, "drawn": len(self._scores)}
+                return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, legality))
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
         self._rows.append([(block, place) for block, place, _ in chosen])
-        reason = (
-            Reason(Why.SCREENING, {"walks": TRAJECTORIES, "parameters": self.domain.dimensions})
-            if self._groups is None
-            else Reason(Why.BLOCKS, {"groups": len(self._groups)})
-        )
+        numbers: dict[str, float] = {"points": len(chosen), "parameters": self.domain.dimensions}
+        if self._groups is None:
+            numbers |= {"walks": TRAJECTORIES, "scored": self._evaluations}
+            reason = Reason(Why.SCREENING, numbers)
+        else:
+            ended = (told == len(scores) for told, scores in zip(self._told, self._scores, strict=True))
+            numbers |= {"blocks": sum(ended) - self._illegal, "fewest": FEWEST}
+            numbers["screened"] = int(np.count_nonzero(_negligible(self._elementary())))
+            reason = Reason(Why.BLOCKS, numbers)
         return self._open.add(np.array([point for _, _, point in chosen]).reshape(-1, self.domain.dimensions), reason)
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:

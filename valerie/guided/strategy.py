@@ -8,10 +8,10 @@ variant has no score either; the operational domain contains only legal variants
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,10 @@ Scores = NDArray[np.float64]
 class Why(StrEnum):
     """Names of the reasons of the built-in strategies."""
 
-    OPERATIONAL = "points as they occur in operation"
+    FIRST = "first points"
+    UNMODELLED = "too few scores for a model"
+    JUDGING = "points for the test"
+    PAIRING = "points for both functions"
     DOUBTFUL = "points where the model is unsure"
     FIRST_SCORES = "first scores are missing"
     SEARCH = "search for failures"
@@ -52,6 +55,8 @@ class Why(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Reason:
     """The reason for a batch, or for no more points. `valerie.studies.wording` puts it into words.
+
+    The numbers of a batch say what was known, what is uncertain, and what the batch decides.
 
     Attributes:
         name: one of `Why`, or a name of another strategy's own.
@@ -88,6 +93,22 @@ class Result:
 
     __slots__ = ()
 
+    def sentences(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the result in words, the most important sentence first; by default, the numbers by name.
+
+        `valerie.studies.wording` has the words for the built-in strategies, which know the measure.
+
+        Args:
+            names: names of the parameters, by dimension.
+        """
+        del names
+        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return tuple(
+            f"{name.replace('_', ' ').capitalize()}: {value:g}."
+            for name, value in values.items()
+            if isinstance(value, int | float)
+        )
+
 
 class Strategy(Protocol):
     """A strategy. Its proposals depend only on its arguments and the history of `ask` and `tell`."""
@@ -106,6 +127,24 @@ class Strategy(Protocol):
 
         Raises:
             InvalidInput: these are other points, or not one score for each.
+        """
+        ...
+
+
+class StrategyFactory(Protocol):
+    """A strategy of another package, offered as an entry point of the group ``valerie.strategies``: mostly its class."""
+
+    def __call__(self, domain: Any, *, at_least: float, seed: int, **options: Any) -> Strategy:
+        """Return the strategy.
+
+        Args:
+            domain: the operational domain, a `valerie.guided.domain.Domain`.
+            at_least: scores in 0…1 below it fail.
+            seed: of all draws.
+            options: those of the study's goal.
+
+        Raises:
+            InvalidInput: an option is out of range.
         """
         ...
 

@@ -83,13 +83,17 @@ class Verify:
             return self._open.add(no_points, Reason(Why.DECIDED))
         rng = np.random.default_rng([self.seed, self._asked])
         self._asked += 1
-        further = None if self._known is None else self._known.further
-        numbers: dict[str, float] = {"points": count}
-        if further is not None:
-            numbers["further"] = further
-        elif cheapest := units_to_decide(1.0, at_least=self.bound, confidence=self.confidence):
+        known = self._known
+        numbers: dict[str, float] = {"points": count, "bound": self.bound, "scored": 0}
+        if known is not None:
+            numbers |= {"scored": known.evaluations - known.undefined, "estimate": known.estimate}
+        if known is not None and known.further is not None:
+            numbers["further"] = known.further
+        elif not numbers["scored"] and (
+            cheapest := units_to_decide(1.0, at_least=self.bound, confidence=self.confidence)
+        ):
             numbers["cheapest"] = cheapest
-        return self._open.add(self.domain.draw(rng, count), Reason(Why.OPERATIONAL, numbers))
+        return self._open.add(self.domain.draw(rng, count), Reason(Why.JUDGING, numbers))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Take the scores of the oldest batch that has none.

@@ -102,10 +102,10 @@ def create_or_migrate(settings: Settings) -> None:
 
 def migrate_database(settings: Settings) -> None:
     """Create the tables, or migrate them to this version."""
-    from valerie.db.engine import open_engine
+    from valerie.db.engine import open_database
     from valerie.db.migrate import migrate
 
-    engine = open_engine(settings.database_url)
+    engine = open_database(settings.database_url)
     try:
         migrate(engine)
     finally:

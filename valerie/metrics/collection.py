@@ -49,6 +49,23 @@ class ClassScores:
 
 
 @dataclass(frozen=True, slots=True)
+class OverallScores:
+    """Scores over all judged classes.
+
+    Attributes:
+        pixel_accuracy, macc, miou, fwiou: over the judged classes in the truth.
+        miou_cityscapes: mean IoU of the summed counts over the judged classes in truth *or* prediction, as in
+            cityscapesScripts (pooled only).
+    """
+
+    pixel_accuracy: Averages
+    macc: Averages
+    miou: Averages
+    fwiou: Averages
+    miou_cityscapes: Averages
+
+
+@dataclass(frozen=True, slots=True)
 class CollectionScores:
     """Scores of each class and over all classes.
 
@@ -57,16 +74,14 @@ class CollectionScores:
         matrix: (19, 20) summed counts.
         classes: all 19 classes by train id, including those that are not judged.
         judged: train ids of the classes in ``overall``, ascending.
-        overall: ``pixel_accuracy``, ``macc``, ``miou`` and ``fwiou`` over the judged classes in the truth, and
-            ``miou_cityscapes``: the mean IoU of the summed counts over the judged classes in truth *or* prediction, as in
-            cityscapesScripts (pooled only).
+        overall: scores over all judged classes.
     """
 
     frames: int
     matrix: ConfusionMatrix
     classes: tuple[ClassScores, ...]
     judged: tuple[int, ...]
-    overall: dict[str, Averages]
+    overall: OverallScores
 
     def of(self, label: Label = PERSON) -> ClassScores:
         """Return the scores of one evaluated class."""
@@ -81,7 +96,7 @@ class CollectionScores:
         return {
             "frames": self.frames,
             "judged_by": [self.classes[train_id].label.name for train_id in self.judged],
-            "overall": {name: asdict(value) for name, value in self.overall.items()},
+            "overall": asdict(self.overall),
             "classes": {
                 scores.label.name: {
                     **asdict(scores.counts),
@@ -111,13 +126,13 @@ def collection_scores(matrices: Sequence[ConfusionMatrix], classes: Sequence[int
     def both(score: Callable[[ConfusionMatrix, Sequence[int]], float | None]) -> Averages:
         return Averages(frame_mean(score(matrix, judged) for matrix in matrices), score(total, judged))
 
-    overall = {
-        "pixel_accuracy": both(pixel_accuracy),
-        "macc": both(macc),
-        "miou": both(miou),
-        "fwiou": both(fwiou),
-        "miou_cityscapes": Averages(frame_mean(()), _miou_cityscapes(total, judged)),
-    }
+    overall = OverallScores(
+        pixel_accuracy=both(pixel_accuracy),
+        macc=both(macc),
+        miou=both(miou),
+        fwiou=both(fwiou),
+        miou_cityscapes=Averages(frame_mean(()), _miou_cityscapes(total, judged)),
+    )
     by_class = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
     return CollectionScores(len(matrices), total, by_class, judged, overall)
 

@@ -53,7 +53,7 @@ class Block:
     points: tuple[Mapping[str, Value], ...] = ()
 
 
-class Rows(Protocol):
+class BlockRows(Protocol):
     """The variants of one block: path to value, without the constants."""
 
     @property
@@ -71,7 +71,7 @@ def rows_of(
     seed: int,
     index: int,
     samplers: Mapping[str, SamplerFactory] = SAMPLERS,
-) -> Rows:
+) -> BlockRows:
     """Return the rows of a block.
 
     Args:

@@ -16,7 +16,7 @@ from itertools import accumulate
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import Assignment
-from valerie.parameters.blocks import Block, Rows, Variation, at, rows_of
+from valerie.parameters.blocks import Block, BlockRows, Variation, at, rows_of
 from valerie.parameters.constraints import Constraint, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Constant
@@ -67,7 +67,7 @@ class ParameterSpace:
         self.seed = seed
         of_run = self._checked(constants or {}, "constants")
         self.blocks: tuple[Block, ...] = tuple(blocks) or (Block(),)
-        self._rows: list[Rows] = []
+        self._rows: list[BlockRows] = []
         self.constants: list[dict[str, Value]] = []
         for i, block in enumerate(self.blocks):
             try:

@@ -151,19 +151,19 @@ class TruthPass:
             standing = self._context.scenes.place(scene, people, prepared.statics, materials)
             table = table_texture(gl, Prepared(scene, prepared.statics, (), tuple(materials)).table())
             key: tuple[Hashable, ...] = (prepared.statics.key, *camera_key(camera, view))
-            drawn = Rectangle(0, 0, view.width, view.height)
+            extent = Rectangle(0, 0, view.width, view.height)
             if window is not None and key not in self._statics:
-                key, drawn = (*key, window), window
+                key, extent = (*key, window), window
             try:
-                statics = self._statics.get(key, lambda: self._draw_statics(prepared, camera, view, table, drawn))
+                statics = self._statics.get(key, lambda: self._draw_statics(prepared, camera, view, table, extent))
                 yield _Frame(prepared, standing, camera, view, table, statics)
             finally:
                 table.release()
 
     def _draw_statics(
-        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, drawn: Rectangle
+        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, extent: Rectangle
     ) -> _StaticLabels:
-        labels, area = _Labels(self._context.gl, view), gl_rectangle(drawn, view)
+        labels, area = _Labels(self._context.gl, view), gl_rectangle(extent, view)
         self._sky.run(
             labels.target,
             one_span(area),
@@ -173,7 +173,7 @@ class TruthPass:
         )
         labels.target.use(area)
         self._labels.statics(prepared.statics, table, drawing_matrices(camera, view))
-        return _StaticLabels(labels, GroundTruth(*labels.read(drawn, view), ()))
+        return _StaticLabels(labels, GroundTruth(*labels.read(extent, view), ()))
 
     def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
         """Return a rectangle that bounds the pixels of the movables, and its labels with movables."""
@@ -329,11 +329,11 @@ def _layer(statics: GroundTruth, rectangle: Rectangle, part: Maps, persons: tupl
     """Return the pixels of ``part`` that differ from the statics."""
     classes, instances, depth = part
     inside = rectangle.slices
-    changed = (classes != statics.class_map[inside]) | (instances != statics.instance_map[inside])
-    changed |= depth.view(np.uint32) != statics.depth[inside].view(np.uint32)
-    box = bounds(changed)
+    differs = (classes != statics.class_map[inside]) | (instances != statics.instance_map[inside])
+    differs |= depth.view(np.uint32) != statics.depth[inside].view(np.uint32)
+    box = bounds(differs)
     crop = box.slices
-    mask = changed[crop].copy()
+    mask = differs[crop].copy()
     area = box if box.empty else Rectangle(rectangle.x + box.x, rectangle.y + box.y, box.width, box.height)
     height, width = statics.class_map.shape
     return TruthLayer(

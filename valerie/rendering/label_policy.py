@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,13 +64,30 @@ def labelled(truth: GroundTruth, policy: LabelPolicy) -> GroundTruth:
     return replace(truth, class_map=classes, instance_map=instances)
 
 
+class _Shown(NamedTuple):
+    """An object in the image.
+
+    Attributes:
+        nearest: its smallest depth, metres; infinite for what is never nearer than others.
+        label, instance: its ids.
+        mask: (H, W) bool, its pixels.
+        radius: of the disc that closes its gaps, pixels.
+    """
+
+    nearest: float
+    label: int
+    instance: int
+    mask: Mask
+    radius: int
+
+
 def _outlines(truth: GroundTruth) -> Iterator[tuple[int, int, Mask, Rectangle]]:
     """Yield each object's class, instance, gaps and their rectangle, far objects first, so that near ones close gaps last."""
-    objects: list[tuple[float, int, int, Mask, int]] = []
+    objects: list[_Shown] = []
     height = truth.class_map.shape[0]
     foliage = BY_NAME["vegetation"].id
     if (mask := truth.class_map == foliage).any():
-        objects.append((np.inf, foliage, 0, mask, max(round(FOLIAGE * height), 1)))
+        objects.append(_Shown(np.inf, foliage, 0, mask, max(round(FOLIAGE * height), 1)))
     for name, share in OF_OBJECTS.items():
         label = BY_NAME[name]
         of_class = truth.class_map == label.id
@@ -78,12 +95,12 @@ def _outlines(truth: GroundTruth) -> Iterator[tuple[int, int, Mask, Rectangle]]:
             continue
         for instance, mask in _instances(of_class, truth.instance_map) if label.has_instances else _pieces(of_class):
             nearest = float(truth.depth[mask].min())
-            objects.append((nearest, label.id, instance, mask, max(round(share * bounds(mask).height), 1)))
-    for _, number, instance, mask, radius in sorted(objects, key=lambda item: -item[0]):
-        box = bounds(mask)
-        wide = Rectangle(box.x - radius, box.y - radius, box.width + 2 * radius, box.height + 2 * radius)
-        wide = wide.clipped(mask.shape[1], height)
-        yield number, instance, _gaps(mask[wide.slices], truth.depth[wide.slices], radius), wide
+            radius = max(round(share * bounds(mask).height), 1)
+            objects.append(_Shown(nearest, label.id, instance, mask, radius))
+    for item in sorted(objects, key=lambda item: -item.nearest):
+        wide = bounds(item.mask).widened(item.radius).clipped(item.mask.shape[1], height)
+        gaps = _gaps(item.mask[wide.slices], truth.depth[wide.slices], item.radius)
+        yield item.label, item.instance, gaps, wide
 
 
 def _gaps(mask: Mask, depth: NDArray[np.float32], radius: int) -> Mask:
@@ -91,17 +108,17 @@ def _gaps(mask: Mask, depth: NDArray[np.float32], radius: int) -> Mask:
     cv2 = _opencv()
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     padded = cv2.copyMakeBorder(mask.astype(np.uint8), radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=0)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[radius:-radius, radius:-radius]
-    count, numbers, boxes, _ = cv2.connectedComponentsWithStats((closed == 0).astype(np.uint8), connectivity=4)
-    rows, columns = closed.shape
+    solid = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[radius:-radius, radius:-radius]
+    count, numbers, boxes, _ = cv2.connectedComponentsWithStats((solid == 0).astype(np.uint8), connectivity=4)
+    rows, columns = solid.shape
     for number in range(1, count):
         x, y, width, height, area = boxes[number]
         on_border = x == 0 or y == 0 or x + width == columns or y + height == rows
         if not on_border and area <= np.pi * (2 * radius) ** 2:
-            closed[numbers == number] = 1
+            solid[numbers == number] = 1
     wider = cv2.getStructuringElement(cv2.MORPH_RECT, (4 * radius + 1, 4 * radius + 1))
     nearest = cv2.erode(np.where(mask, depth, np.float32(np.inf)), wider)
-    gaps: Mask = (closed > 0) & ~mask & (depth >= _BEHIND * nearest)
+    gaps: Mask = (solid > 0) & ~mask & (depth >= _BEHIND * nearest)
     return gaps
 
 

@@ -108,7 +108,7 @@ def glowing(scene: Scene, sky: Sky) -> Scene:
     A material glows if any lamp that names it is on, even a hidden one. Equal materials are the same object at each call, since
     engines cache by identity.
     """
-    changed: dict[str, Material] = {}
+    replacements: dict[str, Material] = {}
     for node in scene.nodes.values():
         light = node.light
         if light is None or not light.glowing or light.luminance <= 0 or not is_on(light, scene, sky):
@@ -116,8 +116,8 @@ def glowing(scene: Scene, sky: Sky) -> Scene:
         for name in light.glowing:
             material = scene.materials.get(name)
             if material is not None:
-                changed[name] = _lit(material, light.color, light.luminance)
-    return replace(scene, materials={**scene.materials, **changed}) if changed else scene
+                replacements[name] = _lit(material, light.color, light.luminance)
+    return replace(scene, materials={**scene.materials, **replacements}) if replacements else scene
 
 
 @lru_cache(maxsize=256)

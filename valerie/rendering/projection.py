@@ -155,10 +155,10 @@ def turned_to_fit(rows: Matrix, points: Points) -> Matrix:
         if area < best_area - 1e-9:
             best, best_area = float(angle), area
     cosine, sine = np.cos(best), np.sin(best)
-    turned = rows.copy()
-    turned[0] = cosine * rows[0] + sine * rows[1]
-    turned[1] = -sine * rows[0] + cosine * rows[1]
-    return turned
+    frame = rows.copy()
+    frame[0] = cosine * rows[0] + sine * rows[1]
+    frame[1] = -sine * rows[0] + cosine * rows[1]
+    return frame
 
 
 def fit_light_view(rows: Matrix, receivers: Points, casters: Points, resolution: int, border: float) -> LightView:

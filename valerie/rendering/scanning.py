@@ -36,7 +36,7 @@ Lines = NDArray[np.intp]
 Moments = Callable[[float], Scene]
 
 
-class Reading(NamedTuple):
+class Readout(NamedTuple):
     """The times at which a rolling shutter reads the pixels of a frame.
 
     Attributes:
@@ -111,7 +111,7 @@ def scan(
     moments: Moments,
     view: View,
     frame: tuple[LinearImage, GroundTruth],
-    reading: Reading,
+    reading: Readout,
 ) -> Scan:
     """Render a frame line by line.
 
@@ -177,8 +177,8 @@ def _speeds(
     count = int(numbers.max()) + 1
     half = 0.5 * (count - 1) * line_time_s
     speeds = np.zeros(count)
-    measured = min(_MOMENTS + int(2 * half / _ANOTHER_AFTER_S), _MOST_MOMENTS)
-    for seconds in np.linspace(-half, half, measured).tolist():
+    count = min(_MOMENTS + int(2 * half / _ANOTHER_AFTER_S), _MOST_MOMENTS)
+    for seconds in np.linspace(-half, half, count).tolist():
         scene, after = moments(seconds), moments(seconds + _SPAN_S)
         vectors = truth_pass.velocity(scene, after, view, truth_pass.truth(scene, view), _SPAN_S).vectors
         np.maximum.at(speeds, numbers, np.hypot(vectors[..., 0], vectors[..., 1]))

@@ -234,8 +234,8 @@ def _fogged(direct: Array, table: Array, diffuse: Array, height: float, fog: flo
     beam = np.exp(-thickness / max(height, 0.05))
     transmittance = np.exp(-thickness / np.maximum(np.sin(_elevations()), 0.02))[:, None, None]
     transmitted = table * transmittance
-    lost = direct * height * (1 - beam) + np.maximum(diffuse - _horizontal(transmitted), 0.0)
-    grey = np.full(3, float(lost @ LUMINANCE)) / (1 + 0.15 * thickness)
+    loss = direct * height * (1 - beam) + np.maximum(diffuse - _horizontal(transmitted), 0.0)
+    grey = np.full(3, float(loss @ LUMINANCE)) / (1 + 0.15 * thickness)
     veil = (1 - transmittance) * np.ones((ELEVATIONS, AZIMUTHS, 3))
     return direct * beam, transmitted + veil * (grey / np.maximum(_horizontal(veil), 1e-9))
 

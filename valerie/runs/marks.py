@@ -1,4 +1,4 @@
-"""What people put on a run, a frame or a finding: tags and a note. Neither is part of a spec, a digest or a result."""
+"""Tags and notes that people put on a run, a frame or a finding. Neither is part of a spec, a digest or a result."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Tag = Annotated[str, StringConstraints(pattern=r"^[\w][\w .:/+-]{0,39}$", strip_
 
 
 class MarkKind(StrEnum):
-    """What is marked."""
+    """A kind of thing that people mark."""
 
     RUN = "run"
     FRAME = "frame"

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Measure, Source, measures_from
-from valerie.parameters.units import to_unit
+from valerie.parameters.quantities import to_unit
 
 #: Name to measure of the scores that a requirement may bound.
 SCORES: Final = {measure.name: measure for measure in measures_from(Source.PERSON_SCORE, Source.FRAME_SCORE)}

@@ -46,13 +46,13 @@ def expose(values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.ran
     electrons: Floats = np.minimum(values * scale, np.float32(2.0) * full)
     if (noise.shot or noise.read_electrons) and generator is not None:
         electrons = _noisy(electrons, noise, generator)
-    counted: Floats = np.clip(electrons, np.float32(0.0), full)
+    counts: Floats = np.clip(electrons, np.float32(0.0), full)
     if gain != 1.0:
-        counted = np.minimum(counted * np.float32(gain), full)
+        counts = np.minimum(counts * np.float32(gain), full)
     if noise.adc_bits:
         levels = np.float32(2**noise.adc_bits - 1)
-        counted = np.floor(counted * (levels / full) + np.float32(0.5)) * (full / levels)
-    reported: Floats = counted / scale
+        counts = np.floor(counts * (levels / full) + np.float32(0.5)) * (full / levels)
+    reported: Floats = counts / scale
     return reported
 
 
@@ -64,8 +64,8 @@ def _noisy(electrons: Floats, noise: Noise, generator: np.random.Generator) -> F
     noisy: Floats = electrons + np.sqrt(electrons + read_variance) * normal
     few = electrons < _NORMAL_FROM
     if few.any():
-        counted = generator.poisson(electrons[few]).astype(np.float32)
-        noisy[few] = counted + np.float32(noise.read_electrons) * normal[few]
+        counts = generator.poisson(electrons[few]).astype(np.float32)
+        noisy[few] = counts + np.float32(noise.read_electrons) * normal[few]
     return noisy
 
 

@@ -57,8 +57,8 @@ def dirty(linear: Floats, share: float, seed: int) -> Floats:
     height, width = linear.shape[:2]
     opacity = _patches(width, height, share, seed, *_DUST, round_=False).opacity[..., None]
     scattered = linear.mean(axis=(0, 1), dtype=np.float64).astype(np.float32) * _DUST_SCATTERS
-    lost = opacity * np.float32(1.0 - _DUST_PASSES)
-    result: Floats = linear + lost * (scattered - linear)
+    loss = opacity * np.float32(1.0 - _DUST_PASSES)
+    result: Floats = linear + loss * (scattered - linear)
     return result
 
 
@@ -90,11 +90,11 @@ def _patches(
     stretch = np.ones(_MOST) if round_ else np.exp(generator.normal(0.0, 0.3, _MOST))
     opacity = np.zeros((height, width), np.float32)
     x, y = np.zeros_like(opacity), np.zeros_like(opacity)
-    covered, target = 0, share * width * height
+    area, target = 0, share * width * height
     for (u, v), size, ratio in zip(centers, sizes, stretch, strict=True):
-        if covered >= target:
+        if area >= target:
             break
-        covered += _put(opacity, x, y, (u * width - 0.5, v * height - 0.5), (size * ratio, size / ratio))
+        area += _put(opacity, x, y, (u * width - 0.5, v * height - 0.5), (size * ratio, size / ratio))
     for array in (opacity, x, y):
         array.setflags(write=False)
     return Patches(opacity, x, y)

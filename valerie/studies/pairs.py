@@ -48,13 +48,16 @@ class ExplainFromScratch:
         if not self._given:
             rng = np.random.default_rng([self.seed, len(self._points)])
             self._points.append(self.domain.snapped(self.domain.draw(rng, count)))
-            return self._open.add(self._points[-1], Reason(Why.DRAWN))
+            scores = np.concatenate([np.empty(0), *self._scores])
+            scored, failed = np.count_nonzero(~np.isnan(scores)), np.count_nonzero(scores < self.at_least)
+            known = {"scored": int(scored), "failed": int(failed)}
+            return self._open.add(self._points[-1], Reason(Why.DRAWN, {"points": count, **known}))
         if self._wanted is None:
             return Proposal(no_points, Reason(Why.VERDICTS) if len(self._open) else self._refusal())
         now, left = self._wanted[:count], self._wanted[count:]
         self._wanted = left if len(left) else None
         self._points.append(now)
-        return self._open.add(now, Reason(Why.GIVEN))
+        return self._open.add(now, Reason(Why.GIVEN, {"points": len(now)}))
 
     def tell(self, points: UnitPoints, scores: ArrayLike) -> None:
         """Add the scores of the oldest open batch."""

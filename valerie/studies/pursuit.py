@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
+from inspect import signature
 from typing import Any, Final, Protocol
 
 import numpy as np
 from pydantic import JsonValue
 
+from valerie import plugins
 from valerie.errors import Conflict, InvalidInput
 from valerie.guided import cascade, compare, rank
 from valerie.guided import map as mapping
@@ -25,11 +27,11 @@ from valerie.guided.explain import MinimalPair
 from valerie.guided.find import Find, Modes
 from valerie.guided.map import Boundary, Map
 from valerie.guided.rank import Rank
-from valerie.guided.strategy import Proposal, Result, Strategy
+from valerie.guided.strategy import Proposal, Result, Strategy, StrategyFactory
 from valerie.guided.verify import Verify
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.document.documents import RunSpec, engine_name
-from valerie.runs.study.document import (
+from valerie.runs.document.run_spec import RunSpec, engine_name
+from valerie.runs.study.study_document import (
     CascadeGoal,
     CompareGoal,
     EstimateGoal,
@@ -37,6 +39,7 @@ from valerie.runs.study.document import (
     FindGoal,
     MapGoal,
     Outcomes,
+    PluginGoal,
     RankGoal,
     StudyResult,
     VerifyGoal,
@@ -118,10 +121,22 @@ class Pursuit:
         """
         self.tell_due(batches)
         proposal = self._strategy.ask(count)
+        self._check(proposal.points, count)
         self._batches.append(proposal.points)
         self._levels.append(proposal.level)
         self.asked += 1
         return proposal
+
+    def _check(self, points: UnitPoints, count: int) -> None:
+        """Refuse what no strategy may propose; those of other packages are not ours to trust."""
+        dimensions = self.study.domain.dimensions
+        if points.ndim != 2 or points.shape[1] != dimensions or len(points) > count:
+            limit = f"at most {count} points of {dimensions} coordinates"
+            raise InvalidInput(
+                "the strategy proposes points of another shape", field="goal", value=points.shape, limit=limit
+            )
+        if not ((points >= 0) & (points <= 1)).all():
+            raise InvalidInput("the strategy proposes points outside the unit cube", field="goal", limit="0…1")
 
     def tell_due(self, batches: Sequence[StoredBatch]) -> None:
         """Tell the strategy every batch that the next one depends on; each has outcomes or is empty."""
@@ -266,6 +281,25 @@ def strategy_of(study: ResolvedStudy) -> Strategy:
             if goal.failing is not None and goal.passing is not None:
                 pair = domain.point(goal.failing), domain.point(goal.passing)
             return ExplainFromScratch(domain, pair, at_least=at_least, seed=seed, batch=document.batch)
+        case PluginGoal():
+            return _plugged(study, goal)
+
+
+def _plugged(study: ResolvedStudy, goal: PluginGoal) -> Strategy:
+    """Return a strategy of another package.
+
+    Raises:
+        UnknownName, InvalidInput: it is not installed or not allowed, or refuses its options.
+    """
+    factory: StrategyFactory = plugins.strategy_of(goal.name)
+    arguments: dict[str, Any] = {"at_least": study.measure.at_least, "seed": study.document.spec.seed, **goal.options}
+    try:
+        signature(factory).bind(study.domain, **arguments)
+    except TypeError as problem:
+        raise InvalidInput(
+            f"the strategy {goal.name} refuses them: {problem}", field="goal.options", value=goal.options
+        ) from None
+    return factory(study.domain, **arguments)
 
 
 def _fewest(study: ResolvedStudy) -> int:

@@ -65,6 +65,7 @@ class StudyReport:
     """The content of the page, as text.
 
     Attributes:
+        ended: whether the study proposes no more.
         boundary: a slice of a map; None for the other goals.
         totals: variants, rejected, failed, without score and CPU time of all batches.
     """
@@ -73,6 +74,7 @@ class StudyReport:
     name: str
     question: str
     state: str
+    ended: bool
     sentences: tuple[str, ...]
     boundary: BoundarySlice | None
     pictures: tuple[ShownPicture, ...]

@@ -14,11 +14,11 @@ from valerie.measures import TableRow
 from valerie.parameters.blocks import Variation
 from valerie.parameters.definitions import Value
 from valerie.parameters.samplers import UnitPoints
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.runs.resolving.where import Where, choices_of, compile_where
-from valerie.runs.study.document import CascadeGoal, Outcomes, StudyDocument
 from valerie.runs.study.measure import VariantMeasure, parse_measure
+from valerie.runs.study.study_document import CascadeGoal, Outcomes, StudyDocument
 from valerie.runs.values import Scalar
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import is_dataclass
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.guided.strategy import Strategy
+from valerie.guided.strategy import Result, Strategy
 
 Points = NDArray[np.float64]
 
@@ -63,6 +65,38 @@ class StrategyContract:
         second = self.history(build())
         assert len(first) == len(second)
         assert all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
+
+    def test_a_batch_may_be_asked_for_while_another_is_in_work(self, build: Callable[[], Strategy]) -> None:
+        def overlapping() -> list[Points]:
+            strategy, asked, open_ = build(), [], deque[Points]()
+            for _ in range(2 * self.batches):
+                points = strategy.ask(self.size).points
+                asked.append(points.copy())
+                if len(points):
+                    open_.append(points)
+                if len(open_) > 1 or (open_ and not len(points)):
+                    strategy.tell(open_[0], self.score(open_.popleft()))
+            return asked
+
+        first, second = overlapping(), overlapping()
+        assert sum(map(len, first))
+        assert all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
+
+    def test_reason_and_result_can_be_shown(self, build: Callable[[], Strategy]) -> None:
+        strategy = build()
+        for _ in range(self.batches):
+            proposal = strategy.ask(self.size)
+            assert proposal.reason.name
+            assert all(isinstance(number, int | float) for number in proposal.reason.numbers.values())
+            assert all(0 <= dimension < self.dimensions for dimension in proposal.reason.parameters)
+            if not len(proposal):
+                break
+            strategy.tell(proposal.points, self.score(proposal.points))
+        result = strategy.result
+        if result is not None:
+            assert isinstance(result, Result)
+            assert is_dataclass(type(result))
+            assert all(isinstance(sentence, str) for sentence in result.sentences(("x",) * self.dimensions))
 
     def test_a_strategy_works_when_no_score_is_defined(self, build: Callable[[], Strategy]) -> None:
         strategy = build()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from valerie.pipeline.base.context import Context
 
 
-class Source(Protocol):
+class RunSource(Protocol):
     """Answers questions about runs. Every method may raise a `valerie.errors.ValerieError`.
 
     Attributes:
@@ -101,7 +101,7 @@ class Served:
         return _pixels(self._client.labels(frame_id, function=function, sensor=sensor))
 
 
-class Stored:
+class StoredRuns:
     """The runs of a data folder on which no server works."""
 
     works = False
@@ -113,7 +113,7 @@ class Stored:
             context: of the deployment.
             up: the command line that starts a server on the folder.
         """
-        from valerie.pipeline.exploring.opening import Explorations
+        from valerie.pipeline.exploring.exploration_cache import Explorations
 
         self._context, self._up = context, up
         self._explorations = Explorations(context)
@@ -123,7 +123,7 @@ class Stored:
 
     def plan(self, spec: bytes) -> Plan:
         """Return the size and cost of a spec."""
-        from valerie.pipeline.control.plan import plan_run
+        from valerie.pipeline.control.planning import plan_run
         from valerie.runs.resolving.spec import parse
 
         return plan_run(self._context, parse(spec))
@@ -141,7 +141,7 @@ class Stored:
     def picture(self, frame_id: str, sensor: str | None) -> NDArray[np.uint8]:
         """Return a picture, (H, W, 3) uint8 sRGB."""
         from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-        from valerie.runs.products.frames import FrameKey
+        from valerie.runs.products.frame_keys import FrameKey
 
         key = FrameKey.parse(frame_id)
         return paint_picture(self._context, find_picture(self._context, key, kind="picture", sensor=sensor))
@@ -149,7 +149,7 @@ class Stored:
     def labels(self, frame_id: str, function: str | None, sensor: str | None) -> NDArray[np.uint8]:
         """Return the label ids of the truth, or of a function's prediction, (H, W) uint8."""
         from valerie.pipeline.reading.frame_pictures import find_picture, label_map
-        from valerie.runs.products.frames import FrameKey
+        from valerie.runs.products.frame_keys import FrameKey
 
         kind = "truth" if function is None else "prediction"
         key = FrameKey.parse(frame_id)

@@ -28,8 +28,8 @@ from valerie.measures import Row
 from valerie.plain import Json, typed
 from valerie.runs.forecasting.forecast import Plan
 from valerie.runs.products.states import RunState
-from valerie.workbench.display import frame_html, run_html
-from valerie.workbench.sources import Source
+from valerie.workbench.notebook import frame_html, run_html
+from valerie.workbench.sources import RunSource
 
 #: Seconds between two questions for the progress.
 POLL: Final = 0.5
@@ -45,7 +45,7 @@ class Workbench:
     `valerie.client.ServerProblemError`, which name field, value and limit.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: RunSource) -> None:
         self._source = source
 
     def __enter__(self) -> Self:
@@ -88,7 +88,7 @@ class Run:
         id, name: of the run.
     """
 
-    def __init__(self, source: Source, record: RunRecord) -> None:
+    def __init__(self, source: RunSource, record: RunRecord) -> None:
         self._source = source
         self.id, self.name = record.id, record.name
 
@@ -184,7 +184,7 @@ class Frame:
         rows: the chosen rows of the long table.
     """
 
-    def __init__(self, source: Source, frame_id: str, sensor: str, rows: pa.Table) -> None:
+    def __init__(self, source: RunSource, frame_id: str, sensor: str, rows: pa.Table) -> None:
         self._source = source
         self.id, self.sensor, self.rows = frame_id, sensor, rows
 
@@ -202,7 +202,7 @@ class Frame:
 
     @cached_property
     def picture(self) -> NDArray[np.uint8]:
-        """What the functions are given: (H, W, 3) uint8 sRGB."""
+        """The picture that the functions see: (H, W, 3) uint8 sRGB."""
         return self._source.picture(self.id, self.sensor)
 
     @cached_property

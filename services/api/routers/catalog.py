@@ -68,7 +68,7 @@ def measures() -> list[MeasureRead]:
 
 @router.get("/workers", responses=problems(422), summary="Living worker processes, and what they do")
 def workers(context: ContextDependency) -> list[WorkerRead]:
-    return [WorkerRead.model_validate(one) for one in monitoring.workers(context)]
+    return [WorkerRead.model_validate(worker) for worker in monitoring.workers(context)]
 
 
 @router.get(

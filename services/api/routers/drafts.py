@@ -78,15 +78,16 @@ def preview(
     accepted: Annotated[bool, Query(description="take the nearest accepted variant for a rejected one")] = False,
 ) -> PreviewRead:
     previews: Previews = request.app.state.previews
-    shown = previews.render(spec, variant, camera=camera, accepted=accepted)
+    preview = previews.render(spec, variant, camera=camera, accepted=accepted)
     return PreviewRead(
         variants=[
             PreviewPicture(
-                variant=one.variant, picture=None if one.picture is None else base64.b64encode(one.picture).decode()
+                variant=entry.variant,
+                picture=None if entry.picture is None else base64.b64encode(entry.picture).decode(),
             )
-            for one in shown.variants
+            for entry in preview.variants
         ],
-        engine=shown.engine,
-        draft=shown.draft,
-        problem=shown.problem,
+        engine=preview.engine,
+        draft=preview.draft,
+        problem=preview.problem,
     )

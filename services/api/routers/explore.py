@@ -32,22 +32,20 @@ from services.api.schemas.explore import (
 from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
-from valerie.db.engine import reading, writing
-from valerie.db.runs import now_utc
+from valerie.db.engine import database_moment, reading, writing
 from valerie.db.selections import SelectionRow
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell
 from valerie.pipeline.base.resolved_runs import read_run
-from valerie.pipeline.exploring import views
-from valerie.pipeline.exploring.confusion import Cell as ConfusionCell
-from valerie.pipeline.exploring.confusion import Confusions
+from valerie.pipeline.exploring import linked_views
+from valerie.pipeline.exploring.class_confusion import ConfusionCell, Confusions
 from valerie.pipeline.exploring.exploration import Exploration, Selection
-from valerie.pipeline.exploring.opening import MAX_RUNS, Explorations
+from valerie.pipeline.exploring.exploration_cache import MAX_RUNS, Explorations
 from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, largest_swings
-from valerie.pipeline.exploring.tiles import MAX_TILES, TILE_KINDS, Tile, Tiles
+from valerie.pipeline.exploring.thumbnails import MAX_TILES, TILE_KINDS, Tile, Tiles
 from valerie.pipeline.export.archive import export_archive
-from valerie.pipeline.export.plan import ExportSettings, Format
-from valerie.runs.products.frames import ID
+from valerie.pipeline.export.export_plan import ExportSettings, Format
+from valerie.runs.products.frame_keys import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
 
@@ -122,7 +120,7 @@ def columns(exploration: Opened, run: Runs, context: ContextDependency) -> Colum
 )
 def histograms(exploration: Opened, selection: Selected, column: ColumnNames) -> HistogramsRead:
     return HistogramsRead(
-        selected=selection.count, histograms=[views.histogram(exploration, name, selection) for name in column]
+        selected=selection.count, histograms=[linked_views.histogram(exploration, name, selection) for name in column]
     )
 
 
@@ -132,7 +130,7 @@ def histograms(exploration: Opened, selection: Selected, column: ColumnNames) ->
     summary="Selected rows that go from a bin of one column to a bin of the next, for parallel coordinates",
 )
 def links(exploration: Opened, selection: Selected, column: ColumnNames) -> LinksRead:
-    return LinksRead(selected=selection.count, links=views.links(exploration, column, selection))
+    return LinksRead(selected=selection.count, links=linked_views.links(exploration, column, selection))
 
 
 @router.get(
@@ -152,7 +150,7 @@ def scatter(
     color: ColumnName = "",
     form: Annotated[Literal["auto", "cells"], Query(description="cells: a density of any number of rows")] = "auto",
 ) -> Response:
-    return _arrow(views.scatter(exploration, x, y, color, selection, form=form))
+    return _arrow(linked_views.scatter(exploration, x, y, color, selection, form=form))
 
 
 @router.get(
@@ -196,7 +194,7 @@ def rows(
     summary="Mean pACC and detection rate of the selected rows beside the rest, with intervals",
 )
 def rates(exploration: Opened, selection: Selected, threshold: Detected) -> RatesRead:
-    groups = views.rates(exploration, selection, threshold)
+    groups = linked_views.rates(exploration, selection, threshold)
     return RatesRead(selected=selection.count, scored=selection.scored, threshold=threshold, groups=groups)
 
 
@@ -329,11 +327,11 @@ def refine(
 ) -> SpecRead:
     _require_one(run)
     resolved = read_run(context, run[0]).resolved
-    chosen = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
+    table = EvaluationTable(exploration.rows(selection), exploration.table.parameters)
     if form == "nearby":
-        child = similar_spec(chosen, exploration.table, resolved.spec, resolved.definitions, count)
+        child = similar_spec(table, exploration.table, resolved.spec, resolved.definitions, count)
     else:
-        child = drawn_spec(chosen, resolved.spec, resolved.definitions, count)
+        child = drawn_spec(table, resolved.spec, resolved.definitions, count)
     return SpecRead(yaml=child.to_yaml())
 
 
@@ -376,8 +374,8 @@ def list_selections(context: ContextDependency) -> list[SelectionRead]:
     summary="Save a selection under a name",
 )
 def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRead:
-    row = SelectionRow(**new.model_dump(), created_at=now_utc())
     with writing(context.engine) as connection:
+        row = SelectionRow(**new.model_dump(), created_at=database_moment(connection))
         for run_id in new.runs:
             runs.require(connection, run_id)
         selections.save(connection, row)

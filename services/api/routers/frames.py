@@ -29,9 +29,9 @@ from valerie.pipeline.reading.frame_details import frame_details
 from valerie.pipeline.reading.frame_details import list_frames as frames_after
 from valerie.pipeline.reading.frame_pictures import find_picture, label_map, paint_picture
 from valerie.pipeline.reading.painting import png
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.storage.keys import product_key
 
@@ -100,18 +100,18 @@ def image(
     ] = None,
 ) -> Response:
     source = find_picture(context, key, kind=kind, function=function, sensor=sensor)
-    painted: list[bytes] = []
+    pictures: list[bytes] = []
 
     def size() -> int:
-        painted.append(png(paint_picture(context, source)))
-        return len(painted[0])
+        pictures.append(png(paint_picture(context, source)))
+        return len(pictures[0])
 
     return send(
         conditions,
         tag=source.tag,
         media_type="image/png",
         size=size,
-        read=lambda start, length: painted[0][start : start + length],
+        read=lambda start, length: pictures[0][start : start + length],
     )
 
 
@@ -157,18 +157,18 @@ def annotation(
     kind: Annotated[str, Path(max_length=40, description=f"one of {', '.join(AnnotationKind)}", examples=["normals"])],
 ) -> Response:
     ((annotation_kind, product),) = find_annotations(context, key, [kind]).items()
-    written: list[bytes] = []
+    archives: list[bytes] = []
 
     def size() -> int:
-        written.append(npz(annotation_arrays(context, ProductReader(context.store), annotation_kind, product)))
-        return len(written[0])
+        archives.append(npz(annotation_arrays(context, ProductReader(context.store), annotation_kind, product)))
+        return len(archives[0])
 
     return send(
         conditions,
         tag=f"{product}-npz-{FILES_REVISION}",
         media_type="application/zip",
         size=size,
-        read=lambda start, length: written[0][start : start + length],
+        read=lambda start, length: archives[0][start : start + length],
     )
 
 

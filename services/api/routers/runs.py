@@ -24,7 +24,7 @@ from valerie.db import marks, results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
-from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.control.submit import submit
 from valerie.plain import JsonObject
 from valerie.runs.forecasting.forecast import Plan
@@ -200,7 +200,7 @@ def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
 )
 def lineage(run_id: RunId, context: ContextDependency) -> list[RelativeRead]:
     with reading(context.engine) as connection:
-        return [RelativeRead.model_validate(one) for one in runs.lineage(connection, run_id)]
+        return [RelativeRead.model_validate(relative) for relative in runs.lineage(connection, run_id)]
 
 
 @router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")

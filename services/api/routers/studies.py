@@ -36,9 +36,9 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands, reporting
 from valerie.pipeline.control.studies.advancing import left
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import ID
-from valerie.runs.study.document import Outcomes, StudyDocument, parse_study
+from valerie.runs.products.frame_keys import ID
 from valerie.runs.study.measure import parse_measure
+from valerie.runs.study.study_document import Outcomes, StudyDocument, parse_study
 
 router = APIRouter(prefix="/v1", tags=["studies"])
 

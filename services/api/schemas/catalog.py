@@ -139,7 +139,7 @@ class FailureReasonRead(Read):
 
 
 class WorkRead(Read):
-    """What a deployment made lately, and the space left."""
+    """The recent products of a deployment, and the space left."""
 
     since: float = Field(description="beginning of the first span of time, Unix seconds", examples=[1764000000.0])
     span_s: float = Field(description="length of a span", examples=[60.0])

@@ -10,13 +10,13 @@ from services.api.schemas.base import FUNCTION, RUN_ID, Read
 from services.api.schemas.results import INTERVAL
 from valerie.analysis.summary.wording import interval_sentences, refusal_sentences
 from valerie.measures import Cell
-from valerie.pipeline.exploring.confusion import Confusion
+from valerie.pipeline.exploring.class_confusion import Confusion
 from valerie.pipeline.exploring.exploration import ExploredColumn
+from valerie.pipeline.exploring.linked_views import GroupRates, Histogram, Links
 from valerie.pipeline.exploring.pairs import Comparison, Swing
-from valerie.pipeline.exploring.views import GroupRates, Histogram, Links
 from valerie.plain import JsonObject
 from valerie.runs.moments import Moment
-from valerie.runs.products.frames import ID
+from valerie.runs.products.frame_keys import ID
 
 #: The name of a saved selection, and text that a database can hold, as regular expressions.
 SELECTION_NAME: Final = r"^[^\x00-\x1f/]+$"

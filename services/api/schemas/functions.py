@@ -78,7 +78,7 @@ class TrialRead(Read):
 
 
 class NoTrialRead(Read):
-    """Why the function was not run."""
+    """The reason why the function was not run."""
 
     skipped: str = Field(examples=["nothing to open: kind http"])
 

@@ -9,7 +9,7 @@ from pydantic import Field, JsonValue
 from services.api.schemas.base import DIGEST, RUN_ID, Digest, NextCursor, Read
 from valerie.runs.forecasting.forecast import Plan
 from valerie.runs.moments import Moment
-from valerie.runs.study.document import Budget, Outcomes, StudyResult, StudyState
+from valerie.runs.study.study_document import Budget, Outcomes, StudyResult, StudyState
 
 STUDY_ID: Final = "s1ng219w3v1ks"
 #: A study in the notation of its file.
@@ -22,7 +22,10 @@ STUDY: Final[dict[str, JsonValue]] = {
     "goal": "estimate",
     "budget": {"variants": 256},
 }
-REASON: Final = "32 points as they occur in operation."
+REASON: Final = (
+    "No score is known yet. How often variants fail is open, and the model needs the first 64. 32 points as they occur in "
+    "operation estimate the rate without any model."
+)
 
 
 class BatchCounts(Read):
@@ -33,7 +36,9 @@ class BatchCounts(Read):
 
 class BatchRead(Read):
     number: int = Field(description="from 0", examples=[0])
-    reason: str = Field(description="why these variants", examples=[REASON])
+    reason: str = Field(
+        description="why these variants: what was known, what is uncertain, what they decide", examples=[REASON]
+    )
     count: int = Field(description="variants requested from the strategy", examples=[32])
     legal: int = Field(description="variants that count in the budget", examples=[32])
     rejected: list[int] = Field(description="indexes of rejected variants", examples=[[]])
@@ -67,7 +72,9 @@ class StudyRead(Read):
         description="result so far; null before the first batch has ended",
         examples=[
             {
-                "sentences": ["Of the legal variants, 3.10% (1.20% to 6.60%, 95%) fail, by operational points alone."],
+                "sentences": [
+                    "Of the legal variants, 3.10% (1.20% to 6.60%, 95 % confidence) fail, by 128 operational points alone."
+                ],
                 "numbers": {"evaluations": 128},
                 "batches": 4,
             }

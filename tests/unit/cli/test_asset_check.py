@@ -15,6 +15,7 @@ import yaml
 from click.testing import Result
 from typer.testing import CliRunner
 
+from tests.plugin_package import install_boxes
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
 from valerie.scene.assets.asset_folder import MANIFEST_FILE
@@ -228,7 +229,8 @@ def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert "nowhere" in str(done.exception) + done.output
 
 
-def test_the_built_in_names_can_be_checked_with_arguments_too() -> None:
-    done = CliRunner().invoke(app, ["asset", "check", "urban-street", "--with", "length_m=400"])
-    assert "length_m" in str(done.exception) + done.output
+def test_generated_assets_can_be_checked_with_arguments_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_boxes(tmp_path / "boxes", monkeypatch)
+    done = CliRunner().invoke(app, ["asset", "check", "boxes", "--with", "bearing_deg=400"])
+    assert "bearing_deg" in str(done.exception) + done.output
     assert done.exit_code != 0

@@ -1,4 +1,4 @@
-"""What `valerie asset show` prints."""
+"""`valerie asset show` prints an asset."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from tests.world.boxes import write_box_street
 from valerie.cli import assets
 from valerie.cli.main import app
-from valerie.scene.assets.asset import asset_manifest
+from valerie.testing.assets import simple_manifest
 
 
 @pytest.fixture
@@ -23,10 +23,11 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> int:
     return 80
 
 
-def test_what_may_vary_is_told_whole_on_a_narrow_terminal(terminal: int) -> None:
-    result = CliRunner().invoke(app, ["asset", "show", "urban-street", "--declared"])
+def test_declared_parameters_are_whole_on_a_narrow_terminal(terminal: int, tmp_path: Path) -> None:
+    write_box_street(tmp_path / "boxes")
+    result = CliRunner().invoke(app, ["asset", "show", str(tmp_path / "boxes"), "--declared"])
     assert result.exit_code == 0, result.output
-    manifest, _ = asset_manifest("urban-street")
+    manifest = simple_manifest()
     assert all(len(line) <= terminal for line in result.output.splitlines())
     assert "…" not in result.output.replace(" … ", "")
     words = result.output.split()

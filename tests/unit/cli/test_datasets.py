@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from valerie.cli.datasets import Lines, parse_splits
+from valerie.cli.datasets import ProgressLines, parse_splits
 from valerie.cli.main import app
 from valerie.errors import Conflict, InvalidInput, UnknownName
 
@@ -109,7 +109,7 @@ def test_versions_that_run_unlike_are_compared_only_when_that_is_asked_for(
 def test_progress_says_how_many_how_fast_and_how_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = Lines("frames")
+    lines = ProgressLines("frames")
     lines.tell(1, 10, 2.0)  # too early for a line
     later = time.monotonic() + 60
     monkeypatch.setattr(time, "monotonic", lambda: later)

@@ -1,4 +1,4 @@
-"""What `valerie evaluate` prints of functions that know unequal classes and run unlike."""
+"""The output of `valerie evaluate` for functions that know unequal classes and run unlike."""
 
 from __future__ import annotations
 

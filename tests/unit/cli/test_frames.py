@@ -22,8 +22,8 @@ from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.errors import RenderingError
 from valerie.pipeline.control import lifecycle
-from valerie.pipeline.reading.products import ProductReader
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.runs.products.frame_keys import FrameKey
 
 KINDS = ("normals", "boxes", "joints", "flow", "velocity", "light")
 Export = Callable[..., str]

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from tests.world.boxes import write_box_street
 from valerie.cli.main import app
-from valerie.cli.registry import functions_named, register_file
+from valerie.cli.registering import functions_named, register_file
 from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
 from valerie.testing.onnx_function import small_onnx

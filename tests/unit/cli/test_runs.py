@@ -1,4 +1,4 @@
-"""What `valerie run` says at its end."""
+"""The last lines of `valerie run`."""
 
 from __future__ import annotations
 

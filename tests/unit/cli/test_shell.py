@@ -1,4 +1,4 @@
-"""What a shell sees: exit codes, one clear message, nothing of a stack."""
+"""Commands in a shell: exit codes, one clear message, nothing of a stack."""
 
 import json
 import os

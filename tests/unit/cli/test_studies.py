@@ -1,4 +1,4 @@
-"""What the commands about studies and truths refuse, and what `valerie plan --truth-only` writes."""
+"""Refusals of the commands about studies and truths, and the output of `valerie plan --truth-only`."""
 
 from __future__ import annotations
 

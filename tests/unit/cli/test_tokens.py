@@ -13,14 +13,14 @@ from services.api.app import create_app
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.cli.main import app
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
 from valerie.errors import InvalidInput
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    engine = open_engine(settings_of(tmp_path).database_url)
+    engine = open_database(settings_of(tmp_path).database_url)
     migrate(engine)
     engine.dispose()
     return tmp_path

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
+from tests.world.drawn import FUNCTIONS, TOWN, DrawnWorld, installed_town, spec
 from tests.world.training import class_here, draw_frames
 from tests.world.world import settings_of
 from valerie.cli.main import app
 from valerie.errors import InvalidInput
 
 WEAK = "pacc < 0.9 and distance_m > 25"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def town(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with installed_town(tmp_path_factory.mktemp("town")):
+        yield
 
 
 def test_for_a_run_with_several_functions_the_command_of_each_is_shown(tmp_path: Path) -> None:
@@ -42,11 +49,9 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     deployment = settings_of(folder)
     world = DrawnWorld(deployment, infer_class=class_here("semantic-fpn-small", deployment))
     along_the_street = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
-    run_id = world.work(
-        spec("validation", asset="urban-street", vary=along_the_street, functions=["semantic-fpn-small"])
-    )
+    run_id = world.work(spec("validation", asset=TOWN, vary=along_the_street, functions=["semantic-fpn-small"]))
     world.context.engine.dispose()
-    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
     little = ["--frames", "1", "--sites", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]

@@ -17,7 +17,7 @@ from valerie.errors import InvalidInput, NotFound
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.shipped import function_card
 from valerie.perception.training.frame_folder import write_index, write_shard
-from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.training_settings import TrainingSettings
 from valerie.pipeline.retraining.training_frames import FrameSettings
 
 SHORT = ["--steps", "1", "--batch", "2", "--precision", "fp32", "--device", "cpu"]

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Engine
 
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate
 
 
 @pytest.fixture
 def engine(tmp_path: Path) -> Iterator[Engine]:
     """A migrated SQLite database."""
-    engine = open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
+    engine = open_database(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
     migrate(engine)
     yield engine
     engine.dispose()

@@ -14,7 +14,7 @@ from valerie.db import engine as db
 
 db._BUSY_TIMEOUT_MS = 2_000
 url, guard = sys.argv[1], db.unforked if sys.argv[2] == "guarded" else contextlib.nullcontext
-engine = db.open_engine(url)
+engine = db.open_database(url)
 with db.writing(engine) as connection:
     connection.execute(text("create table seen (at integer)"))
 inside = threading.Event()
@@ -31,7 +31,7 @@ inside.wait()
 child = os.fork()
 if child == 0:
     try:
-        with db.writing(db.open_engine(url)) as connection:
+        with db.writing(db.open_database(url)) as connection:
             connection.execute(text("insert into seen values (2)"))
     except db.TransientError:
         os._exit(1)

@@ -9,7 +9,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import Engine, text
 
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.db.migrate import migrate, require_current
 from valerie.db.models import REVISION, Base
 from valerie.errors import Conflict
@@ -17,7 +17,7 @@ from valerie.errors import Conflict
 
 @pytest.fixture
 def empty(tmp_path: Path) -> Engine:
-    return open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
+    return open_database(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
 
 
 def at_revision(engine: Engine, revision: str) -> None:

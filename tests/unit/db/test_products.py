@@ -12,9 +12,9 @@ from valerie.db import products, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.db.measured import SeenPerson
 from valerie.db.models import PersonView, Product
-from valerie.db.products import Finished, Part, Wanted
+from valerie.db.products import Finished, SharedStatics, Wanted
 from valerie.db.statements import insert_ignoring
-from valerie.runs.products.frames import FrameKey, FrameProducts
+from valerie.runs.products.frame_keys import FrameKey, FrameProducts
 from valerie.runs.products.ready import FailedInput, Fault
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind
 from valerie.runs.products.turns import Turns
@@ -61,7 +61,7 @@ def seen(name: str) -> Finished:
     return replace(
         done(name),
         person_views=(SeenPerson(24001, measures, None, None),),
-        part=Part(digest("s"), bytes=1, pixels=1),
+        part=SharedStatics(digest("s"), bytes=1, pixels=1),
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from valerie.embedded.process import LOG_BYTES, Command, GuardedProcess
+from valerie.embedded.guarded_process import LOG_BYTES, Command, GuardedProcess
 
 pytestmark = pytest.mark.processes
 
@@ -154,7 +154,7 @@ def test_nothing_stays_when_the_supervisor_is_killed(tmp_path: Path, signum: sig
     program = (
         "import os, sys, time\n"
         "from pathlib import Path\n"
-        "from valerie.embedded.process import Command, GuardedProcess\n"
+        "from valerie.embedded.guarded_process import Command, GuardedProcess\n"
         "folder = Path(sys.argv[1])\n"
         "command = Command('family', tuple(sys.argv[2:]), dict(os.environ), folder / 'log', 0.5)\n"
         "process = GuardedProcess(command, lock_fd=os.open(folder / 'lock', os.O_RDWR | os.O_CREAT))\n"

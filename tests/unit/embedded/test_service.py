@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from valerie.embedded.process import Command
+from valerie.embedded.guarded_process import Command
 from valerie.embedded.supervisor import Service, free_port, service_environment
 from valerie.errors import Conflict, InvalidInput
 from valerie.settings import load_settings

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from examples.retraining.loop import FUNCTION, close_the_loop
-from tests.world.drawn import DrawnWorld, spec
+from tests.world.drawn import TOWN, DrawnWorld, installed_town, spec
 from tests.world.training import DRAWS, class_here, draw_frames
 from tests.world.world import settings_of
 from valerie.perception.importing.function_file import read_header
@@ -22,14 +23,20 @@ WEAK = "pacc < 0.9 and distance_m > 25"
 ALONG_THE_STREET = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def town(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with installed_town(tmp_path_factory.mktemp("town")):
+        yield
+
+
 @pytest.mark.timeout(900)
 def test_a_run_is_shown_beside_two_new_versions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
     deployment = settings_of(tmp_path / "data")
     world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
-    run_id = world.work(spec("validation", asset="urban-street", vary=ALONG_THE_STREET, functions=[FUNCTION]))
+    run_id = world.work(spec("validation", asset=TOWN, vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
         frames=2, sites=1, width=160, height=96, steps=1, batch=2, held_out_frames=0, broad_share=0.5
     )

@@ -1,4 +1,4 @@
-"""How progress looks."""
+"""The display of progress."""
 
 import json
 

@@ -1,12 +1,15 @@
-"""What commands print into a file or a pipe: whole lines without padding."""
+"""Output of commands into a file or a pipe: whole lines without padding."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 from rich.padding import Padding
 from rich.table import Table
 from typer.testing import CliRunner
 
+from tests.world.boxes import write_box_street
 from valerie.cli.main import app
 from valerie.local.piped import PipedConsole
 
@@ -42,9 +45,11 @@ def test_a_long_path_in_a_table_is_whole(capsys: pytest.CaptureFixture[str]) -> 
     assert PATH in capsys.readouterr().out.split()
 
 
-def test_an_asset_is_shown_in_whole_lines_without_padding() -> None:
-    result = CliRunner().invoke(app, ["asset", "show", "urban-street", "--declared"], env={"COLUMNS": "80"})
+def test_an_asset_is_shown_in_whole_lines_without_padding(tmp_path: Path) -> None:
+    write_box_street(tmp_path / "boxes")
+    show = ["asset", "show", str(tmp_path / "boxes"), "--declared"]
+    result = CliRunner().invoke(app, show, env={"COLUMNS": "80"})
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
     assert [line for line in lines if line.endswith(" ")] == []
-    assert any(line.startswith("scene.person-1.cloth.specular_tint FLOAT ") for line in lines)
+    assert any(line.startswith("scene.camera-2.focal_length_mm FLOAT ") for line in lines)

@@ -1,3 +1,5 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import torch
@@ -26,7 +28,7 @@ def test_pooled_scores_are_those_of_torchmetrics() -> None:
     recall = MulticlassRecall(19, average=None, ignore_index=VOID)(predicted, truth)
     assert [one.iou.pooled for one in scores.classes] == pytest.approx(iou.tolist(), abs=1e-6)
     assert [one.pacc.pooled for one in scores.classes] == pytest.approx(recall.tolist(), abs=1e-6)
-    assert scores.overall["miou"].pooled == pytest.approx(float(iou.mean()), abs=1e-6)
+    assert scores.overall.miou.pooled == pytest.approx(float(iou.mean()), abs=1e-6)
 
 
 def test_frame_means_weight_frames_equally_and_pooled_scores_weight_pixels_equally() -> None:
@@ -48,8 +50,8 @@ def test_a_class_that_is_only_predicted_counts_in_the_average_of_cityscapes_alon
     predicted = truth.copy()
     predicted[0, 0] = 13
     scores = collection_scores([confusion_matrix(truth, predicted)])
-    assert scores.overall["miou"].pooled == 7 / 8
-    assert scores.overall["miou_cityscapes"].pooled == pytest.approx((7 / 8 + 0.0) / 2)
+    assert scores.overall.miou.pooled == 7 / 8
+    assert scores.overall.miou_cityscapes.pooled == pytest.approx((7 / 8 + 0.0) / 2)
 
 
 def test_without_labelled_pixels_scores_are_undefined_and_not_zero() -> None:
@@ -66,16 +68,14 @@ def test_scores_of_some_classes_are_those_of_scikit_learn_over_their_labels() ->
     truth, predicted = (np.concatenate([one[side].ravel() for one in maps]) for side in (0, 1))
     truth, predicted = truth[truth != VOID], predicted[truth != VOID]
     ious = jaccard_score(truth, predicted, labels=judged, average=None)
-    assert scores.overall["miou"].pooled == pytest.approx(ious.mean())
-    assert scores.overall["miou_cityscapes"].pooled == pytest.approx(ious.mean())
-    assert scores.overall["macc"].pooled == pytest.approx(
-        recall_score(truth, predicted, labels=judged, average="macro")
-    )
+    assert scores.overall.miou.pooled == pytest.approx(ious.mean())
+    assert scores.overall.miou_cityscapes.pooled == pytest.approx(ious.mean())
+    assert scores.overall.macc.pooled == pytest.approx(recall_score(truth, predicted, labels=judged, average="macro"))
     weighted = jaccard_score(truth, predicted, labels=judged, average="weighted")
-    assert scores.overall["fwiou"].pooled == pytest.approx(weighted)
+    assert scores.overall.fwiou.pooled == pytest.approx(weighted)
     of_them = np.isin(truth, judged)
     right = (truth == predicted)[of_them].mean()
-    assert scores.overall["pixel_accuracy"].pooled == pytest.approx(right)
+    assert scores.overall.pixel_accuracy.pooled == pytest.approx(right)
     document = scores.as_document()
     assert document["judged_by"] == list(document["classes"]) == ["road", "person", "car"]
     assert np.sum(document["confusion"]) == len(truth), "what was counted stays whole"
@@ -85,11 +85,12 @@ def test_a_function_that_knows_persons_alone_may_predict_void_but_not_person_els
     truth, _ = _maps(1)
     person = PERSON.train_id
     perfect = collection_scores([confusion_matrix(truth, np.where(truth == person, truth, VOID))], [person])
-    assert {name: one.pooled for name, one in perfect.overall.items()} == dict.fromkeys(perfect.overall, 1.0)
+    averages = [getattr(perfect.overall, field.name) for field in fields(perfect.overall)]
+    assert [average.pooled for average in averages] == [1.0] * 5
     painted = collection_scores([confusion_matrix(truth, np.full_like(truth, person))], [person])
     share = (truth == person).sum() / (truth != VOID).sum()
-    assert painted.overall["miou"].pooled == painted.overall["fwiou"].frames.mean == pytest.approx(share)
-    assert painted.overall["pixel_accuracy"].pooled == painted.of(PERSON).pacc.pooled == 1.0
+    assert painted.overall.miou.pooled == painted.overall.fwiou.frames.mean == pytest.approx(share)
+    assert painted.overall.pixel_accuracy.pooled == painted.of(PERSON).pacc.pooled == 1.0
 
 
 def test_all_classes_by_name_are_all_classes_to_the_last_digit() -> None:

@@ -19,16 +19,16 @@ from valerie.db.products import Job
 from valerie.errors import Conflict, RenderingError, UnknownName
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
-from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.export.datasets import export_run
-from valerie.pipeline.export.plan import ExportSettings
+from valerie.pipeline.export.export_plan import ExportSettings
 from valerie.pipeline.reading.annotation_files import key_points
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import Stage
 from valerie.runs.resolving.spec import parse
 from valerie.scene.graph.model import JOINTS

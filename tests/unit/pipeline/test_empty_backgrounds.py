@@ -10,11 +10,11 @@ from valerie.db.engine import reading
 from valerie.db.products import Job
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
-from valerie.pipeline.control.plan import plan_run
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.control.planning import plan_run
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import Stage
 from valerie.runs.resolving.spec import parse
 from valerie.sensing.sensor import develop

@@ -11,7 +11,7 @@ from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.db import frames, results, runs, sweeping
 from valerie.db.engine import reading, writing
-from valerie.db.models import Block
+from valerie.db.models import FedBlock
 from valerie.errors import (
     Conflict,
     InvalidInput,
@@ -24,17 +24,17 @@ from valerie.errors import (
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
-from valerie.pipeline.control.plan import plan_run
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.control.planning import plan_run
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.ready import FailedInput, Fault
 from valerie.runs.products.states import ProductKind, Stage
 from valerie.runs.resolving.spec import parse
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
-from valerie.storage.keys import PRODUCTS, product_key, run_prefix
+from valerie.storage.keys import PRODUCTS, RUNS, product_key, run_prefix
 
 FRAMES = 24
 ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
@@ -47,9 +47,9 @@ def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
 
 def blocks(pipeline: Pipeline, run_id: str) -> list[tuple[int, int, int]]:
     """Return number, first and last variant of each block."""
-    columns = (Block.number, Block.first, Block.last)
+    columns = (FedBlock.number, FedBlock.first, FedBlock.last)
     with reading(pipeline.context.engine) as connection:
-        rows = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
+        rows = connection.execute(select(*columns).where(FedBlock.run_id == run_id).order_by(FedBlock.number))
         return [(row[0], row[1], row[2]) for row in rows]
 
 
@@ -287,7 +287,7 @@ class TestStorage:
         put, check = store.put, store.check
 
         def refuse(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if full[0] and key.startswith("runs/"):
+            if full[0] and key.startswith(RUNS):
                 raise error
             return put(self, key, *arguments, **keywords)
 
@@ -313,7 +313,7 @@ class TestStorage:
         put = store.put
 
         def stumble(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if key.startswith("runs/") and faults[0]:
+            if key.startswith(RUNS) and faults[0]:
                 faults[0] -= 1
                 raise TransientError("the database did not answer")
             return put(self, key, *arguments, **keywords)
@@ -327,7 +327,7 @@ class TestStorage:
         put = store.put
 
         def crash(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if key.startswith("runs/"):
+            if key.startswith(RUNS):
                 raise ZeroDivisionError("oops")
             return put(self, key, *arguments, **keywords)
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
-from valerie.broker import Message, messages_of
+from valerie.broker import TaskMessage, messages_of
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.work.stages import serve_queue
@@ -26,7 +26,7 @@ class Workers:
 
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline = pipeline
-        self._messages: list[Message] = []
+        self._messages: list[TaskMessage] = []
         self._stages = cycle(Stage)
 
     def answer(self) -> bool:

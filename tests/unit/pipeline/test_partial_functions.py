@@ -21,12 +21,12 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.functions import registry
-from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.retraining.comparison import compare_versions
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.pipeline.retraining.comparison import compare_on_run
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.uploaded_predictions import put_prediction
 from valerie.plain import typed
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.storage.keys import run_key
 
 PERSON_OR_NOT = (
@@ -93,8 +93,8 @@ def test_it_is_compared_with_others_by_what_it_knows(finished: tuple[Pipeline, s
 
     versions = ["blank", "person-or-not"]
     with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as uploaded"):
-        compare_versions(pipeline.context, run, versions, open_function=nothing)
-    comparison = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
+        compare_on_run(pipeline.context, run, versions, open_function=nothing)
+    comparison = compare_on_run(pipeline.context, run, versions, open_function=nothing, mixed=True)
     assert comparison.judged_by == tuple(comparison.classes) == ("person",)
     before, after = comparison.overall["miou"]
     assert before[1] is not None

@@ -18,12 +18,12 @@ from valerie.db.measured import SeenPerson
 from valerie.errors import InvalidInputs
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
-from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.planning import plan_run
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import parse
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 

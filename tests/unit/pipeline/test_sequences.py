@@ -13,11 +13,11 @@ from valerie.db.engine import reading
 from valerie.errors import InvalidInputs
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import choose_frames, run_where
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import Stage
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from tests.unit.rendering.scene_rays import pixel_rays
+from tests.sampling import enough_to_show
+from tests.unit.rendering.scene_rays import SNAP, pixel_rays
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.pyrender.renderer import PyrenderRenderer
@@ -60,19 +62,18 @@ def fence(distance: float, turned_deg: float) -> Scene:
     )  # fmt: skip
 
 
-def solid_share(scene: Scene, view: View, samples: int) -> NDArray[np.float64]:
-    """Return the share of each pixel's ``samples`` × ``samples`` rays that meet a bar, (H, W): none of the engine's code."""
+def solid(scene: Scene, view: View, *, right: float = 0.0, down: float = 0.0) -> NDArray[np.bool_]:
+    """Return the pixels whose rays meet a bar, (H, W), without the engine's code; rays as in `pixel_rays`."""
     (mesh,) = scene.nodes["scene.fence-1"].meshes
     alpha = scene.textures["bars"].image[..., 3] / 255.0
     corners = mesh.positions.astype(np.float64)
-    right, up = corners[1] - corners[0], corners[3] - corners[0]
-    fine = View(view.camera, view.width * samples, view.height * samples)
-    rays = pixel_rays(CAMERA, fine)
-    normal = np.cross(right, up)
+    across, up = corners[1] - corners[0], corners[3] - corners[0]
+    rays = pixel_rays(CAMERA, view, right=right, down=down)
+    normal = np.cross(across, up)
     with np.errstate(divide="ignore"):
         way = ((corners[0] - CAMERA.position) @ normal) / (rays @ normal)
     offset = CAMERA.position + rays * way[..., None] - corners[0]
-    s, t = offset @ right / (right @ right), offset @ up / (up @ up)
+    s, t = offset @ across / (across @ across), offset @ up / (up @ up)
     inside = (way > 0) & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
     u = np.where(inside, s * mesh.uvs[1, 0], 0.0) * SIDE - 0.5
     v = np.where(inside, (1.0 - t) * mesh.uvs[0, 1], 0.0) * SIDE - 0.5
@@ -80,8 +81,14 @@ def solid_share(scene: Scene, view: View, samples: int) -> NDArray[np.float64]:
     read = [alpha[(y + j) % SIDE, (x + i) % SIDE] for j in (0, 1) for i in (0, 1)]
     fu, fv = u - x, v - y
     blended = (read[0] * (1 - fu) + read[1] * fu) * (1 - fv) + (read[2] * (1 - fu) + read[3] * fu) * fv
-    solid = inside & (blended >= 0.5)
-    share: NDArray[np.float64] = solid.reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
+    hit: NDArray[np.bool_] = inside & (blended >= 0.5)
+    return hit
+
+
+def solid_share(scene: Scene, view: View, samples: int) -> NDArray[np.float64]:
+    """Return the share of each pixel's ``samples`` × ``samples`` rays that meet a bar, (H, W)."""
+    fine = solid(scene, View(view.camera, view.width * samples, view.height * samples))
+    share: NDArray[np.float64] = fine.reshape(view.height, samples, view.width, samples).mean(axis=(1, 3))
     return share
 
 
@@ -95,13 +102,11 @@ def test_truth_of_a_cut_out_is_that_of_rays_near_and_far(
         node = replace(scene.nodes["scene.fence-1"], movable=True)
         scene = replace(scene, nodes={node.path: node})
     drawn = truth_pass.truth(scene, VIEW).class_map == FENCE
-    traced = solid_share(scene, VIEW, 1) == 1.0
-    # Where all places within half a pixel agree, so do both; elsewhere arithmetic decides.
-    finely = solid_share(scene, VIEW, 9)
-    assert 0.15 < traced.mean() < 0.6
-    assert (drawn != traced).mean() < 0.01
-    plain = (finely == 0.0) | (finely == 1.0)
-    np.testing.assert_array_equal(drawn[plain], traced[plain])
+    traced = solid(scene, VIEW)
+    assert min(traced.sum(), (~traced).sum()) >= enough_to_show(0.001)
+    around = [solid(scene, VIEW, right=right, down=down) for right, down in product((-SNAP, SNAP), repeat=2)]
+    sure = np.logical_and.reduce(around) | ~np.logical_or.reduce(around)
+    np.testing.assert_array_equal(drawn[sure], traced[sure])
 
 
 @pytest.fixture(scope="module", params=["raster", "pyrender"])

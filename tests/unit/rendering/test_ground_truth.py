@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.sampling import enough_to_show
 from tests.unit.rendering.scene_rays import assert_agrees, near_edges, trace, triangles_of
 from valerie.errors import InvalidInput, UnknownName
 from valerie.rendering.base import View
@@ -22,7 +23,7 @@ VIEW = View("camera-1", 320, 180)
 
 
 def assert_agrees_with_rays(truth_pass: TruthPass, scene: Scene, view: View) -> None:
-    assert_agrees(truth_pass.truth(scene, view), *trace(triangles_of(scene), scene.cameras[view.camera], view))
+    assert_agrees(truth_pass.truth(scene, view), triangles_of(scene), scene.cameras[view.camera], view)
 
 
 @pytest.mark.parametrize("camera", ["camera-1", "camera-2"])
@@ -50,8 +51,9 @@ def test_the_amodal_mask_of_a_hidden_person_is_complete(truth_pass: TruthPass) -
     truth = truth_pass.truth(scene, VIEW)
     (person,) = truth.persons
     alone = trace(triangles_of(scene, only_instance=24001), scene.cameras["camera-1"], VIEW)[1] == 24001
-    visible = truth.instance_map == 24001
-    assert 0 < visible.sum() < 0.7 * person.amodal.sum()
+    _, instances, _ = assert_agrees(truth, triangles_of(scene), scene.cameras["camera-1"], VIEW)
+    assert (instances == 24001).any()
+    assert (alone & (instances != 24001)).sum() >= enough_to_show(0.03)
     assert not (person.amodal != alone)[~near_edges(alone)].any()
     assert person.padded_pixels == person.amodal.sum()
 
@@ -62,8 +64,11 @@ def test_pixels_beyond_the_border_count_on_the_padded_canvas(truth_pass: TruthPa
     # The same person seen by a camera with the same pixels per radian and twice the sensor and image.
     wide = replace(scene.cameras["camera-1"], sensor_width_mm=72.0)
     (whole,) = truth_pass.truth(replace(scene, cameras={"camera-1": wide}), View("camera-1", 640, 360)).persons
-    assert 0 < person.amodal.sum() < 0.8 * person.padded_pixels
+    assert 0 < person.amodal.sum() < person.padded_pixels
+    # The canvas is padded by half of the image on each side, as the wide image is. Its coordinates are rounded otherwise, which
+    # may move a corner's pixel on either side of the person.
     assert abs(person.padded_pixels - int(whole.amodal.sum())) <= 2
+    assert abs(int(person.amodal.sum()) - int(whole.amodal[90:270, 160:480].sum())) <= 2
 
 
 def test_a_person_behind_the_camera_has_no_pixels(truth_pass: TruthPass) -> None:

@@ -39,7 +39,9 @@ def test_exact_labels_are_the_truth_itself() -> None:
 def test_gaps_take_the_class_and_instance_of_what_surrounds_them(name: str, spacing: int, instance: int) -> None:
     truth = scene_of(name, spacing=spacing, instance=instance)
     drawn = labelled(truth, LabelPolicy.CITYSCAPES)
-    assert (truth.class_map[INSIDE] == BY_NAME[name].id).mean() < 0.5
+    # A row and a column in ``spacing``, with one more or less of the 69 rows and 89 columns.
+    share = 1 - (1 - 1 / spacing) ** 2
+    assert (truth.class_map[INSIDE] == BY_NAME[name].id).mean() == pytest.approx(share, abs=1 / 69 + 1 / 89)
     assert (drawn.class_map[INSIDE] == BY_NAME[name].id).all()
     assert (drawn.instance_map[INSIDE] == instance).all()
     # Neither its outline nor what is seen grows, and depths stay.

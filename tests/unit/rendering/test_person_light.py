@@ -126,6 +126,7 @@ class TestLightOfTheRasterEngine:
         scene = lit(azimuth=180.0, elevation=elevation)
         samples = on_the_body(raster, truth_pass, scene)
         assert np.median(samples[:, 0]) == pytest.approx(np.cos(np.deg2rad(elevation)), rel=0.01)
+        # At its outline a body may shade itself: a tenth of its pixels, a requirement of ours.
         assert (samples[:, 2] == 1.0).mean() > 0.9
 
     @pytest.mark.parametrize("movable", [False, True])
@@ -187,7 +188,13 @@ class TestLightOfTheRasterEngine:
             return float(np.median(on_the_body(raster, truth_pass, scene)[:, 1]))
 
         white, black = by_wall(0.8), by_wall(0.0)
-        assert white > 1.2 * black
+        # In units of the sun: the wall, 6 × 40 m and 12.8 m from the body's middle, receives cos(45°) and reflects 0.8 of it. It
+        # fills twice the share of a rectangle to one side of the middle (Howell's catalogue, B-3). Light of the sky adds to that.
+        x, y = 3.0 / 12.8, (40.0 - 0.9) / 12.8
+        one_side = (
+            x / np.hypot(1, x) * np.arctan(y / np.hypot(1, x)) + y / np.hypot(1, y) * np.arctan(x / np.hypot(1, y))
+        ) / (2 * np.pi)
+        assert white - black > 0.8 * np.cos(np.deg2rad(45.0)) * 2 * one_side
 
     def test_light_grows_with_the_suns_irradiance(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
         dim, bright = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
@@ -200,11 +207,13 @@ class TestLightOfTheRasterEngine:
     ) -> None:
         before = light_of(raster, truth_pass, lit(azimuth=180.0))
         behind = light_of(raster, truth_pass, lit(azimuth=0.0))
-        assert (before.shadow_share or 0.0) < 0.05
+        # All but a hundredth, pixels of the outline: a requirement of ours.
+        assert (before.shadow_share or 0.0) < 0.01
         assert (behind.shadow_share or 0.0) > 0.99
         assert behind.irradiance is not None
         assert before.irradiance is not None
-        assert behind.irradiance < 0.5 * before.irradiance
+        # The sun gives cos(45°), and the sky is brighter around it.
+        assert before.irradiance - behind.irradiance > np.cos(np.deg2rad(45.0))
         assert behind.contrast is not None
         assert before.contrast is not None
         assert behind.contrast < before.contrast

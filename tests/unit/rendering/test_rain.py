@@ -22,7 +22,8 @@ def test_a_part_of_the_image_has_the_streaks_of_the_whole() -> None:
 def test_more_rain_keeps_every_streak_and_adds_others() -> None:
     little, much = streaks(0.05, WHOLE, 180), streaks(0.3, WHOLE, 180)
     assert (much >= little).all()
-    assert 0 < (little > 0.1).mean() < (much > 0.1).mean() < 0.5
+    # Streaks cross at most the share of the image that is stated.
+    assert 0 < (little > 0.1).mean() < (much > 0.1).mean() < 0.3
 
 
 def test_without_rain_the_image_is_unchanged() -> None:
@@ -55,5 +56,7 @@ def test_the_streaks_are_those_of_the_raster_engine() -> None:
         return (image - (np.roll(image, 3, axis=1) + np.roll(image, -3, axis=1)) / 2)[5:80, 5:60].ravel()
 
     brighter = fine(wet[..., 1])
+    # Streaks explain four fifths of the variance, √0.8 = 0.9; the rest is the wall's own. Streaks elsewhere explain a hundredth.
+    # Both are requirements of ours.
     assert np.corrcoef(fine(share), brighter)[0, 1] > 0.9
     assert abs(np.corrcoef(fine(share[::-1]), brighter)[0, 1]) < 0.1

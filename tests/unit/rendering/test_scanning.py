@@ -2,19 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.unit.rendering.scene_rays import near_edges, pixel_rays, trace, triangles_of
+from tests.sampling import enough_to_show
+from tests.unit.rendering.scene_rays import SNAP, near_edges, pixel_rays, trace, triangles_of
 from valerie.labels import PERSON, label_of_node_class
 from valerie.rendering.annotations.scan import Scan
 from valerie.rendering.base import LinearImage, Rectangle, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.scanning import Reading, scan, sliced
+from valerie.rendering.scanning import Readout, scan, sliced
 from valerie.scene.graph.model import Node, Scene
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
@@ -66,21 +68,33 @@ def scanned(
     truth_pass: TruthPass, engine: Any, moments: Callable[[float], Scene], line_time_s: float, image: LinearImage
 ) -> Scan:
     frame = image, truth_pass.truth(moments(0.0), VIEW)
-    return scan(engine, truth_pass, moments, VIEW, frame, Reading(LINES, line_time_s))
+    return scan(engine, truth_pass, moments, VIEW, frame, Readout(LINES, line_time_s))
 
 
-def cast(moments: Callable[[float], Scene], line_time_s: float) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-    """Trace each line at its own moment."""
-    classes, instances = np.zeros((VIEW.height, VIEW.width), np.uint8), np.zeros((VIEW.height, VIEW.width), np.uint16)
+class Lines(NamedTuple):
+    """Class map and instance map, each line of which is traced at its own moment, and the pixels around which both are even."""
+
+    classes: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
+    sure: NDArray[np.bool_]
+
+
+#: Pixels by which labels may be off: a slice ends before anything moves by a quarter, and the rasterizer rounds.
+OFF = 0.25 + SNAP
+
+
+def cast(moments: Callable[[float], Scene], line_time_s: float) -> Lines:
+    shape = (VIEW.height, VIEW.width)
+    lines = Lines(np.zeros(shape, np.uint8), np.zeros(shape, np.uint16), np.ones(shape, np.bool_))
     for row, line in enumerate(LINES[:, 0].tolist()):
         scene = moments(line * line_time_s)
-        found = trace(triangles_of(scene), scene.cameras[VIEW.camera], VIEW, row)
-        classes[row], instances[row] = found[0][0], found[1][0]
-    return classes, instances
-
-
-def iou(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(first & second) / np.count_nonzero(first | second))
+        triangles, camera = triangles_of(scene), scene.cameras[VIEW.camera]
+        classes, instances, _ = trace(triangles, camera, VIEW, row)
+        lines.classes[row], lines.instances[row] = classes[0], instances[0]
+        for right, down in product((-OFF, OFF), repeat=2):
+            around = trace(triangles, camera, VIEW, row, right=right, down=down)
+            lines.sure[row] &= (around[0] == classes)[0] & (around[1] == instances)[0]
+    return lines
 
 
 @pytest.mark.parametrize(
@@ -94,15 +108,15 @@ def test_labels_are_those_of_rays_cast_line_by_line(
     def moments(seconds: float) -> Scene:
         return street(seconds, drives=drives, turns=turns)
 
-    classes, instances = cast(moments, line_time_s)
+    lines = cast(moments, line_time_s)
     black = LinearImage(np.zeros((VIEW.height, VIEW.width, 3), np.float16))
-    made = scanned(truth_pass, Dark(), moments, line_time_s, black)
-    truth = made.truth(truth_pass.truth(moments(0.0), VIEW))
-    assert made.consistent()
+    result = scanned(truth_pass, Dark(), moments, line_time_s, black)
+    truth = result.truth(truth_pass.truth(moments(0.0), VIEW))
+    assert result.consistent()
     for label in (PERSON.id, CAR, POLE):
-        assert iou(truth.class_map == label, classes == label) >= 0.98
-    assert iou(truth.instance_map == 24001, instances == 24001) >= 0.98
-    assert (truth.class_map != classes).mean() < 0.01
+        assert (lines.classes[lines.sure] == label).sum() >= enough_to_show(0.03)
+    np.testing.assert_array_equal(truth.class_map[lines.sure], lines.classes[lines.sure])
+    np.testing.assert_array_equal(truth.instance_map[lines.sure], lines.instances[lines.sure])
     (person,) = truth.persons
     assert not (person.amodal < (truth.instance_map == person.instance_id)).any()
 
@@ -116,15 +130,16 @@ def test_the_image_shows_each_line_at_its_own_moment(truth_pass: TruthPass, rast
     assert (image != frame.pixels).any()
     for row in (5, 80):
         line = raster.full(moments(float(LINES[row, 0]) * 2e-4), VIEW).pixels[row].astype(np.float32)
-        # A slice is a few lines: at most half a pixel, which shows at edges.
-        assert np.median(np.abs(image[row] - line)) < 0.002
-        assert np.quantile(np.abs(image[row] - line), 0.9) < 0.1
+        # A slice ends before anything moves by half a pixel, so its middle is at most a quarter away. The camera turns by more
+        # than three quarters of a pixel until these lines are read: the frame's own moment is at least three times as far.
+        error, unread = (float(np.abs(other[row] - line).sum()) for other in (image, frame.pixels.astype(np.float32)))
+        assert error < unread / 3
 
 
 def test_nothing_changes_where_nothing_moves(truth_pass: TruthPass, raster: RasterRenderer) -> None:
     now = street(0.0)
     frame = raster.layer(now, VIEW).over(raster.background(now, VIEW)), truth_pass.truth(now, VIEW)
-    still = scan(raster, truth_pass, lambda _: now, VIEW, frame, Reading(LINES, 1e-3))
+    still = scan(raster, truth_pass, lambda _: now, VIEW, frame, Readout(LINES, 1e-3))
     assert Rectangle(*still.rectangle.tolist()).empty
     assert still.image(frame[0]).pixels is frame[0].pixels
     assert still.truth(frame[1]).persons[0].padded_pixels == frame[1].persons[0].padded_pixels

@@ -47,8 +47,10 @@ def test_a_low_sun_is_redder() -> None:
 def test_a_clear_sky_is_blue_above_and_paler_at_the_horizon() -> None:
     table = sky_of(scene_with(40.0, turbidity=2.0)).table.mean(axis=1)
     blueness = table[:, 2] / table[:, 0]
-    assert blueness[-1] > 1.8
-    assert blueness[1] < 0.7 * blueness[-1]
+    # Bluer than a black body of 12,000 K, whose blue is 1.9 of its red in linear sRGB; at the horizon nearer to white than to
+    # that. Both are requirements of ours.
+    assert blueness[-1] > 1.9
+    assert blueness[1] - 1.0 < 0.5 * (blueness[-1] - 1.0)
     assert table[1].sum() > 2 * table[-1].sum()
 
 
@@ -57,13 +59,14 @@ def test_the_sky_is_brightest_around_the_sun() -> None:
     toward = np.array([math.cos(math.radians(30)), 0.0, math.sin(math.radians(30))])
     row, column = np.unravel_index(np.argmax(sky.table[3:] @ LUMINANCE), (ELEVATIONS - 3, AZIMUTHS))
     brightest = sky_directions()[row + 3, column]
-    assert math.degrees(math.acos(float(brightest @ toward))) < 10
+    # There, the table's cells are 2.6° high and 3.2° wide: the brightest is at most a diagonal away.
+    assert math.degrees(math.acos(float(brightest @ toward))) < math.hypot(2.6, 3.2)
 
 
 def test_a_clear_noon_sky_gives_the_ground_a_fifth_to_a_third_of_the_suns_light() -> None:
     sky = sky_of(scene_with(60.0))
     share = (sky.sky_irradiance @ LUMINANCE) / (sky.sun @ LUMINANCE * math.sin(math.radians(60)))
-    assert 0.2 < share < 0.36
+    assert 1 / 5 < share < 1 / 3
 
 
 def test_the_light_is_proportional_to_the_irradiance() -> None:
@@ -78,7 +81,8 @@ def test_the_sky_stays_finite_and_bounded(elevation: float, turbidity: float) ->
     sky = sky_of(scene_with(elevation, turbidity=turbidity))
     assert np.isfinite(sky.table).all()
     assert (sky.table >= 0).all()
-    assert sky.sky_irradiance @ LUMINANCE < 0.61 * EXPOSURE
+    # The model holds the sky to 0.6 of a sun of irradiance 1; its table adds up to that within a hundredth.
+    assert sky.sky_irradiance @ LUMINANCE < 0.6 * EXPOSURE * 1.01
 
 
 def test_a_sun_below_the_horizon_gives_no_direct_light() -> None:
@@ -97,17 +101,23 @@ def test_twilight_is_as_bright_as_tables_say(elevation: float, lux: float) -> No
 
 
 def test_a_clear_noon_is_a_hundred_thousand_lux() -> None:
-    assert 95_000 < sky_of(scene_with(60.0)).lux < 130_000
+    # The sun's 100,000 times sin(60°), and at least 10,000 of the sky (IES Lighting Handbook). Above the air it is 133,000.
+    assert 96_600 < sky_of(scene_with(60.0)).lux < 133_000
 
 
 def test_light_falls_steadily_and_without_a_jump_from_day_to_night() -> None:
-    elevations = np.arange(6.0, -20.0, -0.1)
+    # Finely where one model follows another: at dusk, at sunset and at the ends of the three twilights.
+    joints = np.array([DUSK, -0.8, -5.0, -12.0, -18.0])
+    fine = (joints[:, None] + np.arange(-0.3, 0.4, 0.1)).ravel()
+    elevations = np.unique(np.round(np.concatenate([np.arange(-20.0, 6.1, 0.5), fine]), 6))[::-1]
     lux = np.array([sky_of(scene_with(float(e))).lux for e in elevations])
     below = elevations < DUSK
     assert (np.diff(lux[below]) <= 0).all()
     # The light falls fastest in civil twilight: by a factor of 2.6 in half a degree in the tables.
-    assert (lux[1:] / lux[:-1] > 0.7).all()
-    assert (lux[1:] / lux[:-1] < 1.05).all()
+    steps = (lux[1:] / lux[:-1]) ** (0.1 / -np.diff(elevations))  # per 0.1°
+    assert (steps > 2.6 ** (-0.1 / 0.5)).all()
+    # By day, a bounded sky may brighten by a hundredth as the sun sinks by 0.1°, a requirement of ours.
+    assert (steps < 1.01).all()
 
 
 def test_the_night_sky_is_that_of_a_city_and_is_never_black() -> None:
@@ -115,14 +125,14 @@ def test_the_night_sky_is_that_of_a_city_and_is_never_black() -> None:
     # What twilight has left at −18° stays all night.
     assert sky.lux == pytest.approx(NIGHT_LUX + 0.00065, rel=1e-3)
     assert sky.table.min() > 0
-    # Even at night, the sky light on a white wall is about twenty of the smallest steps of a float16.
-    assert float(sky.sky_irradiance.min()) > 15 * float(np.finfo(np.float16).smallest_subnormal)
+    # Even at night, the sky light on a white wall is twenty of the smallest steps of a float16: 0.05 lx are 1.2e-6.
+    assert float(sky.sky_irradiance.min()) > 20 * float(np.finfo(np.float16).smallest_subnormal)
 
 
 def test_twilight_is_bluer_than_the_day_and_has_no_sun() -> None:
     day, dusk = sky_of(scene_with(40.0)), sky_of(scene_with(-6.0))
-    ratios = [sky.sky_irradiance[2] / sky.sky_irradiance[0] for sky in (dusk, day)]
-    assert ratios[0] > 1.1
+    dusk_ratio, day_ratio = (sky.sky_irradiance[2] / sky.sky_irradiance[0] for sky in (dusk, day))
+    assert dusk_ratio > day_ratio
     assert not dusk.sun.any()
 
 
@@ -138,7 +148,9 @@ def test_the_sky_turns_with_the_sun() -> None:
     at_north = north.radiance(np.array([[0.0, 0.9, 0.4]]))
     at_east = east.radiance(np.array([[0.9, 0.0, 0.4]]))
     np.testing.assert_allclose(at_north, at_east)
-    assert at_north.sum() > 1.5 * north.radiance(np.array([[0.0, -0.9, 0.4]])).sum()
+    # Both lie 24° high, 6° and 126° from the sun. By Rayleigh's phase function the ratio is that of 1 + cos²; haze adds to it.
+    by_air = (1 + math.cos(math.radians(6)) ** 2) / (1 + math.cos(math.radians(126)) ** 2)
+    assert at_north.sum() > by_air * north.radiance(np.array([[0.0, -0.9, 0.4]])).sum()
 
 
 def weather(elevation: float = 40.0, **environment: float) -> Scene:

@@ -8,7 +8,7 @@ from valerie.runs.forecasting.forecast import Plan, plan
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import Pins
 from valerie.runs.resolving.spec import parse, resolve
-from valerie.runs.study.document import parse_study
+from valerie.runs.study.study_document import parse_study
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.ground import ground_height
 

@@ -38,5 +38,6 @@ def test_it_is_monotone_in_grey() -> None:
 
 def test_bright_colours_lose_their_saturation() -> None:
     display = blender_filmic(np.array([[0.2, 0.02, 0.02], [200.0, 20.0, 20.0]], np.float32))
-    assert display[0, 0] - display[0, 1] > 0.2
-    assert display[1, 0] - display[1, 1] < 0.05
+    assert display[0, 0] > 2 * display[0, 1]
+    # All channels are above 16.3, where white is reached: to half a grey level.
+    assert display[1].min() >= 1 - 0.5 / 255

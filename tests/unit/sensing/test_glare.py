@@ -32,8 +32,8 @@ def test_scattered_light_falls_with_the_square_of_the_distance() -> None:
     glow = veiled(lamp(), 0.1)[270, :, 1]
     distances = np.array([15, 30, 60, 120])
     ratios = glow[480 + distances] / glow[480 + 2 * distances]
-    assert (ratios > 2.8).all(), ratios
-    assert (ratios < 5.6).all(), ratios
+    # The glow is made of steps of an octave, which follow the square to half an octave.
+    assert (np.abs(np.log2(ratios) - 2) < 0.5).all(), ratios
     slope = np.polyfit(np.log(np.arange(15, 240)), np.log(glow[495:720]), 1)[0]
     assert slope == pytest.approx(-2.0, abs=0.2)
 
@@ -52,6 +52,7 @@ def test_the_glow_is_that_of_gaussian_filters_of_equal_weight_an_octave_apart() 
     # The coarsest levels are wider than the image, where borders decide. There they are nearly uniform: one constant.
     coarse = np.median((measured * 8 - expected * 6)[near]) / 8
     error = np.abs(measured - coarse - expected * 6 / 8)[near]
+    # A tenth at the brightest place and a twentieth on average, requirements of ours.
     assert error.max() < 0.1 * measured[near].max()
     assert error.mean() < 0.05 * measured[near].mean()
 
@@ -59,8 +60,8 @@ def test_the_glow_is_that_of_gaussian_filters_of_equal_weight_an_octave_apart() 
 def test_light_is_scattered_and_not_made() -> None:
     image = lamp()
     result = veiled(image, 0.05)
-    kept = image.sum() * 0.95
-    assert kept < result.sum() < image.sum() * 1.01
+    # Some of the scattered light leaves the image. Sums of a million numbers in single precision round to 1e-5.
+    assert image.sum() * 0.95 < result.sum() < image.sum() * (1 + 1e-5)
     assert result[270, 480, 0] < image[270, 480, 0]
     assert result.min() > 0.0
 

@@ -41,7 +41,9 @@ def test_dirt_and_drops_cover_about_their_share_and_a_higher_share_keeps_the_pat
     image[::2] = 1.5
     touched = [(soil(image, share, 3) != image).any(axis=2) for share in (0.05, 0.15, 0.3)]
     for share, mask in zip((0.05, 0.15, 0.3), touched, strict=True):
-        assert share < mask.mean() < 3.5 * share  # the soft rims do not count towards the share
+        # The rims do not count towards the share: beyond 0.8 of its radius, a patch is less than half opaque. The last patch may
+        # exceed the share by its own size: three standard deviations above the median, a speck covers 0.03 of the image.
+        assert share < mask.mean() < share / 0.8**2 + 0.03
     assert (touched[0] <= touched[1]).all()
     assert (touched[1] <= touched[2]).all()
 
@@ -56,8 +58,9 @@ def test_dust_darkens_bright_areas_and_veils_dark_ones() -> None:
     image = np.zeros((90, 160, 3), np.float32)
     image[:, 80:] = 1.0
     soiled = dirty(image, 0.2, 1)
-    assert soiled[:, :80].max() > 0.05
-    assert soiled[:, 80:].min() < 0.6
+    # The middle of a speck passes 0.35, and scatters 0.30 … 0.22 of the mean of 0.5 into the rest.
+    assert soiled[:, :80].max() == pytest.approx(0.65 * 0.30 * 0.5, rel=1e-5)
+    assert soiled[:, 80:].min() == pytest.approx(0.35 + 0.65 * 0.22 * 0.5, rel=1e-5)
     assert soiled.max() <= 1.0
 
 
@@ -65,5 +68,6 @@ def test_a_drop_shows_the_surroundings_upside_down() -> None:
     image = np.zeros((360, 640, 3), np.float32)
     image[:180] = 1.0  # bright sky over dark ground
     soiled = rained_on(image, 0.3, 1)
-    assert soiled[200:].max() > 0.5
-    assert soiled[:160].min() < 0.5
+    # A drop transmits 0.92 of the light.
+    assert soiled[200:].max() == pytest.approx(0.92, rel=1e-5)
+    assert soiled[:160].min() == pytest.approx(0.0, abs=1e-5)

@@ -8,7 +8,7 @@ import pytest
 from valerie.errors import CorruptArtifact
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.scan import Scan
-from valerie.storage.annotations import decode_scan, encode_annotation
+from valerie.storage.annotation_codecs import decode_scan, encode_annotation
 
 SCAN = Scan(
     rectangle=np.array([2, 1, 3, 2]),

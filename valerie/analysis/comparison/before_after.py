@@ -223,10 +223,13 @@ def compare(
         for k in judged
         if any(score.classes[k].iou.pooled is not None for score in scores)
     }
-    overall = {
-        name: tuple((score.overall[name].frames.mean, score.overall[name].pooled) for score in scores)
-        for name in ("pixel_accuracy", "miou", "macc", "fwiou")
+    averages = {
+        "pixel_accuracy": [score.overall.pixel_accuracy for score in scores],
+        "miou": [score.overall.miou for score in scores],
+        "macc": [score.overall.macc for score in scores],
+        "fwiou": [score.overall.fwiou for score in scores],
     }
+    overall = {name: tuple((side.frames.mean, side.pooled) for side in sides) for name, sides in averages.items()}
     judged_by = tuple(scores[0].classes[k].label.name for k in judged)
     return VersionComparison(
         tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall

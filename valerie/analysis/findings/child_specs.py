@@ -13,7 +13,7 @@ from valerie.analysis.rows.levels import Factor
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import VariedChoice, VariedUniform
 from valerie.runs.values import Scalar
 from valerie.statistics.contrasts import Change

@@ -11,7 +11,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 from valerie.parameters.distributions import Choice, Constant, Gaussian, Homogeneous, Uniform
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import Varied, VariedChoice, VariedGaussian, VariedHomogeneous, VariedUniform
 from valerie.runs.values import Scalar
 

@@ -28,7 +28,7 @@ from valerie.analysis.rows.frame_counts import frame_counts, settings
 from valerie.analysis.rows.levels import Factor, factor_of, factors_of
 from valerie.analysis.rows.picture_faults import picture_faults
 from valerie.analysis.rows.table import EvaluationTable
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.statistics.confirmation import Confirmation, find, named
 from valerie.statistics.contrasts import Change, Contrast, Matching, contrasts, largest_flips
 from valerie.statistics.intervals import Interval, mean_interval

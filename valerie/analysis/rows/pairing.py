@@ -14,7 +14,7 @@ from valerie.analysis.rows.binning import bin_edges
 from valerie.analysis.rows.frame_counts import characters
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.parameters.paths import short_name
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 #: Identity of a row; rows of two tables with equal keys are compared.
 RowKey = tuple[Hashable, ...]

@@ -10,12 +10,12 @@ from valerie.perception.documents.class_maps import VOID_NAME
 from valerie.perception.documents.function import FunctionDocument, InputDocument, OutputDocument
 from valerie.perception.documents.options import HttpOptions, PredictionsOptions
 
-Row = tuple[str, str]
+CardRow = tuple[str, str]
 
 _ANSWERS: Final = {"logits": "logits", "probabilities": "probabilities", "labels": "ids of classes"}
 
 
-def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> list[Row]:
+def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> list[CardRow]:
     """Return title and text of all facts about a function, the most important first.
 
     Empty facts have no row. The function's machine and registered version are not listed.
@@ -40,7 +40,7 @@ def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> l
     return [(title, text) for title, text in rows if text]
 
 
-def _answers(part: OutputDocument) -> list[Row]:
+def _answers(part: OutputDocument) -> list[CardRow]:
     cut = f"; above {part.cut:g} a pixel is of the class" if len(part.classes) == 1 and part.kind != "labels" else ""
     return [
         ("classes", f"{len(part.classes)}: {', '.join(_class_texts(part))}"),
@@ -55,7 +55,7 @@ def _class_texts(part: OutputDocument) -> list[str]:
     return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, targets, strict=True)]
 
 
-def _takes(part: InputDocument) -> list[Row]:
+def _takes(part: InputDocument) -> list[CardRow]:
     side = part.longest_side
     reduced = "" if side is None else f"frames with a side longer than {side} pixels are reduced to it first"
     return [
@@ -86,7 +86,7 @@ def _normalisation(part: InputDocument) -> str:
     return f"({value} − mean) / std, mean {mean}, std {std}"
 
 
-def _elsewhere(document: FunctionDocument) -> list[Row]:
+def _elsewhere(document: FunctionDocument) -> list[CardRow]:
     options = document.options
     if isinstance(options, HttpOptions):
         limit = f"{options.timeout_s:g} s per picture"

@@ -39,11 +39,11 @@ from valerie.validation import problem_of
 _SCHEME: Final = 1
 
 Kind = Literal["network", "onnx", "huggingface", "http", "predictions"]
-Engine = Literal["torch", "openvino", "onnxruntime", "none"]
+EngineName = Literal["torch", "openvino", "onnxruntime", "none"]
 Precision = Literal["fp32", "bf16", "fp16", "int8"]
 
 #: Kind to the engines that can run it, the default first.
-ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
+ENGINES: Final[Mapping[str, tuple[EngineName, ...]]] = MappingProxyType(
     {
         "network": ("torch", "openvino", "onnxruntime"),
         "onnx": ("openvino", "onnxruntime"),
@@ -66,10 +66,10 @@ PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
     }
 )
 
-Text = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
+ClassName = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Side = Annotated[int, Field(strict=True, ge=1, le=16_384)]
+SideLength = Annotated[int, Field(strict=True, ge=1, le=16_384)]
 
 
 def _scale(value: object) -> object:
@@ -116,10 +116,10 @@ class InputDocument(Document):
         layout: of the network's input tensor.
     """
 
-    size: tuple[Side, Side] | None = None
+    size: tuple[SideLength, SideLength] | None = None
     mode: Literal["pad", "resize", "tile"] = "pad"
     multiple_of: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
-    longest_side: Side | None = None
+    longest_side: SideLength | None = None
     overlap: Annotated[int, Field(strict=True, ge=0, le=4096)] = 0
     mean: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     std: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
@@ -164,13 +164,13 @@ class OutputDocument(Document):
     """
 
     kind: Literal["logits", "probabilities", "labels"] = "logits"
-    classes: Annotated[tuple[Text, ...], BeforeValidator(_listed), Field(min_length=1, max_length=MAX_CLASSES)] = (
+    classes: Annotated[tuple[ClassName, ...], BeforeValidator(_listed), Field(min_length=1, max_length=MAX_CLASSES)] = (
         CLASS_LISTS["cityscapes"]
     )
-    class_map: dict[str, Text] = Field(default_factory=dict)
+    class_map: dict[str, ClassName] = Field(default_factory=dict)
     threshold: Finite | None = None
     align_corners: bool = False
-    target_classes: tuple[Text, ...] = ()
+    target_classes: tuple[ClassName, ...] = ()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -226,7 +226,7 @@ class FunctionDocument(Document):
     options: SerializeAsAny[Options] = Field(default_factory=Options, validate_default=True)
     input: InputDocument = InputDocument()
     output: OutputDocument = OutputDocument()
-    engine: Engine
+    engine: EngineName
     precision: Precision = "fp32"
     provenance: dict[str, str] = Field(default_factory=dict)
 

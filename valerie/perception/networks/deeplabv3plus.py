@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from valerie.perception.networks.blocks import conv_norm_relu, resize_like, separable_conv_relu
+from valerie.perception.networks.layers import conv_norm_relu, resize_like, separable_conv_relu
 from valerie.perception.networks.resnet import ResNet, ResNetSettings
 
 

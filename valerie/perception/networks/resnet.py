@@ -12,7 +12,7 @@ from typing import Final, Literal
 from torch import Tensor, nn
 
 from valerie.errors import InvalidInput
-from valerie.perception.networks.blocks import conv_norm_relu
+from valerie.perception.networks.layers import conv_norm_relu
 
 #: Depth to (True for bottleneck blocks, blocks per stage).
 _STAGES: Final[dict[int, tuple[bool, tuple[int, int, int, int]]]] = {

@@ -12,7 +12,7 @@ from typing import Final
 from torch import Tensor, nn
 from torch.nn import functional
 
-from valerie.perception.networks.blocks import Norm, conv_norm_relu
+from valerie.perception.networks.layers import Norm, conv_norm_relu
 from valerie.perception.networks.resnet import ResNet, ResNetSettings
 
 

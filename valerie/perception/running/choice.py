@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InferenceError, ValerieError
-from valerie.perception.documents.function import ENGINES, Engine, FunctionDocument, Precision
+from valerie.perception.documents.function import ENGINES, EngineName, FunctionDocument, Precision
 from valerie.perception.running.engines.processor import multiplies_bf16
 
 #: Precision that depends on the processor.
@@ -21,7 +21,7 @@ REASON: Final = "engine chosen"
 #: Largest difference of logits between an engine and the reference.
 TOLERANCE: Final = 1e-3
 #: The engines in fp32 on processors (docs/benchmarks.md).
-_FASTEST_FIRST: Final[tuple[Engine, ...]] = ("openvino", "onnxruntime", "torch")
+_FASTEST_FIRST: Final[tuple[EngineName, ...]] = ("openvino", "onnxruntime", "torch")
 _ON_GPU: Final = "torch uses the graphics card"
 #: Height and width of the picture that engines are compared on.
 _SIZE: Final = (128, 256)
@@ -30,7 +30,7 @@ _SIZE: Final = (128, 256)
 class EngineChoice(NamedTuple):
     """An engine and the reason for it."""
 
-    engine: Engine
+    engine: EngineName
     precision: Precision
     reason: str
 
@@ -85,7 +85,7 @@ def agreeing_choice(document: FunctionDocument, payload: Path, *, device: str = 
     """
     if "torch" in ENGINES[document.kind] and uses_gpu(device):
         return EngineChoice("torch", "fp32", _ON_GPU)
-    reference: Engine = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
+    reference: EngineName = "torch" if "torch" in ENGINES[document.kind] else "onnxruntime"
     reference_answer = _answer(document, payload, reference)
     complaints = []
     for engine in _FASTEST_FIRST:

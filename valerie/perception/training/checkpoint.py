@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from valerie.document import Document
 from valerie.errors import InvalidInput
-from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import Triple
+from valerie.perception.training.training_settings import TrainingSettings
 
 _NETWORK: Final = "network."
 _OPTIMISER: Final = "optimiser."

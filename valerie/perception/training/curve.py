@@ -9,7 +9,7 @@ from typing import Final
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.training.fit import TrainingProgress
-from valerie.perception.training.validation import ValidationFigures
+from valerie.perception.training.held_out_figures import ValidationFigures
 
 #: Points of the loss over a whole training: each is the mean of the steps since the previous one.
 _POINTS: Final = 200

@@ -21,11 +21,11 @@ from valerie.perception.running.engines.labelling import in_channels_last, norma
 from valerie.perception.running.engines.processor import multiplies_bf16
 from valerie.perception.training.checkpoint import CheckpointFile, Position
 from valerie.perception.training.frame_folder import TrainingFrame
+from valerie.perception.training.held_out_figures import ValidationFigures, validate
 from valerie.perception.training.loss import pixel_loss
 from valerie.perception.training.samples import batches
-from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import channel_statistics, class_weights, spread
-from valerie.perception.training.validation import ValidationFigures, validate
+from valerie.perception.training.training_settings import TrainingSettings
 
 #: Held-out frames for validation during training; at the end all are used.
 _QUICK_FRAMES: Final = 64
@@ -167,8 +167,7 @@ def train(
                 torch.from_numpy(labels).to(device),
                 weights,
                 optimiser,
-                void_weight=settings.void_weight,
-                autocast=settings.precision == "bf16",
+                settings,
             )
             step += 1
             recent = (*recent[-49:], loss)
@@ -230,18 +229,16 @@ def _step(
     labels: Tensor,
     weights: Tensor,
     optimiser: torch.optim.Optimizer,
-    *,
-    void_weight: float,
-    autocast: bool,
+    settings: TrainingSettings,
 ) -> float:
     """Make one optimiser step and return the loss."""
-    with torch.autocast(pictures.device.type, torch.bfloat16, enabled=autocast):
+    with torch.autocast(pictures.device.type, torch.bfloat16, enabled=settings.precision == "bf16"):
         logits: Tensor = network(pictures)
         full = functional.interpolate(
             logits, size=labels.shape[-2:], mode="bilinear", align_corners=network.align_corners
         )
     # In fp32: a sum over a million pixels needs the mantissa.
-    loss = pixel_loss(full.float(), labels.long(), weights, void_weight=void_weight)
+    loss = pixel_loss(full.float(), labels.long(), weights, void_weight=settings.void_weight)
     optimiser.zero_grad(set_to_none=True)
     torch.autograd.backward(loss)
     optimiser.step()

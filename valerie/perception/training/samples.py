@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, VOID
 from valerie.perception.training.frame_folder import TrainingFrame
-from valerie.perception.training.settings import CropSettings, TrainingSettings
+from valerie.perception.training.training_settings import CropSettings, TrainingSettings
 
-Picture = NDArray[np.uint8]
+PictureArray = NDArray[np.uint8]
 Labels = NDArray[np.uint8]
 #: (B, H, W, 3) uint8 pictures and (B, H, W) uint8 train ids.
-Batch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+SampleBatch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 def cut(
     frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator, *, longest_side: int | None = None
-) -> tuple[Picture, Labels]:
+) -> tuple[PictureArray, Labels]:
     """Cut one sample from a frame; scales refer to the picture that the function sees, reduced to ``longest_side`` if longer.
 
     A window of the sample's size divided by the scale is cut and resampled (pictures by area or linearly, labels by the nearest
@@ -54,7 +54,7 @@ def cut(
     return whole, whole_labels
 
 
-def recolour(picture: Picture, settings: CropSettings, rng: np.random.Generator) -> Picture:
+def recolour(picture: PictureArray, settings: CropSettings, rng: np.random.Generator) -> PictureArray:
     """Change exposure, white balance, contrast and saturation, blur and add noise; labels stay valid."""
     stops = rng.uniform(-1.0, 1.0) * settings.exposure_stops
     balance = 1.0 + rng.uniform(-1.0, 1.0, 3) * settings.white_balance
@@ -75,20 +75,20 @@ def recolour(picture: Picture, settings: CropSettings, rng: np.random.Generator)
 
 def batches(
     frames: Sequence[TrainingFrame], settings: TrainingSettings, first_step: int
-) -> Generator[Batch, None, None]:
+) -> Generator[SampleBatch, None, None]:
     """Yield batches from ``first_step`` to the last step, prepared ahead in threads.
 
     Every pass over the data uses each frame once, in its own order. A sample depends only on the seed, its step and its place
     in the batch, not on threads or interruptions.
     """
 
-    def sample(step: int, slot: int) -> tuple[Picture, Labels]:
+    def sample(step: int, slot: int) -> tuple[PictureArray, Labels]:
         turn, place = divmod(step * settings.batch + slot, len(frames))
         frame = frames[int(_order(settings.seed, turn, len(frames))[place])]
         rng = np.random.default_rng([settings.seed, step, slot])
         return cut(frame, settings.crops, rng, longest_side=settings.longest_side)
 
-    def start(pool: ThreadPoolExecutor, step: int) -> list[Future[tuple[Picture, Labels]]]:
+    def start(pool: ThreadPoolExecutor, step: int) -> list[Future[tuple[PictureArray, Labels]]]:
         return [pool.submit(sample, step, slot) for slot in range(settings.batch)]
 
     with ThreadPoolExecutor(settings.loader_threads) as pool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from sqlalchemy import Engine
 
 from valerie.broker import Broker
-from valerie.db.engine import open_engine
+from valerie.db.engine import open_database
 from valerie.pipeline.base.fitness import Fitness
 from valerie.pipeline.base.tracing import Traces, open_traces
 from valerie.settings import Settings
@@ -75,7 +75,7 @@ def open_context(settings: Settings) -> Context:
     owner = process_name()
     return Context(
         settings=settings,
-        engine=open_engine(settings.database_url),
+        engine=open_database(settings.database_url),
         store=open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint),
         broker=Broker(settings),
         owner=owner,

@@ -78,8 +78,8 @@ def resolve_stored(run: RunRow, settings: Settings) -> StoredRun:
     Raises:
         Conflict, UnknownName: its asset changed or is gone.
     """
-    known = _known(run.id, settings)
-    stored = StoredRun(run.id, _resolve(run, settings) if known is None else known.resolved, run.pins)
+    entry = _known(run.id, settings)
+    stored = StoredRun(run.id, _resolve(run, settings) if entry is None else entry.resolved, run.pins)
     with _lock:
         _runs[_key(run.id, settings)] = stored
     return stored
@@ -99,8 +99,8 @@ def read_run(context: Context, run_id: str) -> StoredRun:
 
 def started_run(context: Context, run_id: str) -> StoredRun:
     """Return a run that has started, from this process's cache if possible; errors as in `read_run`."""
-    known = _known(run_id, context.settings)
-    return read_run(context, run_id) if known is None or known.chosen is None else known
+    entry = _known(run_id, context.settings)
+    return read_run(context, run_id) if entry is None or entry.chosen is None else entry
 
 
 _Key = tuple[str, Path, str]

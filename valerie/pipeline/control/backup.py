@@ -30,7 +30,7 @@ _OBJECTS: Final = "objects"
 
 
 class Contents(Document):
-    """What a backup holds; its file is written last.
+    """The content of a backup; its file is written last.
 
     Attributes:
         software: name and version of the program that wrote it.
@@ -64,8 +64,10 @@ def back_up(context: Context, folder: Path, *, products: bool = False) -> Conten
     folder.mkdir(parents=True, exist_ok=True)
     database = _dump(context.settings.database_url, folder)
     keys = [info.key for info in context.store.list() if products or not info.key.startswith(PRODUCTS)]
-    copied = sum(copy_objects(context.store, open_store(str(folder / _OBJECTS)), keys, replace=True))
-    contents = Contents(software=software(), database=database, objects=len(keys), bytes=copied, products=products)
+    bytes_copied = sum(copy_objects(context.store, open_store(str(folder / _OBJECTS)), keys, replace=True))
+    contents = Contents(
+        software=software(), database=database, objects=len(keys), bytes=bytes_copied, products=products
+    )
     (folder / _CONTENTS).write_text(contents.model_dump_json(indent=2), "utf-8")
     return contents
 

@@ -1,4 +1,4 @@
-"""What is wrong with a deployment, and what to do about it."""
+"""Find the faults of a deployment, and name a remedy for each."""
 
 from __future__ import annotations
 
@@ -117,8 +117,8 @@ def _artifacts(context: Context) -> Iterator[Check]:
 def _control(context: Context) -> Iterator[Check]:
     with reading(context.engine) as connection:
         now = database_time(connection)
-        held = connection.scalar(select(Lease.until).where(Lease.name == ROLE, Lease.until > now))
-    if held is None:
+        until = connection.scalar(select(Lease.until).where(Lease.name == ROLE, Lease.until > now))
+    if until is None:
         yield Check("control loop", problem="no process has this role", remedy="start the API (`valerie up`)")
     else:
         yield Check("control loop", "at work")

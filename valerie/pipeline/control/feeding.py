@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import orjson
 from sqlalchemy import Engine
 
-from valerie.db import blocks, products, runs
+from valerie.db import fed_blocks, products, runs
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.db.products import Wanted
@@ -17,7 +17,7 @@ from valerie.db.runs import RunRow, RunValues
 from valerie.db.statements import insert_rows
 from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.inputs import ProductInputs
 from valerie.runs.products.pins import FunctionPin
 from valerie.runs.products.ready import Ready
@@ -95,7 +95,7 @@ class Feeder:
             insert_rows(connection, Frame, _FrameRow, rows.frames)
             insert_rows(connection, FrameAnnotation, _AnnotationRow, rows.annotations)
             insert_rows(connection, Evaluation, _EvaluationRow, rows.evaluations)
-            blocks.open_block(connection, self._run_id, first, following - 1)
+            fed_blocks.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)

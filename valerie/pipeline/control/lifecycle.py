@@ -8,13 +8,14 @@ from typing import Final
 
 from sqlalchemy import Connection
 
-from valerie.db import blocks, products, runs
-from valerie.db.engine import database_time, writing
+from valerie.db import fed_blocks, products, runs
+from valerie.db.engine import database_moment, database_time, writing
+from valerie.db.statements import lock
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.sending import send_ready
-from valerie.pipeline.control.quotas import require_room
+from valerie.pipeline.control.quotas import require_quota
 from valerie.runs.products.progress import FrameProgress, Progress, VariantProgress
 from valerie.runs.products.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
@@ -56,7 +57,8 @@ def cancel(context: Context, run_id: str) -> None:
         NotFound, Conflict: no such run, or it has ended.
     """
     with writing(context.engine) as connection:
-        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=runs.now_utc())
+        now = database_moment(connection)
+        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=now)
 
 
 def resume(context: Context, run_id: str) -> None:
@@ -99,14 +101,15 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         now = database_time(connection)
         run = runs.get(connection, run_id)
         if run.state not in runs.ACTIVE:
-            require_room(connection, context.settings, run.owner, run.variant_count)
+            require_quota(connection, context.settings, run.owner, run.variant_count)
         pins = run.pins
         state = RunState.SUBMITTED if pins is None else RunState.RUNNING
         if pins is not None:
             runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, now))
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
-        blocks.reopen_blocks(connection, run_id)
+        fed_blocks.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
+        lock(connection, digests)
         products.revive(connection, digests)
         ready = products.promote(connection, digests, now)
     send_ready(context, ready)

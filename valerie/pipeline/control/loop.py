@@ -17,18 +17,18 @@ from typing import Final
 import structlog
 
 from valerie.db import processes, products, runs, sweeping, totals
-from valerie.db.engine import database_time, reading, writing
+from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pins import PinChoice, choose_pins
+from valerie.pipeline.base.pinning import PinChoice, choose_pins
 from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding, webhooks
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
-from valerie.pipeline.control.progress import ProgressBook
+from valerie.pipeline.control.progress_counting import ProgressBook
 from valerie.pipeline.control.studies.advancing import StudyKeeper
 from valerie.pipeline.functions import registry
 from valerie.runs.products.pins import Offer
@@ -159,7 +159,7 @@ class ControlLoop:
                         expected=(RunState.SUBMITTED,),
                         state=RunState.RUNNING,
                         pins=with_deadlines(pins, self._settings, now),
-                        started_at=run.started_at or runs.now_utc(),
+                        started_at=run.started_at or database_moment(connection),
                     )
 
     def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
@@ -218,7 +218,7 @@ class ControlLoop:
                 expected=(expected,),
                 state=RunState.FAILED,
                 reason=reason,
-                finished_at=runs.now_utc(),
+                finished_at=database_moment(connection),
             )
         log.error("control.run_failed", run=run_id, reason=reason)
 
@@ -246,10 +246,14 @@ class ControlLoop:
 
     def _sweep(self, now: float) -> None:
         """Take back the leases of dead workers, resend lost messages, propagate failures."""
+        # One transaction each, since each locks products in the order of their digests.
         with writing(self._context.engine) as connection:
             sweeping.bound_times(connection, now=now, lease_seconds=self._settings.lease_seconds)
+        with writing(self._context.engine) as connection:
             expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
+        with writing(self._context.engine) as connection:
             sweeping.fail_orphaned_dependents(connection, now)
+        with writing(self._context.engine) as connection:
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
             stale = sweeping.stale_ready(connection, now=now, resend_seconds=self._settings.resend_seconds, limit=5_000)

@@ -19,7 +19,7 @@ from valerie.db.engine import database_time, reading
 from valerie.db.processes import WorkerRow
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import TRUTH
+from valerie.pipeline.base.pinning import TRUTH
 from valerie.runs.products.states import (
     EVAL_QUEUE,
     UPLOADED_ROUTE,
@@ -115,7 +115,7 @@ def queues(context: Context) -> list[Queue]:
         alive = processes.workers(connection, now=now)
         done = totals.done_since(connection, now - _RATE_SECONDS)
     serving: Counter[str] = Counter()
-    for worker in (one for one in alive if one.resting is None):
+    for worker in (candidate for candidate in alive if candidate.resting is None):
         serving.update(
             {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
         )
@@ -210,7 +210,7 @@ class CostSeries:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What a deployment made lately.
+    """The recent products of a deployment, and the space left.
 
     Attributes:
         since: beginning of the first span of time, Unix seconds.

@@ -28,6 +28,7 @@ def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int
     late = [digest for digest in overdue if digest not in awaited]
     if late:
         with writing(context.engine) as connection:
+            products.lock_with_dependents(connection, late)
             for digest in late:
                 error = Fault(stage=ProductKind.PREDICTION, type="NoPrediction", message=overdue[digest], attempts=0)
                 products.fail(connection, digest, owner=None, error=error, now=now)

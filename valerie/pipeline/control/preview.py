@@ -19,7 +19,7 @@ from valerie.parent import Wire, module_command, module_environment
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.pipeline.work.preview import PreviewAnswer, PreviewFrame, PreviewJob
+from valerie.pipeline.work.preview_process import PreviewAnswer, PreviewFrame, PreviewJob
 from valerie.runs.forecasting.forecast import PlannedVariant, planned_variants
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
@@ -39,7 +39,7 @@ _PATIENCE_SECONDS: Final = 60.0
 _ENGINE_SETTINGS: Final = frozenset(
     {"cycles_python", "cycles_device", "cycles_threads", "cycles_silence_seconds", "cycles_max_memory_mb"}
 )
-_COMMAND: Final = tuple(module_command("valerie.pipeline.work.preview"))
+_COMMAND: Final = tuple(module_command("valerie.pipeline.work.preview_process"))
 
 
 @dataclass(frozen=True, slots=True)

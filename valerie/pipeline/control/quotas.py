@@ -9,7 +9,7 @@ from valerie.errors import InvalidInput, QuotaExceeded
 from valerie.settings import Settings
 
 
-def require_room(connection: Connection, settings: Settings, owner: str | None, variants: int) -> None:
+def require_quota(connection: Connection, settings: Settings, owner: str | None, variants: int) -> None:
     """Refuse another unfinished run that would exceed a quota of its owner.
 
     The owner's tokens are locked until the transaction ends, so that two requests cannot share the last room.

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import secrets
+from datetime import UTC, datetime
 
 from valerie.db import processes, runs
 from valerie.db.engine import database_time, reading, writing
 from valerie.db.runs import SubmittedRun
 from valerie.errors import NotFound, QuotaExceeded
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
-from valerie.pipeline.control.quotas import require_room
+from valerie.pipeline.control.quotas import require_quota
 from valerie.pipeline.functions import registry
 from valerie.runs.products.states import Priority, RunState
 from valerie.runs.resolving.spec import RunSpec
@@ -63,7 +64,7 @@ def submit(
         variant_count=resolved.space.size,
         priority=priority,
         owner=owner,
-        created_at=runs.now_utc(),
+        created_at=datetime.fromtimestamp(now, UTC),
     )
     with writing(context.engine) as connection:
         if spec.parent_run is not None:
@@ -72,7 +73,7 @@ def submit(
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
         try:
-            require_room(connection, context.settings, owner, run.variant_count)
+            require_quota(connection, context.settings, owner, run.variant_count)
         except QuotaExceeded:
             # Another request may have stored the same key while this one waited for the owner's tokens.
             if runs.of_key(connection, idempotency_key, spec.digest) is None:

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from valerie.addresses import allowed_target, parse_url
 from valerie.db import deliveries
-from valerie.db.deliveries import Ending
+from valerie.db.deliveries import RunEnding
 from valerie.db.engine import database_time, reading, writing
 from valerie.errors import InvalidInput, NoAnswer
 from valerie.outbound import post
@@ -99,7 +99,7 @@ def signature_headers(key: bytes, message_id: str, sent_at: int, body: bytes) ->
     return {"webhook-id": message_id, "webhook-timestamp": str(sent_at), "webhook-signature": f"v1,{signature}"}
 
 
-def _tell(settings: Settings, url: str, ending: Ending) -> str | None:
+def _tell(settings: Settings, url: str, ending: RunEnding) -> str | None:
     """Send one message; return why it was not accepted, if it was not."""
     ended_at = in_utc(ending.finished_at)
     data = _Ended(run=ending.id, name=ending.name, state=ending.state, reason=ending.reason, owner=ending.owner)

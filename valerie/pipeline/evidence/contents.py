@@ -11,7 +11,7 @@ from pydantic import Field
 
 from valerie.document import Document
 from valerie.parameters.definitions import Value
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 
 SPEC: Final = "spec.json"
 RUN: Final = "run.json"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from valerie.pipeline.evidence.contents import RunFacts
-from valerie.pipeline.evidence.manifest import MANIFEST
+from valerie.pipeline.evidence.evidence_manifest import MANIFEST
 
 METADATA: Final = "ro-crate-metadata.json"
 _LICENCE: Final = "The distributor of this folder decides how it may be used."

@@ -88,13 +88,13 @@ def _stored_names(context: Context, run_id: str) -> list[str]:
 
 def _conditions(spec: RunSpec) -> dict[str, str]:
     size = spec.resolution
-    held: dict[str, set[str]] = {}
+    places: dict[str, set[str]] = {}
     for constants in (spec.constants, *(block.constants for block in spec.blocks)):
         for name, value in constants.items():
-            held.setdefault(name, set()).add(str(value))
+            places.setdefault(name, set()).add(str(value))
     return {
         "asset": str(spec.asset),
         "resolution": f"{size.width} × {size.height}",
         "cameras": ", ".join(spec.cameras or ("all of the asset",)),
-        **{name: " or ".join(sorted(values)) for name, values in sorted(held.items())},
+        **{name: " or ".join(sorted(values)) for name, values in sorted(places.items())},
     }

@@ -39,7 +39,7 @@ from valerie.pipeline.evidence.contents import (
 )
 from valerie.pipeline.evidence.crate import write_crate
 from valerie.pipeline.evidence.error_models import stored_error_models, table_digest
-from valerie.pipeline.evidence.manifest import (
+from valerie.pipeline.evidence.evidence_manifest import (
     MANIFEST,
     SIGNED,
     document_bytes,
@@ -126,7 +126,7 @@ def export_evidence(context: Context, run_id: str, out: Path, *, key: Path | Non
         Conflict: the run has not ended, ``out`` is not empty, or the products of a named frame are gone.
         MissingInput: the object of a named frame is gone.
         InvalidInput: not a private key.
-        Refused: the files are too many or too large (`valerie.pipeline.evidence.manifest`).
+        Refused: the files are too many or too large (`valerie.pipeline.evidence.evidence_manifest`).
         StorageFull, StorageUnavailable: ``out`` cannot be written.
     """
     signer = None if key is None else read_private_key(key)

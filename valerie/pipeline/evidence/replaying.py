@@ -20,19 +20,19 @@ from valerie.db import runs
 from valerie.db.engine import writing
 from valerie.db.links import StoredFrame
 from valerie.db.migrate import migrate
-from valerie.db.products import Job, Look
+from valerie.db.products import EvaluationLink, Job
 from valerie.db.runs import SubmittedRun
 from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run, resolve_new
 from valerie.pipeline.evidence.contents import FRAMES, PINS, RUN, SPEC, FrameEntry, FrameList, RunFacts
-from valerie.pipeline.evidence.manifest import MAX_BYTES, Refused, read_document
+from valerie.pipeline.evidence.evidence_manifest import MAX_BYTES, Refused, read_document
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.painting import FramePainter
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.pins import Pins
@@ -73,13 +73,13 @@ def replay(folder: Path, count: int, settings: Settings) -> list[ReplayedPicture
         Refused: a document of the folder is not valid.
     """
     entries = _document(folder, FRAMES, FrameList).frames
-    chosen = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
-    if not chosen:
+    sample = [entries[i] for i in sorted(SystemRandom().sample(range(len(entries)), min(count, len(entries))))]
+    if not sample:
         return []
     try:
         with _deployment(folder, settings) as (context, run):
             frames = _Frames(context, run)
-            return [picture for entry in chosen for picture in frames.compare(folder, entry)]
+            return [picture for entry in sample for picture in frames.compare(folder, entry)]
     except Refused:
         raise
     except ValerieError as error:
@@ -140,7 +140,7 @@ class _Frames:
         """Yield the pictures of a frame: rendered ones first."""
         frame, digests = self._frame(entry)
         looks = {
-            e.function_index: Look(e.sensor_index, e.function_index, e.prediction)
+            e.function_index: EvaluationLink(e.sensor_index, e.function_index, e.prediction)
             for e in digests.evaluations
             if e.sensor_index == entry.sensor
         }

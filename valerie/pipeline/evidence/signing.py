@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import orjson
 
 from valerie.errors import Conflict, InvalidInput, StorageUnavailable
-from valerie.pipeline.evidence.manifest import SIGNED, Refused, document_bytes
+from valerie.pipeline.evidence.evidence_manifest import SIGNED, Refused, document_bytes
 
 if TYPE_CHECKING:
     from securesystemslib.dsse import Envelope

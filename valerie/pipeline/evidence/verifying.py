@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from valerie.errors import InvalidInput
-from valerie.pipeline.evidence.manifest import (
+from valerie.pipeline.evidence.evidence_manifest import (
     MANIFEST,
     SIGNED,
     Refused,
     plain_files,
     read_document,
-    read_manifest,
+    read_evidence_manifest,
     sha256_of,
 )
 from valerie.pipeline.evidence.signing import read_public_key, require_envelope, require_signature
@@ -51,7 +51,7 @@ def verify(folder: Path, *, key: Path | None = None) -> Verified:
     if MANIFEST not in present:
         raise Refused([f"{MANIFEST}: missing"])
     data = read_document(folder, MANIFEST)
-    manifest = read_manifest(data)
+    manifest = read_evidence_manifest(data)
     expected = manifest.digests
     problems = [f"{name}: missing" for name in expected if name not in present]
     problems += [f"{name}: not in the manifest" for name in sorted(present - {*expected, MANIFEST, SIGNED})]

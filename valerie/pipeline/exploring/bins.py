@@ -49,7 +49,7 @@ class Bins:
         return np.bincount(codes, minlength=self.count + 1)
 
 
-def bins_of(table: EvaluationTable, column: str, count: int) -> Bins:
+def column_bins(table: EvaluationTable, column: str, count: int) -> Bins:
     """Divide a column into bins.
 
     Args:

@@ -26,7 +26,7 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
 from valerie.parameters.constraints import Sql, compile_constraint, quoted
 from valerie.parameters.definitions import ParameterType
-from valerie.pipeline.exploring.bins import Bins, bins_of
+from valerie.pipeline.exploring.bins import Bins, column_bins
 from valerie.runs.resolving.where import Column
 
 #: Most rows of an exploration.
@@ -167,10 +167,10 @@ class Exploration:
         return selection
 
     def bins(self, column: str, count: int) -> Bins:
-        """Return the bins of a column; errors as in `bins_of`."""
+        """Return the bins of a column; errors as in `column_bins`."""
         with self._caching:
             if (column, count) not in self._bins:
-                self._bins[column, count] = bins_of(self.table, column, count)
+                self._bins[column, count] = column_bins(self.table, column, count)
             return self._bins[column, count]
 
     def page(self, selection: Selection, *, sort: str = "", limit: int, offset: int = 0) -> pa.Table:

@@ -105,13 +105,13 @@ def compare_sides(
             if name not in known:
                 raise UnknownName(f"{kind} of these rows", name, known, field=field)
     keys = SAME_FRAME if before.run == after.run else (*SAME_MOMENT, *exploration.table.parameters)
-    wanted = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
+    columns = ", ".join(quoted(name) for name in (ROW, "pacc", *keys))
     of = "run_id = ? AND function = ? AND pacc IS NOT NULL"
     same = " AND ".join(f"a.{quoted(key)} IS NOT DISTINCT FROM b.{quoted(key)}" for key in keys)
     joined = exploration.query(
         Sql(
-            f"WITH a AS (SELECT {wanted} FROM rows WHERE {of} AND {selection.sql.text}), "
-            f"b AS (SELECT {wanted} FROM rows WHERE {of}) "
+            f"WITH a AS (SELECT {columns} FROM rows WHERE {of} AND {selection.sql.text}), "
+            f"b AS (SELECT {columns} FROM rows WHERE {of}) "
             f"SELECT a.{quoted(ROW)} AS a, b.{quoted(ROW)} AS b, a.pacc AS pa, b.pacc AS pb FROM a JOIN b ON {same}",
             (before.run, before.function, *selection.sql.values, after.run, after.function),
         )
@@ -128,16 +128,16 @@ def compare_sides(
     chosen = np.flatnonzero(masks[outcome])
     chosen = chosen[np.argsort(weight[chosen], kind="stable")[:limit]]
     places = exploration.table.places[a]
-    (judged,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
+    (verdict,) = compare_versions(pa_, pb, places, {"all": np.ones(len(a), np.bool_)}, threshold=threshold).slices
     defined = np.isfinite(exploration.table.numbers("pacc"))
     return Comparison(
         rows=(_rows_of(exploration, before, defined & selection.rows), _rows_of(exploration, after, defined)),
         matched=len(a),
         outcomes={name: int(np.count_nonzero(mask)) for name, mask in masks.items()},
-        difference=judged.difference if judged.pairs else None,
-        low=judged.low if judged.places > 1 else None,
-        high=judged.high if judged.places > 1 else None,
-        places=judged.places,
+        difference=verdict.difference if verdict.pairs else None,
+        low=verdict.low if verdict.places > 1 else None,
+        high=verdict.high if verdict.places > 1 else None,
+        places=verdict.places,
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )
 

@@ -13,7 +13,7 @@ from valerie.errors import InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.export.datasets import export_run
-from valerie.pipeline.export.plan import ExportSettings, plan_export
+from valerie.pipeline.export.export_plan import ExportSettings, plan_export
 
 #: Most frames of an archive: it is written before the first byte is sent.
 MAX_FRAMES: Final = 500

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from valerie.errors import StorageFull, StorageUnavailable
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.export.export_plan import ExportPlan, ExportSettings, plan_export
 from valerie.pipeline.export.folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
 from valerie.pipeline.export.frame_files import FrameWriter
 from valerie.pipeline.export.joining import write_documents
-from valerie.pipeline.export.plan import ExportPlan, ExportSettings, plan_export
 from valerie.pipeline.reading.run_cache import RunCache
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from valerie.errors import Conflict, StorageFull
-from valerie.pipeline.export.plan import ExportRequest
+from valerie.pipeline.export.export_plan import ExportRequest
 
 #: Subfolder of an unfinished export, with one document per written frame.
 FRAGMENTS: Final = "fragments"

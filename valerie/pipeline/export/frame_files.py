@@ -20,11 +20,11 @@ from valerie.document import Document
 from valerie.errors import Conflict
 from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.export.plan import ExportPlan
+from valerie.pipeline.export.export_plan import ExportPlan
 from valerie.pipeline.reading.annotation_files import Arrays, annotation_arrays, find_annotations, key_points, npz
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.person_views import measured_again
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import ChosenFrame
 from valerie.plain import JsonObject
@@ -115,8 +115,8 @@ class FrameWriter:
         split, formats, name = plan.split(frame), plan.settings.formats, plan.name(frame)
         capture = capture_of(plan.run.resolved, frame.stored, plan.sensor)
         if capture.distorted:
-            seen = capture.seen_truth(self._reader)
-            frame = replace(frame, persons=tuple(measured_again(person, seen) for person in frame.persons))
+            truth = capture.seen_truth(self._reader)
+            frame = replace(frame, persons=tuple(measured_again(person, truth) for person in frame.persons))
         annotations = self._annotations(frame)
         for kind, arrays in annotations.items():
             path = root / "annotations" / split / name.city / f"{name}_{kind}.npz"

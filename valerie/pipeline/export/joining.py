@@ -19,9 +19,9 @@ from valerie.datasets import coco, croissant, openlabel
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.db import runs
 from valerie.db.engine import reading
+from valerie.pipeline.export.export_plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.export.folder import FRAGMENTS
 from valerie.pipeline.export.frame_files import CocoFragment, Fragment, OpenLabelFragment
-from valerie.pipeline.export.plan import FORMAT_NAME, ExportPlan
 from valerie.pipeline.reading.tables import read_table
 from valerie.plain import JsonObject
 from valerie.rendering.annotations.joints import LIMBS
@@ -104,12 +104,12 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Described
 
 def _lost_percent(fragments: Iterable[Fragment]) -> dict[str, float]:
     """Return class to percentage of its pixels that polygons paint as another class, without zeros."""
-    pixels, lost = Counter[str](), Counter[str]()
+    pixels, wrong_pixels = Counter[str](), Counter[str]()
     for fragment in fragments:
         for name, (count, wrong) in fragment.lost.items():
             pixels[name] += count
-            lost[name] += wrong
-    return {name: round(100.0 * wrong / pixels[name], 4) for name, wrong in sorted(lost.items()) if wrong}
+            wrong_pixels[name] += wrong
+    return {name: round(100.0 * wrong / pixels[name], 4) for name, wrong in sorted(wrong_pixels.items()) if wrong}
 
 
 def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
@@ -118,12 +118,13 @@ def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
 
 
 def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], description: str) -> None:
-    images: list[JsonObject] = []
+    images: list[coco.CocoImage] = []
     instances: list[JsonObject] = []
     panoptic: list[coco.PanopticAnnotation] = []
     for number, fragment in enumerate(fragments, start=1):
-        size = {"width": fragment.width, "height": fragment.height}
-        images.append({"id": number, **size, "file_name": fragment.file_name})
+        images.append(
+            {"id": number, "width": fragment.width, "height": fragment.height, "file_name": fragment.file_name}
+        )
         panoptic.append(
             {
                 "image_id": number,
@@ -153,10 +154,10 @@ def _write_evaluations(engine: Engine, plan: ExportPlan, path: Path) -> None:
     """Write the long table's rows of the exported frames, sensor and functions."""
     table = read_table(engine, plan.run)
     frames = pa.array(sorted(str(frame.key) for frame in plan.frames))
-    chosen = pa.compute.is_in(table.arrow["frame_id"], frames).to_numpy()
-    chosen &= table.codes("sensor").where(plan.run.resolved.spec.sensors[plan.sensor].name)
+    mask = pa.compute.is_in(table.arrow["frame_id"], frames).to_numpy()
+    mask &= table.codes("sensor").where(plan.run.resolved.spec.sensors[plan.sensor].name)
     functions = table.codes("function")
     named = functions.where(plan.settings.predictions[0])
     for name in plan.settings.predictions[1:]:
         named = named | functions.where(name)
-    table.select(chosen & named).to_parquet(path)
+    table.select(mask & named).to_parquet(path)

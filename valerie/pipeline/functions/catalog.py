@@ -13,11 +13,11 @@ from valerie.db import processes
 from valerie.db.engine import database_time, reading
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents.cards import Row, card_rows
+from valerie.perception.documents.cards import CardRow, card_rows
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, function_card, function_document
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import inference_name
+from valerie.pipeline.base.pinning import inference_name
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.import_job import Trial
 from valerie.runs.products.pins import FunctionOffer, Offer
@@ -67,7 +67,7 @@ class FunctionEntry:
     engine: str
     provenance: dict[str, str]
     judged_by: tuple[str, ...]
-    card: list[Row]
+    card: list[CardRow]
     numeric_classes: tuple[str, ...]
     kind: str | None = None
     classes: tuple[str, ...] | None = None

@@ -102,7 +102,7 @@ def _from_onnx(job: ImportJob) -> FunctionDocument:
 def _from_checkpoint(job: ImportJob) -> tuple[FunctionDocument, Path]:
     """Convert a checkpoint of another program to a file of VALERIE's own format."""
     with _required():
-        from valerie.perception.importing.checkpoints.conversion import import_checkpoint
+        from valerie.perception.importing.checkpoints.network_conversion import import_checkpoint
     output, architecture = job.entries.get("output"), job.entries.get("architecture")
     classes = output.get("classes") if isinstance(output, dict) else None
     imported = import_checkpoint(

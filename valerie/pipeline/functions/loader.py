@@ -89,10 +89,14 @@ class FunctionLoader:
             ValerieError: it cannot be opened here; see `valerie.perception.running.opening.open_function`.
         """
         try:
-            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
+            return open_function_document(
+                document, self._cache.fetch(document), self._context.settings, threads=threads
+            )
         except CorruptArtifact:  # of this machine's copy, or of the store's
             self._cache.forget(document)
-            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
+            return open_function_document(
+                document, self._cache.fetch(document), self._context.settings, threads=threads
+            )
 
 
 def open_installed(name: str, settings: Settings, *, threads: int) -> PerceptionFunction:
@@ -102,7 +106,7 @@ def open_installed(name: str, settings: Settings, *, threads: int) -> Perception
     )
 
 
-def open_document(
+def open_function_document(
     document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
 ) -> PerceptionFunction:
     """Call `open_function` with this deployment's settings."""

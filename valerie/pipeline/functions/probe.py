@@ -16,8 +16,8 @@ from valerie.addresses import parse_allowed
 from valerie.errors import ValerieError
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
-from valerie.pipeline.base.pins import TRUTH
-from valerie.pipeline.functions.loader import open_document, open_installed
+from valerie.pipeline.base.pinning import TRUTH
+from valerie.pipeline.functions.loader import open_function_document, open_installed
 from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer, Offer
 from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
@@ -85,7 +85,7 @@ def probe_inference(name: str) -> list[AnyOffer]:
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
-        function = open_document(document, path, settings, threads=settings.inference_threads)
+        function = open_function_document(document, path, settings, threads=settings.inference_threads)
         try:
             return [_inference(name, function.numeric_class, function.revision)]
         finally:

@@ -143,8 +143,8 @@ def _open(reference: str, context: Context, threads: int | None) -> PerceptionFu
     if reference in installed:
         return open_installed(reference, settings, threads=threads)
     with reading(context.engine) as connection:
-        known = registry.names(connection, registry.known(connection, [reference]))
-        if reference.partition("@")[0] not in known:
-            raise UnknownName("function", reference, {*installed, *known}, field="function")
+        names = registry.names(connection, registry.known(connection, [reference]))
+        if reference.partition("@")[0] not in names:
+            raise UnknownName("function", reference, {*installed, *names}, field="function")
         document = registry.find(connection, reference).document
     return FunctionLoader(context).open_document(document, threads=threads)

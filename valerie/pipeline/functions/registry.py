@@ -17,8 +17,8 @@ from typing import Final
 from sqlalchemy import Connection
 
 from valerie import plugins
-from valerie.db import functions, runs
-from valerie.db.engine import writing
+from valerie.db import functions
+from valerie.db.engine import database_moment, writing
 from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.class_maps import require_person
 from valerie.perception.documents.function import FunctionDocument
@@ -71,7 +71,7 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:
-        new = functions.register(connection, document, runs.now_utc())
+        new = functions.register(connection, document, database_moment(connection))
         return find(connection, f"{document.name}@{document.digest}"), new
 
 
@@ -107,17 +107,17 @@ def find(connection: Connection, reference: str, *, field: str = "function") -> 
     versions = functions.versions(connection, name)
     if not versions:
         raise UnknownName("registered function", name, {row.name for row in functions.every(connection)}, field=field)
-    chosen = [row for row in versions if row.digest.startswith(prefix)]
-    if not chosen:
+    candidates = [row for row in versions if row.digest.startswith(prefix)]
+    if not candidates:
         raise NotFound("version of the function", reference)
-    if prefix and len(chosen) > 1:
+    if prefix and len(candidates) > 1:
         raise InvalidInput(
             "several versions have such a digest",
             field=field,
             value=reference,
-            limit=", ".join(row.digest for row in chosen),
+            limit=", ".join(row.digest for row in candidates),
         )
-    return _registered(chosen[0])
+    return _registered(candidates[0])
 
 
 def of_digest(connection: Connection, digest: str, name: str) -> Registered:
@@ -168,8 +168,8 @@ def remove(context: Context, reference: str) -> Registered:
         version = find(connection, reference)
         needing = [run.id for run in functions.unfinished_runs(connection) if _needs(connection, run, version)]
         if needing:
-            shown = ", ".join(needing[:3]) + (" …" if len(needing) > 3 else "")
-            raise Conflict(f"{version.reference} is needed by runs that have not ended: {shown}; cancel them first")
+            names = ", ".join(needing[:3]) + (" …" if len(needing) > 3 else "")
+            raise Conflict(f"{version.reference} is needed by runs that have not ended: {names}; cancel them first")
         functions.remove(connection, version.document.name, version.digest)
         payload = version.document.payload
         orphaned = payload is not None and not functions.known_payloads(connection, [payload.sha256])

@@ -16,10 +16,10 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
 

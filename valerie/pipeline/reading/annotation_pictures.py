@@ -23,9 +23,9 @@ _LIMB_COLOURS: Final = ((240, 228, 66), (86, 180, 233), (230, 159, 0))
 
 def paint_normals(normals: Normals) -> NDArray[np.uint8]:
     """Paint normals: x, y and z of the world from −1…1 as red, green and blue; black where there is no surface."""
-    painted: NDArray[np.uint8] = np.rint((normals.vectors() + 1.0) * 127.5).astype(np.uint8)
-    painted[~normals.defined] = 0
-    return painted
+    picture: NDArray[np.uint8] = np.rint((normals.vectors() + 1.0) * 127.5).astype(np.uint8)
+    picture[~normals.defined] = 0
+    return picture
 
 
 def paint_flow(flow: FlowMap) -> NDArray[np.uint8]:
@@ -40,9 +40,9 @@ def paint_flow(flow: FlowMap) -> NDArray[np.uint8]:
     turn = (np.arctan2(y, x) / (2.0 * np.pi)) % 1.0
     sector = (turn[..., None] * 6.0 + np.array([5.0, 3.0, 1.0])) % 6.0
     absorbed = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0) * (length / longest)[..., None]
-    painted: NDArray[np.uint8] = np.rint(255.0 * (1.0 - absorbed)).astype(np.uint8)
-    painted[~flow.defined] = 128
-    return painted
+    picture: NDArray[np.uint8] = np.rint(255.0 * (1.0 - absorbed)).astype(np.uint8)
+    picture[~flow.defined] = 128
+    return picture
 
 
 def paint_boxes(boxes: Boxes, width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
@@ -62,9 +62,9 @@ def paint_boxes(boxes: Boxes, width: int, height: int) -> tuple[NDArray[np.uint8
                 draw.line(
                     line, fill=_FRONT if k >= len(EDGES) - _EDGES_IN_FRONT else _REST, width=max(1, height // 500)
                 )
-    painted = np.asarray(canvas, np.uint8)
-    drawn: NDArray[np.bool_] = painted.max(axis=2) > 0
-    return painted, drawn
+    picture = np.asarray(canvas, np.uint8)
+    strokes: NDArray[np.bool_] = picture.max(axis=2) > 0
+    return picture, strokes
 
 
 def paint_joints(joints: Joints, width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
@@ -90,6 +90,6 @@ def paint_joints(joints: Joints, width: int, height: int) -> tuple[NDArray[np.ui
         for (x, y), flag in zip(pixels.tolist(), visibility.tolist(), strict=True):
             if flag == VISIBLE:
                 draw.ellipse((x - size, y - size, x + size, y + size), fill=(255, 255, 255))
-    painted = np.asarray(canvas, np.uint8)
-    drawn: NDArray[np.bool_] = painted.max(axis=2) > 0
-    return painted, drawn
+    picture = np.asarray(canvas, np.uint8)
+    strokes: NDArray[np.bool_] = picture.max(axis=2) > 0
+    return picture, strokes

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from valerie.db.links import StoredFrame
 from valerie.parameters.assignment import digest
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.base import GroundTruth, PersonTruth
 from valerie.rendering.label_policy import LabelPolicy, labelled
-from valerie.runs.products.frames import FrameProducts
+from valerie.runs.products.frame_keys import FrameProducts
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of, short_document
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.sensing.distortion import pixel_map, shown_within

@@ -11,13 +11,13 @@ from valerie.db.engine import reading
 from valerie.db.links import StoredFrame
 from valerie.db.measured import MeasuredPerson
 from valerie.db.models import Assignment
-from valerie.db.results import EvaluationRow
+from valerie.db.results import FrameEvaluation
 from valerie.measures import Measures, Source, names_from
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.tables import character_of
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -222,7 +222,7 @@ def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: Resol
 
 
 def _evaluation(
-    key: FrameKey, row: EvaluationRow, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
+    key: FrameKey, row: FrameEvaluation, persons: Sequence[MeasuredPerson], run: StoredRun, address: Address
 ) -> EvaluationDetails:
     sensor = run.resolved.spec.sensors[row.sensor_index].name
     function = run.resolved.spec.functions[row.function_index]

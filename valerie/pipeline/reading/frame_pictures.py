@@ -13,7 +13,7 @@ from valerie.db import frames, results
 from valerie.db.engine import reading
 from valerie.db.frames import AnnotationLink
 from valerie.db.links import StoredFrame
-from valerie.db.results import EvaluationRow
+from valerie.db.results import FrameEvaluation
 from valerie.errors import Conflict, UnknownName
 from valerie.labels import to_label_ids
 from valerie.parameters.assignment import digest
@@ -21,9 +21,9 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import started_run
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.painting import PAINTING_REVISION, FramePainter
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import function_index, sensor_index
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
@@ -52,13 +52,13 @@ class ShownProducts:
     @property
     def tag(self) -> str:
         """Digest of the picture, 32 hexadecimal characters, known before it is painted."""
-        shown = self.prediction or self.annotation or ""
-        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
+        product = self.prediction or self.annotation or ""
+        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, product)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSources:
-    """What the database has of one frame: all that its pictures may show.
+    """The rows of one frame that its pictures may show.
 
     Attributes:
         resolved: its run.
@@ -72,7 +72,7 @@ class FrameSources:
     frame: StoredFrame
     states: Mapping[str, ProductState]
     annotations: Mapping[str, AnnotationLink]
-    evaluations: Sequence[EvaluationRow]
+    evaluations: Sequence[FrameEvaluation]
 
     def picture(self, kind: PictureKind, *, function: str | None = None, sensor: str | None = None) -> ShownProducts:
         """Find the products that a picture shows; see `find_picture`."""

@@ -16,7 +16,7 @@ from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
 from valerie.pipeline.reading.annotation_pictures import paint_boxes, paint_flow, paint_joints, paint_normals
 from valerie.pipeline.reading.capture import Capture
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.base import GroundTruth
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
@@ -89,10 +89,10 @@ class FramePainter:
         if kind in (PictureKind.BOXES, PictureKind.JOINTS) and annotation is not None:
             height, width = whole.shape[:2]
             if kind is PictureKind.BOXES:
-                lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
+                lines, strokes = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
-                lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
-            return _blend(whole, capture.seen_map(lines), capture.seen_map(drawn), 0.9)[window]
+                lines, strokes = paint_joints(self._reader.joints(annotation), width, height)
+            return _blend(whole, capture.seen_map(lines), capture.seen_map(strokes), 0.9)[window]
         picture = whole[window]
         if kind is PictureKind.TRUTH_OVERLAY:
             return _blend(picture, colorize(self._class_map(capture)[window]), None, 0.5)
@@ -109,11 +109,11 @@ class FramePainter:
     def _class_map(self, capture: Capture) -> NDArray[np.uint8]:
         return self._stored("classes", capture, lambda: capture.seen_truth(self._reader).class_map)
 
-    def _stored(self, what: str, capture: Capture, made: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    def _stored(self, what: str, capture: Capture, make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """Return the array that is kept, or make it and keep it if it is small enough."""
         array = self._kept.get((what, capture))
         if array is None:
-            array = made()
+            array = make()
             if array.nbytes <= self._kept.maxsize:
                 self._kept[what, capture] = array
         return array
@@ -197,12 +197,12 @@ def _blend(
 
 def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
     """Paint every instance in its own colour over a darkened class map."""
-    painted = colorize(truth.class_map) // 3
+    picture = colorize(truth.class_map) // 3
     # Python integers, since the products below overflow the type of the map.
     for number in np.unique(truth.instance_map[truth.instance_map > 0]).tolist():
         shade = np.array([(number * 67) % 156 + 100, (number * 131) % 156 + 100, (number * 29) % 156 + 100], np.uint8)
-        painted[truth.instance_map == number] = shade
-    return painted
+        picture[truth.instance_map == number] = shade
+    return picture
 
 
 def _depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:

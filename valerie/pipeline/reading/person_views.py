@@ -35,6 +35,6 @@ def measured_again(person: SeenPerson, truth: GroundTruth) -> SeenPerson:
     shown = next((shown for shown in truth.persons if shown.instance_id == person.instance_id), None)
     if shown is None:  # absent, or no person at all
         return person
-    seen = seen_person(measure_pixels(shown, truth))
-    pixels = {name: seen.measures[name] for name in _PIXELS}
-    return SeenPerson(person.instance_id, {**person.measures, **pixels}, seen.box, seen.amodal_box)
+    view = seen_person(measure_pixels(shown, truth))
+    pixels = {name: view.measures[name] for name in _PIXELS}
+    return SeenPerson(person.instance_id, {**person.measures, **pixels}, view.box, view.amodal_box)

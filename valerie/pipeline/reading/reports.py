@@ -21,7 +21,7 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.analysis.wording import duration
 from valerie.db import results, runs
-from valerie.db.engine import reading
+from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError, ValerieError
@@ -29,14 +29,14 @@ from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.environment import environment, software
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
 from valerie.pipeline.reading.painting import jpeg
+from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
-from valerie.pipeline.reading.verdicts import read_verdicts
 from valerie.plain import JsonObject
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
 from valerie.runs.products.states import RunState
@@ -103,9 +103,9 @@ class ReportWith:
     ledger: tuple[LedgerEntry, ...]
 
 
-def write_report(context: Context, found: RunResults) -> str:
+def write_report(context: Context, results: RunResults) -> str:
     """Return the report of a run as HTML."""
-    return build_report(_report_input(context, found))
+    return build_report(_report_input(context, results))
 
 
 def report_with(
@@ -163,7 +163,7 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
         document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
         for document in (spec, there.resolved.spec)
     )
-    differs = [f"{place} ({one} here, {other} there)" for place, one, other in _differing(before, after)]
+    differs = [f"{place} ({own} here, {other} there)" for place, own, other in _differing(before, after)]
     return put_beside(
         _side(here.run, here.stored, here.table),
         _side(row, there, read_table(context.engine, there)),
@@ -177,13 +177,13 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
 
 def _differing(before: object, after: object, place: str = "") -> Iterator[tuple[str, object, object]]:
     """Yield place and both values of every difference between two JSON documents."""
-    one, other = _entries(before), _entries(after)
-    if one is None or other is None:
+    own, other = _entries(before), _entries(after)
+    if own is None or other is None:
         if before != after:
             yield place, before, after
         return
-    for key in dict.fromkeys((*one, *other)):
-        yield from _differing(one.get(key), other.get(key), f"{place}.{key}" if place else key)
+    for key in dict.fromkeys((*own, *other)):
+        yield from _differing(own.get(key), other.get(key), f"{place}.{key}" if place else key)
 
 
 def _entries(value: object) -> JsonObject | None:
@@ -210,13 +210,13 @@ def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:
     return np.array([scenes[name] for name in names], dtype=object)
 
 
-def _report_input(context: Context, found: RunResults) -> ReportInput:
-    run, resolved, pins = found.run, found.stored.resolved, found.stored.pins
+def _report_input(context: Context, results: RunResults) -> ReportInput:
+    run, resolved, pins = results.run, results.stored.resolved, results.stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
-        rejected = runs.rejections(connection, run.id)
+        rejected, now = runs.rejections(connection, run.id), database_moment(connection)
         spent = runs.cpu_seconds(connection, run.id)
-    finished, own = run.finished_at or runs.now_utc(), environment()
+    finished, own = run.finished_at or now, environment()
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
@@ -228,7 +228,7 @@ def _report_input(context: Context, found: RunResults) -> ReportInput:
         renderer=_renderer(resolved, pins.engine.revision),
         resolution=(spec.resolution.width, spec.resolution.height),
         numeric_classes=classes,
-        functions=found.cards,
+        functions=results.cards,
         software=software(),
         submitted=run.created_at,
         finished=finished,
@@ -243,17 +243,17 @@ def _report_input(context: Context, found: RunResults) -> ReportInput:
     return ReportInput(
         document=run.spec.model_dump(mode="json"),
         provenance=provenance,
-        table=found.table,
-        summary=found.analysis.summary,
-        trends=found.analysis.trends,
-        findings=found.analysis.findings,
-        verdicts=found.verdicts,
+        table=results.table,
+        summary=results.analysis.summary,
+        trends=results.analysis.trends,
+        findings=results.analysis.findings,
+        verdicts=results.verdicts,
         variants=run.variant_count,
         frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
         rejections=rejected,
-        failures=_grouped(found.failures),
+        failures=_grouped(results.failures),
         picture=_Pictures(context),
-        odd=read_odd(resolved, found.table),
+        odd=read_odd(resolved, results.table),
     )
 
 
@@ -276,7 +276,7 @@ class _Pictures:
     ) -> bytes | None:
         try:
             source = find_picture(self._context, FrameKey.parse(frame_id), kind=kind, function=function, sensor=sensor)
-            painted = (
+            picture = (
                 paint_picture(self._context, source)
                 if person is None
                 else paint_close_up(self._context, source, person)
@@ -286,7 +286,7 @@ class _Pictures:
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
-        return jpeg(painted)
+        return jpeg(picture)
 
 
 def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:

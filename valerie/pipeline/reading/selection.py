@@ -17,7 +17,7 @@ from valerie.measures import TableRow
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.tables import frame_columns, person_columns, table_row
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.runs.resolving.where import Where, choices_of, compile_where
 from valerie.scene.variation.conditions import with_sun_angles

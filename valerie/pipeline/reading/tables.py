@@ -25,7 +25,7 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions

@@ -23,12 +23,12 @@ from valerie.metrics.scoring import score_frame
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     evaluated_persons,
@@ -38,8 +38,8 @@ from valerie.pipeline.reading.selection import (
 )
 from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
-from valerie.pipeline.retraining.targets import run_values
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.retraining.weak_scenes import run_values
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.storage import codecs
 
 
@@ -87,7 +87,7 @@ class Grouping:
     region: Region | None = None
 
 
-def compare_versions(
+def compare_on_run(
     context: Context,
     run_id: str,
     references: Sequence[str],
@@ -202,8 +202,8 @@ def _groups(
         groups["in the region"], groups["outside the region"] = inside, present & ~inside
     if where:
         condition = run_where(where, run.resolved)
-        chosen = np.array([condition.holds(row) for row in rows], np.bool_)
-        groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & present, present & ~chosen
+        mask = np.array([condition.holds(row) for row in rows], np.bool_)
+        groups[f"selected by the scores of {before}"], groups["not selected"] = mask & present, present & ~mask
     return groups
 
 
@@ -242,10 +242,10 @@ def _evaluate(
             scored = score_frame(truth, labels, function.card.judged_ids)
             matrices[frame.key], scores = scored.matrix, scored.scores
             for person in frame.persons:
-                seen = measured_again(person, truth) if capture.distorted else person
+                view = measured_again(person, truth) if capture.distorted else person
                 counts = scored.person(person.instance_id)
                 row = {
-                    **frame.row(seen, run.resolved),
+                    **frame.row(view, run.resolved),
                     **{path: frame.stored.assignment.get(path) for path in varied},
                     "function": name,
                     **counts.measures,

@@ -36,7 +36,7 @@ from valerie.metrics.scoring import ScoredFrame, score_frame
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
@@ -130,13 +130,13 @@ class DatasetResult:
         import pyarrow.parquet as pq
 
         folder.mkdir(parents=True, exist_ok=True)
-        written = [folder / "evaluation.json", folder / "frames.parquet"]
-        written[0].write_text(json.dumps(self.as_document(), indent=1, ensure_ascii=False) + "\n")
-        pq.write_table(_frame_table(self), written[1], compression="zstd")
+        files = [folder / "evaluation.json", folder / "frames.parquet"]
+        files[0].write_text(json.dumps(self.as_document(), indent=1, ensure_ascii=False) + "\n")
+        pq.write_table(_frame_table(self), files[1], compression="zstd")
         if self.has_instances:
-            written.append(folder / "persons.parquet")
-            self.table().to_parquet(written[-1])
-        return tuple(written)
+            files.append(folder / "persons.parquet")
+            self.table().to_parquet(files[-1])
+        return tuple(files)
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,11 +368,11 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
         Conflict: the run has not started yet.
     """
     run = read_run(context, run_id)
-    called = as_called(function, run)
+    name = as_called(function, run)
     with reading(context.engine) as connection:
-        predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
-    judged = pinned_card(run.pins, called).judged_ids
+        predictions = results.predictions(connection, run_id, 0, function_index(name, run.resolved))
+    judged = pinned_card(run.pins, name).judged_ids
     scores = collection_scores(
         [codecs.decode_counts(prediction.confusion) for prediction in predictions.values()], judged
     )
-    return RunSide(called, run.pins.functions[called], scores)
+    return RunSide(name, run.pins.functions[name], scores)

@@ -23,9 +23,9 @@ from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import pinned_payload
 from valerie.pipeline.functions.registry import SHORT, Registered, register, require_free
 from valerie.pipeline.reading.capture import capture_of
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.selection import finished_frames, function_index
-from valerie.pipeline.retraining.comparison import compare_versions
+from valerie.pipeline.retraining.comparison import compare_on_run
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 
 #: Entries of the provenance: the function before, the frames that gave the ranges, and the change of pACC.
@@ -80,21 +80,21 @@ def quantize_function(
     run = read_run(context, run_id)
     function_index(function, run.resolved)
     document, payload = pinned_payload(function, run.pins.functions[function], context=context)
-    chosen = _spread(context, run, frames)
+    sample = _spread(context, run, frames)
     reader = ProductReader(context.store)
-    pictures = (capture_of(run.resolved, frame, 0).picture(reader) for frame in chosen)
+    pictures = (capture_of(run.resolved, frame, 0).picture(reader) for frame in sample)
     quantized, data = quantize(document, payload, pictures)
     provenance = {
         **{entry: text for entry, text in document.provenance.items() if entry != REASON},
         BEFORE: f"{function}, {_digest(document)}",
-        FRAMES: f"{len(chosen)} frames of run {run_id}",
+        FRAMES: f"{len(sample)} frames of run {run_id}",
     }
     with TemporaryDirectory(prefix="valerie-quantize-") as folder:
         file = Path(folder, f"{name}.onnx")
         file.write_bytes(data)
         unnamed = quantized.model_copy(update={"name": name, "provenance": provenance})
         settings = context.settings
-        comparison = compare_versions(
+        comparison = compare_on_run(
             context,
             run_id,
             [function, name],

@@ -36,8 +36,8 @@ from valerie.perception.training.frame_folder import (
 )
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.targets import TargetRegion
 from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
+from valerie.pipeline.retraining.weak_scenes import TargetRegion
 from valerie.plugins import create_renderer, create_truth_pass
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import AssetArguments, SceneAsset, asset_manifest, default_pack, load_asset
@@ -63,7 +63,7 @@ class FrameSettings(Document):
         arguments: arguments of the generator; all others but the seed are drawn (`training_scenes.draw_arguments`).
         first_seed: first site seed; None: that of the split.
         region: None, or the bounds that must hold for at least one person of a frame
-            (`valerie.pipeline.retraining.targets`). Scenes are drawn until they do.
+            (`valerie.pipeline.retraining.weak_scenes`). Scenes are drawn until they do.
         broad_share: share of the frames that need not be in the region.
     """
 
@@ -105,7 +105,7 @@ class FrameSettings(Document):
         return seeds[: self.sites]
 
 
-def render_frames(
+def render_training_frames(
     folder: Path,
     settings: FrameSettings,
     *,
@@ -148,7 +148,7 @@ def render_frames(
 def render_site(folder: Path, seed: int, settings: FrameSettings) -> Shard:
     """Render the frames of one site in this process, and write its shard."""
     asset = load_asset(settings.site(seed))
-    draws = Draws()
+    draws = SceneCount()
     shard = write_shard(folder, seed, frames_of(asset, seed, settings, draws))
     _give_back()
     return shard if settings.region is None else shard.model_copy(update={"drawn": draws.count})
@@ -164,7 +164,7 @@ def _give_back() -> None:
 
 
 @dataclass(slots=True)
-class Draws:
+class SceneCount:
     """Number of scenes drawn so far."""
 
     count: int = 0
@@ -174,7 +174,7 @@ def frames_of(
     asset: SceneAsset,
     seed: int,
     settings: FrameSettings,
-    draws: Draws | None = None,
+    draws: SceneCount | None = None,
     *,
     most_draws: int = 5_000,
 ) -> Iterator[TrainingFrame]:
@@ -194,7 +194,7 @@ def frames_of(
     renderer = create_renderer(_ENGINE)
     truth_pass = create_truth_pass(renderer.numeric_class)
     crowd = crowd_asset(asset)
-    draws = draws if draws is not None else Draws()
+    draws = draws if draws is not None else SceneCount()
     try:
         for number in range(settings.per_site):
             target = (
@@ -205,16 +205,16 @@ def frames_of(
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
                 setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
                 as_made = AS_MADE if target is None else target.as_made
-                drawn = draw_scene(crowd, rng, setting=setting, as_made=as_made)
+                scene = draw_scene(crowd, rng, setting=setting, as_made=as_made)
                 draws.count += 1
-                view = View(drawn.camera, settings.width, settings.height)
-                if target is not None and not target.possible(drawn):
+                view = View(scene.camera, settings.width, settings.height)
+                if target is not None and not target.possible(scene):
                     continue
-                truth = truth_pass.truth(drawn.scene, view)
-                if target is not None and not target.hit(drawn, truth, view):
+                truth = truth_pass.truth(scene.scene, view)
+                if target is not None and not target.hit(scene, truth, view):
                     continue
                 try:
-                    background = renderer.background(drawn.scene, view)
+                    background = renderer.background(scene.scene, view)
                     break
                 except RenderingError:
                     # The camera sees only sky or a wall; the next attempt draws another scene.
@@ -226,8 +226,8 @@ def frames_of(
                     f"no drawn scene of site {seed} is in the region", field="region",
                     value=str(settings.region), limit=f"one of {most_draws:,} draws",
                 )  # fmt: skip
-            image = renderer.layer(drawn.scene, view).over(background)
-            picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))
+            image = renderer.layer(scene.scene, view).over(background)
+            picture = develop(image.pixels, scene.sensor, Shot(run_seed=seed, content=(str(number),)))
             yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
     finally:
         truth_pass.close()

@@ -210,7 +210,7 @@ def _draw_person(
             y = float(camera.position[1]) + distance * math.cos(bearing)
         else:
             x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
-        tried: dict[str, Value] = {
+        values: dict[str, Value] = {
             **assignment,
             f"{person}.pos.x": x,
             f"{person}.pos.y": y,
@@ -218,14 +218,14 @@ def _draw_person(
             f"{person}.character": str(rng.choice(characters)),
         }
         within = all(_allows(manifest, f"{person}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
-        if within and rejection_reason(tried, manifest) is None:
+        if within and rejection_reason(values, manifest) is None:
             for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
-                _assign(tried, manifest, f"{person}.cloth.{name}", rng.uniform(low, high))
+                _assign(values, manifest, f"{person}.cloth.{name}", rng.uniform(low, high))
             if f"{person}.pose" in manifest.by_path:
-                tried[f"{person}.pose"] = _pick(rng, _pose_shares(manifest, person))
-                tried[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
-                tried[f"{person}.carries"] = str(rng.choice(manifest.definition(f"{person}.carries").choices))
-            assignment.update(tried)
+                values[f"{person}.pose"] = _pick(rng, _pose_shares(manifest, person))
+                values[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
+                values[f"{person}.carries"] = str(rng.choice(manifest.definition(f"{person}.carries").choices))
+            assignment.update(values)
             return
 
 
@@ -236,21 +236,21 @@ def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifes
         kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
         if not wanted or (kinds is None and seen is None):
             continue
-        shown: dict[str, Value] = {}
+        values: dict[str, Value] = {}
         if kinds is not None:
-            shown[f"{path}.kind"] = str(rng.choice([kind for kind in kinds.choices if kind != ABSENT]))
+            values[f"{path}.kind"] = str(rng.choice([kind for kind in kinds.choices if kind != ABSENT]))
         if seen is not None:
-            shown[f"{path}.visible"] = True
+            values[f"{path}.visible"] = True
         paints = manifest.by_path.get(f"{path}.colour")
         if paints is not None:
-            shown[f"{path}.colour"] = paints.choices[int(colour * len(paints.choices))]
+            values[f"{path}.colour"] = paints.choices[int(colour * len(paints.choices))]
         side = math.copysign(1.0, -camera.transform[1, 2])
         for _ in range(_TRIES):
             x = float(camera.position[0]) + float(rng.uniform(-1.3, 1.3))
             y = float(camera.position[1]) + side * float(rng.uniform(8.0, 45.0))
             tried: dict[str, Value] = {
                 **assignment,
-                **shown,
+                **values,
                 f"{path}.pos.x": x,
                 f"{path}.pos.y": y,
                 f"{path}.heading": (180.0 * back + float(rng.normal(0.0, 4.0))) % 360.0,

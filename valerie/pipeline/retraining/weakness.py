@@ -21,7 +21,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_persons, function_index, run_where
-from valerie.pipeline.retraining.targets import quantities, run_values
+from valerie.pipeline.retraining.weak_scenes import quantities, run_values
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import PACKS, AssetArguments, is_generated, pack_settings, parse_reference
 

@@ -10,7 +10,6 @@ Every version is verified on variants that no earlier stage drew, and each verif
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -20,7 +19,7 @@ from typing import Final
 import psutil
 
 from valerie.db import runs, studies
-from valerie.db.engine import reading
+from valerie.db.engine import database_moment, reading
 from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import Conflict, InvalidInput
 from valerie.perception.training.fit import TrainingProgress
@@ -28,11 +27,11 @@ from valerie.perception.training.frame_folder import Shard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control.studies import commands
 from valerie.pipeline.control.studies.resolving import resolve_document
-from valerie.pipeline.retraining.loop import TrainingResources, Watcher, register_retrained, retrain, training_folder
+from valerie.pipeline.retraining.retrain import TrainingResources, Watcher, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import Weakness, find_weakness
 from valerie.runs.moments import in_utc
-from valerie.runs.study.document import Budget, FindGoal, Goal, StudyDocument, StudyState, VerifyGoal
 from valerie.runs.study.measure import parse_measure
+from valerie.runs.study.study_document import Budget, FindGoal, Goal, StudyDocument, StudyState, VerifyGoal
 from valerie.statistics.verdicts import Outcome
 
 #: Fewest variants of a verification.
@@ -41,7 +40,7 @@ FEWEST: Final = 8
 _NAME: Final = 150
 
 
-class Ending(StrEnum):
+class FlowEnd(StrEnum):
     """The reason why a flow ended."""
 
     #: The requirement is met.
@@ -151,7 +150,7 @@ class Flow:
 
     document: StudyDocument
     rounds: tuple[Round, ...]
-    ending: Ending | None = None
+    ending: FlowEnd | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -162,7 +161,7 @@ class Flow:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a flow needs around it.
+    """The deployment and the callbacks that a flow needs.
 
     Attributes:
         wait: returns when the study with this id no longer runs.
@@ -219,11 +218,11 @@ def _next(context: Context, flow: Flow, around: Surroundings) -> Flow:
         earlier, now = [*flow.rounds], Round(now.training.reference)
     elif now.verification is not None:
         if now.verification.outcome is Outcome.MET:
-            return replace(flow, ending=Ending.MET)
+            return replace(flow, ending=FlowEnd.MET)
         if len(earlier) == flow.document.rounds.most:
-            return replace(flow, ending=Ending.ROUNDS)
-    if _spent(flow):
-        return replace(flow, ending=Ending.BUDGET)
+            return replace(flow, ending=FlowEnd.ROUNDS)
+    if _spent(context, flow):
+        return replace(flow, ending=FlowEnd.BUDGET)
     if now.verification is None:
         now = replace(now, verification=_studied(context, _verification(flow, now.function, len(earlier)), around))
     elif now.search is None:
@@ -231,7 +230,7 @@ def _next(context: Context, flow: Flow, around: Surroundings) -> Flow:
     else:
         weakness = _weakness(context, flow.document, now)
         if weakness is None:
-            return replace(flow, ending=Ending.NO_FAILURE)
+            return replace(flow, ending=FlowEnd.NO_FAILURE)
         now = replace(now, training=_trained(context, flow.document, weakness, len(earlier), around))
     return replace(flow, rounds=(*earlier, now))
 
@@ -273,9 +272,11 @@ def _stage(flow: Flow, goal: Goal, function: str, *, seed: int, variants: int, n
     )
 
 
-def _spent(flow: Flow) -> bool:
+def _spent(context: Context, flow: Flow) -> bool:
     budget = flow.document.budget
-    if budget.deadline is not None and time.time() >= in_utc(budget.deadline).timestamp():
+    with reading(context.engine) as connection:
+        now = database_moment(connection)
+    if budget.deadline is not None and now >= in_utc(budget.deadline):
         return True
     return budget.cpu_hours is not None and _cpu_hours(flow) >= budget.cpu_hours
 
@@ -376,9 +377,9 @@ class _Meter:
         now = self._now()
         self.total += now - self._last
         self._last = now
-        written = self._file.with_suffix(".new")
-        written.write_text(json.dumps(self.total))
-        written.replace(self._file)
+        draft = self._file.with_suffix(".new")
+        draft.write_text(json.dumps(self.total))
+        draft.replace(self._file)
 
     @staticmethod
     def _now() -> float:

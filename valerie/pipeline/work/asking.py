@@ -67,6 +67,5 @@ def _finish_runs(context: Context) -> bool:
     # Results need the analysis, which workers otherwise start without.
     from valerie.pipeline.work.finish import finish_run
 
-    for run in finishing:
-        finish_run(context, run.id)
-    return True
+    ended = [finish_run(context, run.id) for run in finishing]
+    return any(ended)

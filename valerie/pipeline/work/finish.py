@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import errno
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from typing import Final
 
@@ -13,8 +14,8 @@ import structlog
 
 from valerie.analysis.analyze import Analysis
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.db import results, runs
-from valerie.db.engine import reading, writing
+from valerie.db import processes, results, runs
+from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import NotFound, StorageFull, StorageUnavailable, TransientError
@@ -35,27 +36,75 @@ _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 Writer = Callable[[Context, RunRow, Sequence[FailedLink]], None]
 
 
-def finish_run(context: Context, run_id: str, *, write: Writer | None = None) -> None:
+def finish_run(context: Context, run_id: str, *, write: Writer | None = None) -> bool:
     """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run. If they cannot be stored at
-    present, the run pauses; after another transient fault the control loop calls again.
+    One process at a time finishes a run. If its lease ends before, its successor replaces the artifacts by equal ones, and
+    only the successor ends the run. If they cannot be stored at present, the run pauses; after another transient fault the
+    control loop calls again.
 
     Args:
         context: context of this process.
         run_id: id of a run; nothing happens unless it is finishing.
         write: stores the results (default: `write_results`).
+
+    Returns:
+        False if there was nothing to do, or another process does it.
     """
-    with reading(context.engine) as connection:
+    if _finishing(context, run_id) is None:
+        return False
+    with _alone(context, run_id) as alone:
+        run = _finishing(context, run_id) if alone else None
+        if run is None:
+            return False
+        _finish(context, run, write or write_results)
+    return True
+
+
+def _finishing(context: Context, run_id: str) -> RunRow | None:
+    """Return the run if it is finishing."""
+    with reading(context.engine) as connection, suppress(NotFound):
+        run = runs.get(connection, run_id)
+        return run if run.state is RunState.FINISHING else None
+    return None
+
+
+@contextmanager
+def _alone(context: Context, run_id: str) -> Iterator[bool]:
+    """Hold the role of finishing a run during the body; give False if another process holds it."""
+    seconds = context.settings.lease_seconds
+    with writing(context.engine) as connection:
+        now = database_time(connection)
+        held = processes.hold_lease(connection, _role(run_id), owner=context.owner, now=now, seconds=seconds)
+    if not held:
+        yield False
+        return
+
+    def beat() -> None:
         try:
-            run = runs.get(connection, run_id)
-        except NotFound:
-            return
-        if run.state != RunState.FINISHING:
-            return
-        failures = results.failures(connection, run_id)
+            with writing(context.engine) as connection:
+                until = database_time(connection) + seconds
+                processes.renew_lease(connection, _role(run_id), owner=context.owner, until=until)
+        except TransientError as error:
+            log.warning("finish.heartbeat", reason=str(error))
+
     try:
-        (write or write_results)(context, run, failures)
+        with context.beating(context.settings.heartbeat_seconds, beat):
+            yield True
+    finally:
+        with suppress(TransientError), writing(context.engine) as connection:  # else it expires
+            processes.drop_lease(connection, _role(run_id), owner=context.owner)
+
+
+def _role(run_id: str) -> str:
+    return f"finish.{run_id}"
+
+
+def _finish(context: Context, run: RunRow, write: Writer) -> None:
+    with reading(context.engine) as connection:
+        failures = results.failures(connection, run.id)
+    try:
+        write(context, run, failures)
         state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
@@ -63,30 +112,33 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
             products = "product" if len(roots) == 1 else "products"
             reason = f"{len(roots)} {products} failed for good; see the report or `valerie status`"
     except (StorageFull, StorageUnavailable) as error:
-        log.warning("finish.storage", run=run_id, error=str(error))
+        log.warning("finish.storage", run=run.id, error=str(error))
         pause_for_storage(context, error)
         return
     except TransientError as error:
-        log.warning("finish.waits", run=run_id, error=str(error))
+        log.warning("finish.waits", run=run.id, error=str(error))
         return
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _NO_ROOM:  # a library's temporary file
-            log.warning("finish.storage", run=run_id, error=str(error))
+            log.warning("finish.storage", run=run.id, error=str(error))
             pause_for_storage(context, StorageFull(f"no space left for a temporary file: {error}"))
             return
         # A defect must end the run too; otherwise it would be retried for ever.
-        log.exception("finish.failed", run=run_id)
+        log.exception("finish.failed", run=run.id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
+        if not processes.holds_lease(connection, _role(run.id), owner=context.owner):
+            log.warning("finish.lease_lost", run=run.id)
+            return
         runs.change_state(
             connection,
-            run_id,
+            run.id,
             expected=(RunState.FINISHING,),
             state=state,
             reason=reason,
-            finished_at=runs.now_utc(),
+            finished_at=database_moment(connection),
         )
-    log.info("run.finished", run=run_id, state=state)
+    log.info("run.finished", run=run.id, state=state)
 
 
 def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:

@@ -12,17 +12,17 @@ from valerie.db import frames, measured, results, runs
 from valerie.db.engine import reading
 from valerie.db.frames import AnnotationLink
 from valerie.db.measured import FrameScore
-from valerie.db.products import Finished, Job, Look
-from valerie.db.results import EvaluationRow
+from valerie.db.products import EvaluationLink, Finished, Job
+from valerie.db.results import FrameEvaluation
 from valerie.errors import MissingInput, NotFound, ValerieError
 from valerie.measures import Cell
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import Maker
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.states import ProductKind, ProductState
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
@@ -77,7 +77,7 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
         for kind, link in annotations.items()
     ]
     for row in evaluations:
-        look = Look(row.sensor_index, row.function_index, row.prediction, row.empty)
+        look = EvaluationLink(row.sensor_index, row.function_index, row.prediction, row.empty)
         name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
         replayed.append(replay.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
         if row.empty is not None:
@@ -97,7 +97,7 @@ class _Replay:
         self.scratch = replace(context, store=ArtifactStore(MemoryStore(), url="memory:"))
 
     def compare(
-        self, maker: Maker, job: Job, name: str = "", *, stored: AnnotationLink | EvaluationRow | None = None
+        self, maker: Maker, job: Job, name: str = "", *, stored: AnnotationLink | FrameEvaluation | None = None
     ) -> Replayed:
         """Make a product and compare it with the stored one.
 
@@ -113,7 +113,7 @@ class _Replay:
         except ValerieError as error:
             return Replayed(job.kind, name, job.digest, f"cannot be made here: {error}")
         seconds = time.process_time() - started
-        if isinstance(stored, EvaluationRow):
+        if isinstance(stored, FrameEvaluation):
             differing = _differing(finished.score, stored.score)
             verdict = "not stored" if stored.score is None else "differs" if differing else "equal"
             return Replayed(job.kind, name, job.digest, verdict, seconds, differing)
@@ -146,10 +146,8 @@ class _Replay:
         return codecs.encode_truth(fresh) == codecs.encode_truth(stored)
 
 
-def _differing(made: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
+def _differing(new: FrameScore | None, stored: FrameScore | None) -> dict[str, tuple[Cell, Cell]]:
     """Return name to the stored and the new value of each score that differs; empty if none are stored."""
-    if made is None or stored is None:
+    if new is None or stored is None:
         return {}
-    return {
-        name: (stored.figures[name], value) for name, value in made.figures.items() if stored.figures[name] != value
-    }
+    return {name: (stored.figures[name], value) for name, value in new.figures.items() if stored.figures[name] != value}

@@ -17,6 +17,7 @@ import structlog
 from valerie.db import products
 from valerie.db.engine import database_time, writing
 from valerie.db.products import Finished, Job
+from valerie.db.statements import lock
 from valerie.errors import (
     MissingInput,
     StorageFull,
@@ -261,6 +262,7 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
     log.warning("stage.input_lost", digest=job.digest, input=error.digest)
     context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be mistaken for the new one
     with writing(context.engine) as connection:
+        lock(connection, [job.digest, error.digest])
         products.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
         ready = products.promote(connection, [error.digest], database_time(connection))
@@ -272,11 +274,11 @@ def _renewing(context: Context, batch: _Batch) -> AbstractContextManager[None]:
 
     def beat() -> None:
         # Read before the transaction, since the holder of the batch's lock may be waiting for the database.
-        held = batch.held
+        digests = batch.held
         try:
             with writing(context.engine) as connection:
                 until = database_time(connection) + context.settings.lease_seconds
-                products.renew(connection, held, owner=context.owner, until=until)
+                products.renew(connection, digests, owner=context.owner, until=until)
         except TransientError as error:
             log.warning("stage.heartbeat", reason=str(error))
 

@@ -12,7 +12,7 @@ from valerie.parameters.assignment import Assignment
 from valerie.rendering.base import View
 from valerie.rendering.truth import TruthMaker
 from valerie.rendering.visibility import Visibility, measure
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.variation.conditions import conditions

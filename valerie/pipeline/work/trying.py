@@ -19,15 +19,15 @@ from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.parameters.definitions import Value
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.documents.cards import Row, card_rows
+from valerie.perception.documents.cards import CardRow, card_rows
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import plan
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions.bounded import open_bounded
-from valerie.pipeline.functions.loader import open_document
+from valerie.pipeline.functions.loader import open_function_document
 from valerie.pipeline.reading.painting import paint_errors
 from valerie.rendering.base import View
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.assets.asset import load_asset
@@ -99,7 +99,7 @@ def render_frames(spec: RunSpec, settings: Settings, count: int) -> list[Labelle
 
 def try_function(
     document: FunctionDocument, payload: Path | None, frames: Sequence[LabelledPicture], settings: Settings
-) -> tuple[list[Row], list[TriedFrame]]:
+) -> tuple[list[CardRow], list[TriedFrame]]:
     """Let a function predict on frames, within this deployment's bounds (see `open_bounded`).
 
     Args:
@@ -117,11 +117,11 @@ def try_function(
     threads = settings.inference_threads
 
     def opened() -> PerceptionFunction:
-        return open_document(document, payload, settings, threads=threads)
+        return open_function_document(document, payload, settings, threads=threads)
 
     with closing(open_bounded(opened, settings, name=document.name)) as function:
-        tried = [_tried(document, frame, function.predict(frame.picture)) for frame in frames]
-        return card_rows(replace(function.card, provenance={}), document), tried
+        trials = [_tried(document, frame, function.predict(frame.picture)) for frame in frames]
+        return card_rows(replace(function.card, provenance={}), document), trials
 
 
 def contact_sheet(frames: Sequence[TriedFrame]) -> NDArray[np.uint8]:
@@ -144,9 +144,9 @@ def _spread(resolved: ResolvedRun, count: int) -> Iterator[dict[str, Value]]:
 def _tried(document: FunctionDocument, frame: LabelledPicture, predicted: NDArray[np.uint8]) -> TriedFrame:
     picture, truth = frame.picture, frame.truth
     inputs = tuple(plan(document.input, *picture.shape[:2]).pieces(picture))
-    shown = _fitted(inputs[0], picture.shape[0], picture.shape[1])
+    picture_seen = _fitted(inputs[0], picture.shape[0], picture.shape[1])
     classes = (colorize(to_label_ids(predicted)), colorize(to_label_ids(truth)))
-    tiles = (picture, shown, *classes, paint_errors(picture, truth, predicted))
+    tiles = (picture, picture_seen, *classes, paint_errors(picture, truth, predicted))
     return TriedFrame(inputs, confusion_matrix(truth, predicted), tiles)
 
 

@@ -22,7 +22,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.work.stages import make_products
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import ResolvedRun
 from valerie.storage import codecs
 from valerie.storage.keys import product_key

@@ -22,16 +22,16 @@ import structlog
 from celery import Celery
 from celery.signals import worker_process_init, worker_ready
 
-from valerie.broker import create_app
+from valerie.broker import create_celery
 from valerie.db import processes
-from valerie.db.engine import database_time, open_engine, unforked, writing
+from valerie.db.engine import database_time, open_database, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.db.processes import WorkerRow
 from valerie.errors import InvalidInput, MissingDependency, TransientError
 from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.fitness import Counts, Fitness
-from valerie.pipeline.base.pins import TRUTH
+from valerie.pipeline.base.pinning import TRUTH
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.child import Child
@@ -50,7 +50,7 @@ class Presence:
     """Thread that refreshes a worker's row and health file until `leave`, while Celery may fork at any time."""
 
     def __init__(self, settings: Settings, stage: Stage, offers: Sequence[AnyOffer]) -> None:
-        self._engine = open_engine(settings.database_url)
+        self._engine = open_database(settings.database_url)
         self._stop = threading.Event()
         self._worker = WorkerRow(
             id=process_name(),
@@ -176,8 +176,8 @@ def ailment(stage: Stage, offers: Sequence[AnyOffer]) -> str | None:
     return None
 
 
-def _offers_same(found: Sequence[AnyOffer], offer: AnyOffer) -> bool:
-    return any((one.route, one.name) == (offer.route, offer.name) for one in found)
+def _offers_same(offers: Sequence[AnyOffer], offer: AnyOffer) -> bool:
+    return any((other.route, other.name) == (offer.route, offer.name) for other in offers)
 
 
 class _Probed(NamedTuple):
@@ -237,7 +237,7 @@ def serve(
             field="VALERIE_WORKER_IDLE_SECONDS",
             limit="the seconds without work after which the worker ends",
         )
-    app = create_app(settings)
+    app = create_celery(settings)
     child = register(app)
     failures = RawArray(ctypes.c_int, Fitness.counts())  # in memory that all children share
 

@@ -44,7 +44,7 @@ _LONGEST_LOG: Final = 2_000
 Arrays = Mapping[str, NDArray[Any]]
 
 
-class Answer(TypedDict, total=False):
+class BlenderAnswer(TypedDict, total=False):
     """Header of an answer of Blender. ``hello`` has the version and the device."""
 
     cpu_seconds: float
@@ -102,7 +102,7 @@ class BlenderProcess:
 
     def ask(
         self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
-    ) -> tuple[Answer, dict[str, NDArray[Any]]]:
+    ) -> tuple[BlenderAnswer, dict[str, NDArray[Any]]]:
         """Send a request and return its answer: header and arrays.
 
         Args:
@@ -144,7 +144,9 @@ class BlenderProcess:
         self._log.close()
         self._folder.cleanup()
 
-    def _exchange(self, header: JsonObject, arrays: Arrays, silence: float) -> tuple[Answer, dict[str, NDArray[Any]]]:
+    def _exchange(
+        self, header: JsonObject, arrays: Arrays, silence: float
+    ) -> tuple[BlenderAnswer, dict[str, NDArray[Any]]]:
         if not self.alive:
             raise self._ended("Blender is not running")
         outgoing = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
@@ -180,12 +182,12 @@ class BlenderProcess:
     def _watch(self) -> None:
         assert self._process is not None
         try:
-            used = psutil.Process(self._process.pid).memory_info().rss
+            size = psutil.Process(self._process.pid).memory_info().rss
         except psutil.Error:
             return  # the process has just ended; the pipe reports it
-        if used > self._memory:
+        if size > self._memory:
             raise MemoryError(
-                f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
+                f"Blender took {size / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
             )
 
     def _ended(self, reason: str) -> TransientError:

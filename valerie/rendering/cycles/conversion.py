@@ -103,8 +103,8 @@ def _run(command: list[str], log: Any, memory: int, seconds: float) -> None:
 
 def _require_modesty(pid: int, memory: int) -> None:
     try:
-        used = psutil.Process(pid).memory_info().rss
+        size = psutil.Process(pid).memory_info().rss
     except psutil.Error:
         return  # the process has just ended
-    if used > memory:
-        raise RenderingError(f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")
+    if size > memory:
+        raise RenderingError(f"Blender took {size / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")

@@ -17,10 +17,10 @@ from scipy.ndimage import map_coordinates
 
 from valerie.color import LUMINANCE
 from valerie.parameters.definitions import Value
-from valerie.plain import JsonObject
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
+from valerie.rendering.cycles.messages import AirMessage, BeamMessage, CameraMessage, LampMessage, SkyMessage
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import TRANSLUCENCY, DrawItem, camera_of, draw_items, material_of
@@ -138,16 +138,16 @@ def _ask(
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
     lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
     sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0)
-    placed = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
+    meshes = [mesh for i, item in enumerate(items, start=1) for mesh in sender.placed(item, i)]
     sender.forget_unused()
-    matrices = np.stack([mesh.world for mesh in placed]) if placed else np.zeros((0, 4, 4))
+    matrices = np.stack([mesh.world for mesh in meshes]) if meshes else np.zeros((0, 4, 4))
     _, arrays = blender.ask(
         "render",
         {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
-        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
+        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in meshes],
         settings=settings,
         index=shows == "index",
         guides=shows == "guides",
@@ -200,14 +200,14 @@ class _Sender:
 
     def forget_unused(self) -> None:
         """Remove the objects that this image does not use once there are many, which bounds memory over many scenes."""
-        things = self._blender.known
-        unused = [key for key in things if key not in self._used]
+        objects = self._blender.known
+        unused = [key for key in objects if key not in self._used]
         if len(unused) > len(self._used) + _SPARE:
             kinds = ("mesh", "material", "texture")
             lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
             self._blender.ask("forget", meshes=lists["mesh"], materials=lists["material"], textures=lists["texture"])
             for key in unused:
-                del things[key]
+                del objects[key]
 
     def _mesh(self, mesh: Mesh, world: Matrix) -> tuple[str, Matrix]:
         if not _sheared(world):
@@ -257,16 +257,24 @@ class _Sender:
             self._blender.ask("texture", {"image": texture.image}, key=key, color=color)
         return key
 
-    def _is_new(self, key: str, thing: Mesh | Material | Texture) -> bool:
+    def _is_new(self, key: str, value: Mesh | Material | Texture) -> bool:
         """Record a use, and return True if Blender lacks the thing. The reference to it keeps its ``id`` from being reused."""
         self._used.add(key)
         if key in self._blender.known:
             return False
-        self._blender.known[key] = thing
+        self._blender.known[key] = value
         return True
 
 
-def _camera(camera: Camera) -> JsonObject:
+_BEAM: Final[BeamMessage] = {
+    "spread": DIPPED.spread,
+    "rise": DIPPED.rise,
+    "edge": DIPPED.edge,
+    "stray": DIPPED.stray,
+}
+
+
+def _camera(camera: Camera) -> CameraMessage:
     return {
         "matrix": camera.transform.ravel().tolist(),
         "focal_length_mm": camera.focal_length_mm,
@@ -276,7 +284,7 @@ def _camera(camera: Camera) -> JsonObject:
     }
 
 
-def _light(scene: Scene, sky: Sky) -> JsonObject:
+def _light(scene: Scene, sky: Sky) -> AirMessage:
     """Return sun and air. The sun is always ours."""
     return {
         "sun": sky.sun.tolist(),
@@ -288,7 +296,7 @@ def _light(scene: Scene, sky: Sky) -> JsonObject:
     }
 
 
-def _sky(scene: Scene, sky: Sky) -> JsonObject:
+def _sky(scene: Scene, sky: Sky) -> SkyMessage:
     """Return Blender's sky, scaled to our sky's irradiance on the ground."""
     return {
         "elevation": scene.sun.elevation,
@@ -299,7 +307,7 @@ def _sky(scene: Scene, sky: Sky) -> JsonObject:
     }
 
 
-def _lamp(lamp: Lamp) -> JsonObject:
+def _lamp(lamp: Lamp) -> LampMessage:
     """Return a lamp for Blender.
 
     Blender's energy is the power of a whole sphere: the radiant intensity is energy / 4π, and a white surface shows its
@@ -316,7 +324,7 @@ def _lamp(lamp: Lamp) -> JsonObject:
         "inner": lamp.inner,
         "outer": lamp.outer,
         "radius": lamp.radius,
-        "beam": asdict(DIPPED) if lamp.dipped else None,
+        "beam": _BEAM if lamp.dipped else None,
     }
 
 

@@ -128,13 +128,13 @@ class PyrenderRenderer:
             )
         library = self._library
         target = library.Scene(bg_color=_encoded(sky.haze), ambient_light=_ambient(sky) / HEADROOM)
-        used: set[Hashable] = set()
+        keys: set[Hashable] = set()
         for item in items:
             for mesh in item.meshes:
                 if mesh.faces.size:
                     material = material_of(scene, mesh, item.node.path)
                     mirrored = bool(np.linalg.det(item.world[:3, :3]) < 0)
-                    used.add((id(mesh), material, mirrored))
+                    keys.add((id(mesh), material, mirrored))
                     world = item.world @ _MIRROR if mirrored else item.world
                     node = self._node(mesh=self._mesh(mesh, material, scene, mirrored=mirrored), matrix=world)
                     node.serial = len(target.mesh_nodes)
@@ -156,7 +156,7 @@ class PyrenderRenderer:
             encoded, _ = self._renderer.render(target, flags=flags)
         except Exception as error:
             raise RenderingError(f"pyrender could not render the frame: {error}") from error
-        self._forget_all_but(used)
+        self._forget_all_but(keys)
         pixels: NDArray[np.float16] = _DECODED[encoded]
         require_image(pixels, engine=self.name)
         return pixels
@@ -215,10 +215,10 @@ class PyrenderRenderer:
             self._textures[key] = entry
         return entry[1]
 
-    def _forget_all_but(self, used: set[Hashable]) -> None:
+    def _forget_all_but(self, keys: set[Hashable]) -> None:
         """Drop the meshes that the last frame did not use once there are many, which bounds memory over many materials."""
-        if len(self._meshes) > 2 * len(used) + 64:
-            self._meshes = {key: mesh for key, mesh in self._meshes.items() if key in used}
+        if len(self._meshes) > 2 * len(keys) + 64:
+            self._meshes = {key: mesh for key, mesh in self._meshes.items() if key in keys}
 
 
 def _import_pyrender() -> Any:

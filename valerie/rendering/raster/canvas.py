@@ -164,9 +164,9 @@ class Canvas:
     def light_sky(self, frame: LitFrame, tiles: Mask) -> None:
         """Compute the sky light of these tiles."""
         skylit = tiles & ~self.skylit
-        opened = skylit & ~self.opened
-        frame.open_sky(self.grid.spans(opened))
-        self.opened |= opened
+        tiles = skylit & ~self.opened
+        frame.open_sky(self.grid.spans(tiles))
+        self.opened |= tiles
         frame.light_sky(self.grid.spans(skylit))
         self.skylit |= skylit
 

@@ -114,12 +114,12 @@ class RasterRenderer:
             (x, y, width, height), after = self._with_movables(frame, area)
             before = frame.image.pixels[y : y + height, x : x + width]
             differs = before.view(np.uint16) != after.view(np.uint16)
-        changed = bounds((differs[..., 0] | differs[..., 1] | differs[..., 2])[::-1])
-        if changed.empty:
+        box = bounds((differs[..., 0] | differs[..., 1] | differs[..., 2])[::-1])
+        if box.empty:
             return nothing
-        pixels = np.ascontiguousarray(after[::-1][changed.slices])
+        pixels = np.ascontiguousarray(after[::-1][box.slices])
         top = view.height - y - height
-        return Layer(Rectangle(x + changed.x, top + changed.y, changed.width, changed.height), pixels)
+        return Layer(Rectangle(x + box.x, top + box.y, box.width, box.height), pixels)
 
     def part(self, scene: Scene, view: View, window: Rectangle) -> NDArray[np.float16]:
         """Render a rectangle of the frame; see `valerie.rendering.base.Renderer`.
@@ -155,9 +155,9 @@ class RasterRenderer:
     def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
         """Measure the light that arrives on surfaces; see `valerie.rendering.person_light.LightPass`."""
         with self._frame(scene, view) as frame:
-            placed = frame.prepared.placed
-            covered = covered_rectangle([mesh.corners for mesh in placed], frame.camera, view)
-            self._draw(frame, gl_rectangle(covered, view))
+            meshes = frame.prepared.placed
+            box = covered_rectangle([mesh.corners for mesh in meshes], frame.camera, view)
+            self._draw(frame, gl_rectangle(box, view))
             areas = [gl_rectangle(rectangle, view) for rectangle in rectangles]
             with self._lit(frame, movables=True) as lit:
                 received = frame.canvas.receive(lit, self._lighting, areas)
@@ -207,15 +207,15 @@ class RasterRenderer:
             table = table_texture(gl, prepared.table())
             sight: Hashable = (statics.key, *camera_key(camera, view))
             day: tuple[Hashable, ...] = (scene.sun, scene.environment, statics.materials)
-            drawn = Rectangle(0, 0, view.width, view.height)
+            extent = Rectangle(0, 0, view.width, view.height)
             if window is not None and sight not in self._static_surfaces:
-                drawn = window.widened(int(REACH.largest_occlusion) + 5 * TILE).clipped(view.width, view.height)
-                sight = (sight, drawn)
+                extent = window.widened(int(REACH.largest_occlusion) + 5 * TILE).clipped(view.width, view.height)
+                sight = (sight, extent)
             lit: Hashable = (sight, *day, frame_lamps.still)
             try:
                 surfaces = self._static_surfaces.get(
                     sight,
-                    lambda: self._draw_statics(prepared, camera, view, table, canvas.grid, gl_rectangle(drawn, view)),
+                    lambda: self._draw_statics(prepared, camera, view, table, canvas.grid, gl_rectangle(extent, view)),
                 )
                 light = self._light_views.get(
                     (sight, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
@@ -226,7 +226,7 @@ class RasterRenderer:
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
-                canvas.take(sight, lit, gl_rectangle(drawn, view))
+                canvas.take(sight, lit, gl_rectangle(extent, view))
                 yield _Frame(
                     prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
                 )  # fmt: skip
@@ -274,28 +274,28 @@ class RasterRenderer:
 
     def _learn(self, frame: _Frame, tiles: Mask) -> None:
         """Render the tiles of the statics' image among ``tiles`` that are not cached yet."""
-        missing = tiles & ~frame.image.known
-        if not missing.any():
+        gaps = tiles & ~frame.image.known
+        if not gaps.any():
             return
         canvas = frame.canvas
         self._copy_statics(frame)
         with self._lit(frame, movables=False) as lit:
-            canvas.occlude(lit, missing)
-            canvas.light(lit, missing)
-        frame.surfaces.learn(missing, canvas.targets, frame.camera.near, frame.camera.far)
-        area = x, y, width, height = canvas.grid.around(missing)
-        inside = canvas.grid.pixels(missing, area)[..., None]
+            canvas.occlude(lit, gaps)
+            canvas.light(lit, gaps)
+        frame.surfaces.learn(gaps, canvas.targets, frame.camera.near, frame.camera.far)
+        area = x, y, width, height = canvas.grid.around(gaps)
+        inside = canvas.grid.pixels(gaps, area)[..., None]
         np.copyto(frame.image.pixels[y : y + height, x : x + width], canvas.read_pixels(area), where=inside)
-        frame.image.known |= missing
+        frame.image.known |= gaps
 
     def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
         """Return the part of the area in which movables may change pixels, and its pixels. The statics must be cached there."""
         canvas, surfaces, grid = frame.canvas, frame.surfaces, frame.canvas.grid
-        placed, camera, view = frame.prepared.placed, frame.camera, frame.view
-        bodies = [mesh.corners for mesh in placed]
-        covered = covered_rectangle(bodies, camera, view)
+        meshes, camera, view = frame.prepared.placed, frame.camera, frame.view
+        bodies = [mesh.corners for mesh in meshes]
+        box = covered_rectangle(bodies, camera, view)
         region = grid.touching(area)
-        surface, body = self._draw(frame, gl_rectangle(covered, view))
+        surface, body = self._draw(frame, gl_rectangle(box, view))
         occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
         smoothed: Mask = widened(occluded) & region
         with self._lit(frame, movables=True) as lit:
@@ -334,9 +334,9 @@ class RasterRenderer:
         dirty: Mask = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
         if smoothed.any():
             area = x, y, width, height = grid.around(smoothed)
-            changed: Mask = np.not_equal(canvas.read_smooth(area), surfaces.smooth[y : y + height, x : x + width])
-            changed &= grid.pixels(smoothed, area)
-            dirty |= _spread(grid, changed, area, _OCCLUSION_REACH)
+            differs: Mask = np.not_equal(canvas.read_smooth(area), surfaces.smooth[y : y + height, x : x + width])
+            differs &= grid.pixels(smoothed, area)
+            dirty |= _spread(grid, differs, area, _OCCLUSION_REACH)
         return dirty
 
     def _draw_statics(
@@ -370,8 +370,8 @@ class RasterRenderer:
         moving.use((x, y, width, height))
         moving.clear_colors()
         self._moving.movables(frame.prepared.placed, textures, frame.table, drawing_matrices(frame.camera, frame.view))
-        covered = canvas.read_moving(area)
-        body = canvas.grid.holding(covered, area[0], area[1])
+        pixels = canvas.read_moving(area)
+        body = canvas.grid.holding(pixels, area[0], area[1])
         sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "uv_map": moving.colors[0],
             "frame_map": moving.colors[1],
@@ -386,7 +386,7 @@ class RasterRenderer:
         self._texturing([mesh.kind for mesh in frame.prepared.placed]).run(
             targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler
         )
-        return covered, body
+        return pixels, body
 
     def _texturing(self, kinds: Sequence[SurfaceKind]) -> ScreenPass:
         """Return the pass that reads the textures of movables of these kinds."""

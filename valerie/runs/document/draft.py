@@ -18,8 +18,8 @@ from valerie.document import Document
 from valerie.errors import InvalidInput
 from valerie.loading import load_document, load_value
 from valerie.plain import Json, JsonObject
-from valerie.runs.document.documents import RunSpec
 from valerie.runs.document.notation import TOP_LEVEL, Normalization
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS
 from valerie.runs.values import Scalar
 
@@ -75,7 +75,7 @@ class VariedEntry(NamedTuple):
     document: JsonObject
 
 
-class Reading(NamedTuple):
+class DraftReading(NamedTuple):
     """A draft as a form shows it.
 
     Attributes:
@@ -91,7 +91,7 @@ class Reading(NamedTuple):
     lines: dict[str, int]
 
 
-def read_draft(text: str) -> Reading:
+def read_draft(text: str) -> DraftReading:
     """Read a draft, which need not be a valid spec yet.
 
     Raises:
@@ -104,7 +104,7 @@ def read_draft(text: str) -> Reading:
         VariedEntry(normalization.places.get(f"blocks.0.vary.{i}", f"vary.{i}"), entry)
         for i, entry in enumerate(() if several else normalization.varied())
     )
-    return Reading(document, vary, several, _lines(text.removeprefix("\ufeff")))
+    return DraftReading(document, vary, several, _lines(text.removeprefix("\ufeff")))
 
 
 def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -> str:

@@ -1,4 +1,4 @@
-"""Conversion of the two notations of a spec to the canonical form of `valerie.runs.document.documents`.
+"""Conversion of the two notations of a spec to the canonical form of `valerie.runs.document.run_spec`.
 
 The paper's lists::
 

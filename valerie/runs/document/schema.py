@@ -12,7 +12,7 @@ from valerie import plugins
 from valerie.parameters.definitions import ParameterType
 from valerie.parameters.odd import OddAttribute
 from valerie.plain import JsonSchema
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
 
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"

@@ -22,7 +22,7 @@ from valerie.document import Document
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.forecasting.costs import CostBasis, CostKey, CostTable
 from valerie.runs.products.inputs import FrameDigests, ProductInputs
 from valerie.runs.products.pins import FunctionPin, Offer, Pins

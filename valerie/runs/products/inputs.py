@@ -30,7 +30,7 @@ from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.label_policy import LabelPolicy
-from valerie.runs.products.frames import FrameProducts
+from valerie.runs.products.frame_keys import FrameProducts
 from valerie.runs.products.pins import FunctionPin, Offer, Pins
 from valerie.runs.products.states import UPLOADED_ROUTE, ProductKind
 from valerie.runs.resolving.motion import VELOCITY_SPAN_S

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from valerie.errors import InvalidInput
-from valerie.parameters.units import to_unit
-from valerie.runs.document.documents import RunSpec, TrajectoryDocument
+from valerie.parameters.quantities import to_unit
+from valerie.runs.document.run_spec import RunSpec, TrajectoryDocument
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory

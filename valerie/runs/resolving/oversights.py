@@ -9,7 +9,7 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType, V
 from valerie.parameters.distributions import Homogeneous
 from valerie.parameters.space import ParameterSpace
 from valerie.rendering.engine import Ability
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.resolving.motion import Times
 from valerie.runs.resolving.requirements import Requirement
 from valerie.runs.resolving.sensors import SensorNeeds

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from valerie.errors import InvalidInput
 from valerie.measures import Row
 from valerie.parameters.definitions import ParameterDefinition
-from valerie.runs.document.documents import RequirementDocument, RunSpec
+from valerie.runs.document.run_spec import RequirementDocument, RunSpec
 from valerie.runs.resolving.where import Where, choices_of, compile_where
 from valerie.runs.statistic import Statistic, parse_statistic
 

@@ -17,7 +17,7 @@ from valerie.parameters.distributions import Distribution, Homogeneous
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.document.documents import BlockDocument, RunSpec
+from valerie.runs.document.run_spec import BlockDocument, RunSpec
 from valerie.runs.document.varied import Varied
 from valerie.runs.resolving.backgrounds import few_backgrounds
 from valerie.runs.resolving.motion import Times, resolve_times
@@ -301,9 +301,9 @@ class _SpaceResolver:
         return Variation(path, distribution)
 
     def _distribution(self, varied: Varied, definition: ParameterDefinition, place: str) -> Distribution:
-        written = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
+        fields = varied.model_dump(exclude={"parameter", "distribution"}, exclude_none=True)
         arguments: dict[str, Value | tuple[Value, ...]] = {}
-        for key, value in written.items():
+        for key, value in fields.items():
             if key == "values":
                 arguments[key] = tuple(
                     self.vocabulary.value(item, definition, f"{place}.values.{k}") for k, item in enumerate(value)
@@ -393,8 +393,8 @@ def _annotations(spec: RunSpec, needs: list[SensorNeeds], *, moves: bool) -> tup
 
 
 def _too_many(count: int, limit: int, place: str, value: object = None) -> InvalidInput:
-    shown = f"{count:,}" if count < 10**15 else f"about {Decimal(count):.0e}"
-    return InvalidInput(f"{shown} variants are too many", field=place, value=value, limit=f"{limit:,} variants")
+    size = f"{count:,}" if count < 10**15 else f"about {Decimal(count):.0e}"
+    return InvalidInput(f"{size} variants are too many", field=place, value=value, limit=f"{limit:,} variants")
 
 
 def _without_field(problem: InvalidInput) -> InvalidInput:

@@ -16,7 +16,8 @@ from pydantic import BaseModel, ValidationError
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.plain import Json
-from valerie.runs.document.documents import (
+from valerie.runs.document.notation import TOP_LEVEL, Normalization
+from valerie.runs.document.run_spec import (
     BlockDocument,
     DeclaredParameter,
     RequirementDocument,
@@ -24,7 +25,6 @@ from valerie.runs.document.documents import (
     RunSpec,
     written_place,
 )
-from valerie.runs.document.notation import TOP_LEVEL, Normalization
 from valerie.runs.document.varied import DISTRIBUTIONS
 from valerie.runs.resolving.resolution import MAX_VARIANTS, ResolvedRun, resolve
 from valerie.validation import problem_of

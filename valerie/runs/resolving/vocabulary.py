@@ -11,9 +11,9 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import check_range
 from valerie.parameters.odd import OddAttribute
-from valerie.parameters.units import is_quantity, to_unit
+from valerie.parameters.quantities import is_quantity, to_unit
 from valerie.rendering.engine import Ability, Engine
-from valerie.runs.document.documents import DeclaredParameter, RunSpec
+from valerie.runs.document.run_spec import DeclaredParameter, RunSpec
 from valerie.runs.values import Scalar
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
@@ -152,7 +152,7 @@ class Vocabulary:
         """Return a number of the spec in the unit of its parameter.
 
         Raises:
-            InvalidInput, UnknownName: see `valerie.parameters.units.to_unit`.
+            InvalidInput, UnknownName: see `valerie.parameters.quantities.to_unit`.
         """
         number, has_unit = to_unit(written, definition.unit, field=place)
         if definition.unit and not has_unit:

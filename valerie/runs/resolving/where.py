@@ -13,7 +13,7 @@ from typing import Final
 from valerie.measures import MEASURES, OF_FUNCTION, WITHOUT_FUNCTION, Row, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 
 #: Columns that are known once the truth exists, without any function.
 METADATA: Final = names_from(*WITHOUT_FUNCTION)

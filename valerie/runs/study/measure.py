@@ -52,6 +52,11 @@ class VariantMeasure:
         return self.statistic.at_least
 
     @property
+    def quantity(self) -> str:
+        """The bounded quantity of a variant, such as ``min(pacc)``."""
+        return self.statistic.quantity if self.over == "mean" else f"{self.over}({self.column})"
+
+    @property
     def missed(self) -> str:
         """The rows that speak against a variant, as an expression: ``pacc < 0.5``."""
         if self.statistic.condition is None:

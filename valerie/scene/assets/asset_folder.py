@@ -42,8 +42,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
             problems.append(problem)
             continue
         hashes[name] = _file_digest(files[name])
-        external, missing = _references(files[name], folder, name)
-        problems += missing
+        external, gaps = _references(files[name], folder, name)
+        problems += gaps
         hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in external.items()}
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)

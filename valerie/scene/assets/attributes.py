@@ -99,9 +99,9 @@ def resolve(path: str, cameras: Iterable[str], *, field: str = "") -> tuple[str,
     """
     parts = path.split(".")
     for length in (2, 1):
-        thing, name = ".".join(parts[:-length]), ".".join(parts[-length:])
-        if thing and (attribute := ATTRIBUTES.get((target_of(thing, cameras), name))):
-            return thing, attribute
+        target, name = ".".join(parts[:-length]), ".".join(parts[-length:])
+        if target and (attribute := ATTRIBUTES.get((target_of(target, cameras), name))):
+            return target, attribute
     target = target_of(".".join(parts[:-1]), cameras)
     names = [name for kind, name in ATTRIBUTES if kind is target]
     raise UnknownName(f"{target} attribute", parts[-1], names, field=field or path)
@@ -134,8 +134,8 @@ def _position(axis: int) -> tuple[Read, Write]:
 
 def _rotation(axis: int, *, heading: bool = False) -> tuple[Read, Write]:
     def read(scene: Scene, path: str) -> Value | None:
-        parsed = parse_object_name(path.rpartition(".")[2])
-        if heading and (parsed is None or parsed[0] not in FACING_CLASSES):
+        name = parse_object_name(path.rpartition(".")[2])
+        if heading and (name is None or name[0] not in FACING_CLASSES):
             return None
         return Pose.of(scene.nodes[path].transform).angles[axis]
 
@@ -175,8 +175,8 @@ def kinds(scene: Scene, path: str) -> tuple[str, ...]:
 
 
 def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
-    parsed = parse_object_name(path.rpartition(".")[2])
-    if parsed is None or parsed[0] not in classes:
+    name = parse_object_name(path.rpartition(".")[2])
+    if name is None or name[0] not in classes:
         return ()
     children = [node.name for node in scene.nodes.values() if node.parent == path]
     return tuple(name for name in children if parse_object_name(name) is None)
@@ -185,8 +185,8 @@ def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
 def _chosen(looks: Choices) -> tuple[Read, Write, Choices]:
     def read(scene: Scene, path: str) -> Value | None:
         names = looks(scene, path)
-        shown = [name for name in names if scene.nodes[f"{path}.{name}"].visible]
-        return (shown[0] if shown else ABSENT) if names else None
+        visible = [name for name in names if scene.nodes[f"{path}.{name}"].visible]
+        return (visible[0] if visible else ABSENT) if names else None
 
     def write(draft: Draft, path: str, value: Value) -> None:
         draft.choose(path, None if value == ABSENT else str(value))

@@ -187,10 +187,10 @@ class Manifest(Document):
                 raise InvalidInput("a grounded node must be directly below the scene", field="grounded", value=path)
         for field in ("cameras", "movable", "persons", "grounded", "files"):
             _check_distinct(field, getattr(self, field))
-        _check_distinct("placed_files", [placed.node for placed in self.placed_files])
-        _check_distinct("placed_cameras", [placed.name for placed in self.placed_cameras])
-        for index, placed in enumerate(self.placed_cameras):
-            self.require_camera(placed.name, field=f"placed_cameras.{index}")
+        _check_distinct("placed_files", [entry.node for entry in self.placed_files])
+        _check_distinct("placed_cameras", [entry.name for entry in self.placed_cameras])
+        for index, entry in enumerate(self.placed_cameras):
+            self.require_camera(entry.name, field=f"placed_cameras.{index}")
         _check_distinct("parameters", [p.name for p in self.parameters])
         _check_distinct("parameters", [p.path for p in self.parameters])
         paths = {definition.path for definition in self.parameters}
@@ -232,7 +232,7 @@ class Manifest(Document):
     @property
     def all_files(self) -> tuple[str, ...]:
         """Return every file once, in the order in which they are named."""
-        return tuple(dict.fromkeys((*self.files, *(placed.file for placed in self.placed_files))))
+        return tuple(dict.fromkeys((*self.files, *(entry.file for entry in self.placed_files))))
 
     @cached_property
     def by_path(self) -> Mapping[str, ParameterDefinition]:
@@ -313,10 +313,10 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
     """Check type, unit, range and stage against the attribute's row. A wrong stage would reuse wrong products."""
     _, attribute = resolve(definition.path, manifest.cameras, field=field)
     for name in ("type", "unit", "affects"):
-        declared, own = getattr(definition, name), getattr(attribute, name)
-        if declared != own:
+        value, own = getattr(definition, name), getattr(attribute, name)
+        if value != own:
             raise InvalidInput(
-                f"{definition.path} has another {name}", field=f"{field}.{name}", value=str(declared), limit=str(own)
+                f"{definition.path} has another {name}", field=f"{field}.{name}", value=str(value), limit=str(own)
             )
     low, high = attribute.minimum, attribute.maximum
     if definition.type in (ParameterType.FLOAT, ParameterType.INT) and (

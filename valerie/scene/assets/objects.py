@@ -94,15 +94,13 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
         "node_classes": manifest.node_classes,
         "parameters": [path for path, attribute in attributes if attribute.target is Target.NODE],
     }
-    missing: dict[str, list[str]] = {}
+    gaps: dict[str, list[str]] = {}
     for field, paths in fields.items():
         for path in dict.fromkeys(paths):
             if path not in scene.nodes:
-                missing.setdefault(path, []).append(field)
+                gaps.setdefault(path, []).append(field)
     return {
-        path: tuple(fields)
-        for path, fields in missing.items()
-        if not any(path.startswith(f"{other}.") for other in missing)
+        path: tuple(fields) for path, fields in gaps.items() if not any(path.startswith(f"{other}.") for other in gaps)
     }
 
 

@@ -15,7 +15,7 @@ from valerie.scene.assets.asset_folder import read_manifest
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import declared_problems, missing_nodes
-from valerie.scene.checks.findings import Doubt, Severity, from_error
+from valerie.scene.checks.doubts import Doubt, Severity, from_error
 from valerie.scene.checks.names import name_findings
 from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
@@ -91,13 +91,13 @@ def scene_findings(asset: SceneAsset) -> Iterator[Doubt]:
 def _without_missing(asset: SceneAsset) -> SceneAsset:
     """Return the asset with a manifest that does not name missing nodes and cameras."""
     manifest, scene = asset.manifest, asset.base
-    missing = {*missing_nodes(scene, manifest)}
-    missing |= {f"{ROOT}.{camera}" for camera in manifest.cameras if camera not in scene.cameras}
-    if not missing:
+    gaps = {*missing_nodes(scene, manifest)}
+    gaps |= {f"{ROOT}.{camera}" for camera in manifest.cameras if camera not in scene.cameras}
+    if not gaps:
         return asset
 
     def is_present(path: str) -> bool:
-        return not any(path == other or path.startswith(f"{other}.") for other in missing)
+        return not any(path == other or path.startswith(f"{other}.") for other in gaps)
 
     fields = {
         "persons": tuple(filter(is_present, manifest.persons)),
@@ -116,9 +116,9 @@ def _without_unusable(asset: SceneAsset) -> tuple[list[Doubt], SceneAsset]:
     findings: list[Doubt] = []
     usable: list[ParameterDefinition] = []
     for parameter in asset.manifest.parameters:
-        thing, attribute = resolve(parameter.path, asset.manifest.cameras)
+        path, attribute = resolve(parameter.path, asset.manifest.cameras)
         try:
-            attribute.write(Draft(asset.base), thing, parameter.check(parameter.default))
+            attribute.write(Draft(asset.base), path, parameter.check(parameter.default))
         except InvalidInput as error:
             findings.append(Doubt(Severity.ERROR, "declared", parameter.path, error.message, error.value, error.limit))
         else:

@@ -74,19 +74,19 @@ def manifest_draft(folder: Path) -> JsonObject:
         raise InvalidInput("no glTF file in or below the folder", field=str(folder), limit=".glb or .gltf")
     parts = {file: read_gltf(folder / file, folder) for file in files}
     own: list[str] = []
-    placed: list[JsonObject] = []
+    entries: list[JsonObject] = []
     for file, part in parts.items():
         labels = object_labels([node.path for node in part.nodes], {})
         if any(labels[node.path].label_id for node in part.nodes if node.meshes):
             own.append(file)
         else:
-            placed.append({"file": file, "node": _free_name(file, placed)})
+            entries.append({"file": file, "node": _free_name(file, entries)})
     name = plain_name(folder.resolve().name.lower(), also="_", longest=64) or "asset"
     document: JsonObject = {"name": name, "title": folder.resolve().name}
-    document |= ({"files": own} if own else {}) | ({"placed_files": placed} if placed else {})
+    document |= ({"files": own} if own else {}) | ({"placed_files": entries} if entries else {})
     cameras = sorted({camera for file in own for camera in parts[file].cameras})
-    known = {"extent": [-1, -1, 1, 1], "cameras": cameras or ["none"]}
-    scene = merge(parts, parse_manifest(document | known, source=MANIFEST_FILE))
+    stand_ins = {"extent": [-1, -1, 1, 1], "cameras": cameras or ["none"]}
+    scene = merge(parts, parse_manifest(document | stand_ins, source=MANIFEST_FILE))
     boxes = object_boxes(scene)
     extent = _extent(boxes)
     document["extent"] = extent
@@ -103,9 +103,9 @@ def manifest_draft(folder: Path) -> JsonObject:
     return document
 
 
-def _free_name(file: str, placed: list[JsonObject]) -> str:
+def _free_name(file: str, entries: list[JsonObject]) -> str:
     likely = likely_name(Path(file).stem)
-    names = {entry["node"] for entry in placed}
+    names = {entry["node"] for entry in entries}
     stem, number = likely.rsplit("-", 1) if likely else ("static", "1")
     candidate = int(number)
     while f"{stem}-{candidate}" in names:

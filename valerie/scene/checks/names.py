@@ -9,7 +9,7 @@ from typing import Final
 from valerie.labels import CITYSCAPES, PERSON
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import alike, missing_nodes, unclassified
-from valerie.scene.checks.findings import Doubt, Severity
+from valerie.scene.checks.doubts import Doubt, Severity
 from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_name
@@ -52,11 +52,11 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
             )
     for path in dict.fromkeys(_to_rename(path) for path in unclassified(scene)):
         name = path.rpartition(".")[2]
-        parsed = parse_object_name(name)
+        parts = parse_object_name(name)
         likely = likely_name(name)
         hint = f"; call it {likely}?" if likely else ""
-        if parsed is not None:
-            message = f"{parsed[0]!r} is not a known class{hint or '; list it in node_classes'}"
+        if parts is not None:
+            message = f"{parts[0]!r} is not a known class{hint or '; list it in node_classes'}"
         else:
             message = f"it is drawn and has no class: name it ObjectClass-ID or list it in node_classes{hint}"
         yield Doubt(Severity.ERROR, "no-class", path, message, name, "e.g. building-3")
@@ -74,10 +74,10 @@ def _to_rename(path: str) -> str:
 
 def _missing(scene: Scene, manifest: Manifest) -> Iterator[Doubt]:
     """Yield a finding for each node that the manifest names and the scene lacks, with likely candidates."""
-    missing = missing_nodes(scene, manifest)
+    gaps = missing_nodes(scene, manifest)
     names = {*manifest.persons, *manifest.movable, *manifest.grounded}
-    upright = _of_a_persons_size(scene) if missing.keys() & {*manifest.persons} else {}
-    for path, fields in missing.items():
+    upright = _of_a_persons_size(scene) if gaps.keys() & {*manifest.persons} else {}
+    for path, fields in gaps.items():
         name = path.rpartition(".")[2]
         kind = class_of_name(name)
         noun = "person" if path in manifest.persons else kind or "node"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import BY_ID
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.checks.findings import Doubt, Severity
+from valerie.scene.checks.doubts import Doubt, Severity
 from valerie.scene.graph.model import Mesh, Node, Scene
 
 #: Largest number of triangles of one object and of the whole scene. More slow every engine down without visible gain.

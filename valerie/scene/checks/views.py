@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.parameters.definitions import ParameterType
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.checks.findings import Doubt, Severity
+from valerie.scene.checks.doubts import Doubt, Severity
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height

@@ -115,10 +115,10 @@ def open_container(path: Path, root: Path | None = None) -> Container:
 
 
 def _list(plain: JsonObject, name: str) -> Sequence[Json]:
-    listed = plain.get(name) or []
-    if not isinstance(listed, list):
+    entries = plain.get(name) or []
+    if not isinstance(entries, list):
         raise TypeError(f"{name} is not a list")
-    return listed
+    return entries
 
 
 def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
@@ -134,8 +134,8 @@ def _parse(plain: JsonObject, name: str) -> pygltflib.GLTF2:
         nodes = len(_list(plain, "nodes"))
         if nodes > MAX_NODES:
             raise InvalidInput("too many nodes", field=f"{name}: nodes", value=nodes, limit=MAX_NODES)
-        stated = {key: value for key, value in plain.items() if value is not None}
-        return _CONVERTER.structure(stated, pygltflib.GLTF2)
+        fields = {key: value for key, value in plain.items() if value is not None}
+        return _CONVERTER.structure(fields, pygltflib.GLTF2)
     except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidInput(f"the JSON is not glTF: {error}", field=name) from None
 

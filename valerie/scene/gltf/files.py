@@ -129,8 +129,8 @@ def _plain(text: bytes, name: str) -> JsonObject:
         plain = json.loads(text.decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"not readable as JSON: {error}", field=name) from None
-    stated = plain.get("asset") if isinstance(plain, dict) else None
-    version = stated.get("version") if isinstance(stated, dict) else None
+    header = plain.get("asset") if isinstance(plain, dict) else None
+    version = header.get("version") if isinstance(header, dict) else None
     if not isinstance(version, str) or not version.startswith("2."):
         raise InvalidInput("not glTF 2.0", field=f"{name}: asset.version", value=version)
     assert isinstance(plain, dict)

@@ -44,10 +44,10 @@ class MeshReader:
         if index not in self._meshes:
             field = f"{self._container.name}: meshes.{index}"
             primitives = item(self._document.meshes, index, f"{self._container.name}: meshes").primitives
-            read = (
+            meshes = (
                 self._primitive(primitive, index, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
             )
-            self._meshes[index] = tuple(mesh for mesh in read if mesh is not None)
+            self._meshes[index] = tuple(mesh for mesh in meshes if mesh is not None)
         return self._meshes[index]
 
     def all_materials(self) -> dict[str, Material]:

@@ -244,8 +244,8 @@ class _Reader:
 
 def _unread(document: pygltflib.GLTF2) -> list[str]:
     """Return a note on the extensions that are not supported, if there are any."""
-    used = sorted({str(name) for name in document.extensionsUsed or ()} - SUPPORTED_EXTENSIONS)
-    return [f"extensions are ignored: {_listed(used)}"] if used else []
+    extensions = sorted({str(name) for name in document.extensionsUsed or ()} - SUPPORTED_EXTENSIONS)
+    return [f"extensions are ignored: {_listed(extensions)}"] if extensions else []
 
 
 def _listed(names: list[str]) -> str:

@@ -121,13 +121,13 @@ class Draft:
         Raises:
             InvalidInput: there is no figure.
         """
-        known = self._stances.get(path)
-        if known is None:
+        stance = self._stances.get(path)
+        if stance is None:
             bodies = figures(self.scene, path)
             if not bodies:
                 raise InvalidInput("no figure below it can take a pose", field=path)
-            known = bodies[0].stance
-        self._stances[path] = replace(known, **changes)
+            stance = bodies[0].stance
+        self._stances[path] = replace(stance, **changes)
 
     def cloth(self, path: str, **appearance: Any) -> None:
         """Change fields of all cloth materials at or below a node."""

@@ -58,19 +58,19 @@ def object_label(name: str) -> ObjectLabel | None:
     Raises:
         InvalidInput: the instance number is above 999.
     """
-    parsed = parse_object_name(name)
-    if parsed is None or parsed[0] not in _CLASSES:
+    parts = parse_object_name(name)
+    if parts is None or parts[0] not in _CLASSES:
         return None
-    label = _CLASSES[parsed[0]]
-    if parsed[1] > MAX_INSTANCE:
-        raise InvalidInput("instance number too large", field=name, value=parsed[1], limit=MAX_INSTANCE)
-    return ObjectLabel(label.id, instance_id(label, parsed[1]))
+    label = _CLASSES[parts[0]]
+    if parts[1] > MAX_INSTANCE:
+        raise InvalidInput("instance number too large", field=name, value=parts[1], limit=MAX_INSTANCE)
+    return ObjectLabel(label.id, instance_id(label, parts[1]))
 
 
 def class_of_name(name: str) -> str | None:
     """Return the known class that a node's own name states: ``person`` for ``person-1``; None for ``house-1`` or ``Cube``."""
-    parsed = parse_object_name(name)
-    return parsed[0] if parsed is not None and parsed[0] in _CLASSES else None
+    parts = parse_object_name(name)
+    return parts[0] if parts is not None and parts[0] in _CLASSES else None
 
 
 def likely_name(name: str) -> str | None:
@@ -103,9 +103,9 @@ def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict
         parent, _, name = path.rpartition(".")
         if path in node_classes:
             label = label_of_node_class(node_classes[path], field=f"node_classes.{path}")
-            parsed = parse_object_name(name)
-            own = ObjectLabel(label.id, instance_id(label, parsed[1]) if parsed else 0)
-            if label.has_instances and parsed is None:
+            parts = parse_object_name(name)
+            own = ObjectLabel(label.id, instance_id(label, parts[1]) if parts else 0)
+            if label.has_instances and parts is None:
                 pending.append((path, label.node_class))
         elif labels.get(parent, UNLABELLED).label_id:
             labels[path] = labels[parent]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import shapely
 
@@ -16,9 +16,10 @@ STEP_M: Final = 0.03
 
 def ground_height(manifest: Manifest, x: float, y: float) -> float:
     """Return the height of the ground at (x, y) in metres: that of the last region that contains or touches it, else 0."""
-    for polygon, (x0, y0, x1, y1), height in _regions(manifest):
-        if x0 <= x <= x1 and y0 <= y <= y1 and shapely.intersects_xy(polygon, x, y):
-            return height
+    for region in _regions(manifest):
+        x0, y0, x1, y1 = region.bounds
+        if x0 <= x <= x1 and y0 <= y <= y1 and shapely.intersects_xy(region.polygon, x, y):
+            return region.height
     return 0.0
 
 
@@ -33,12 +34,20 @@ def level_ground(manifest: Manifest, height: float) -> shapely.Geometry:
     return level
 
 
+class _Region(NamedTuple):
+    """A region of level ground: its polygon, prepared for fast tests, the polygon's bounds (x0, y0, x1, y1), and its height."""
+
+    polygon: shapely.Polygon
+    bounds: tuple[float, float, float, float]
+    height: float
+
+
 @lru_cache(maxsize=16)
-def _regions(manifest: Manifest) -> tuple[tuple[shapely.Polygon, tuple[float, float, float, float], float], ...]:
-    """Return polygon, bounds and height of the regions. The first region that contains a place decides."""
+def _regions(manifest: Manifest) -> tuple[_Region, ...]:
+    """Return the regions. The first one that contains a place decides."""
     regions = []
     for region in reversed(manifest.ground):
         polygon = shapely.Polygon(region.polygon)
         shapely.prepare(polygon)
-        regions.append((polygon, polygon.bounds, region.height))
+        regions.append(_Region(polygon, polygon.bounds, region.height))
     return tuple(regions)

@@ -45,17 +45,17 @@ class MoverRules:
         """Return the reason why a mover's place is illegal (``car-101 and bicycle-101 overlap``); None if all are legal."""
         if self._relevant.isdisjoint(assignment):
             return None
-        shown: list[tuple[int, bool, _Polygons]] = []
+        bodies: list[tuple[int, bool, _Polygons]] = []
         for number, rule in enumerate(self._rules):
             varied = not rule.mover.paths.isdisjoint(assignment)
             judged = varied and rule.mover.has_place
             polygons = rule.mover.polygons(assignment) if varied else rule.own
             if judged and (reason := self._alone(rule, polygons, assignment)):
                 return reason
-            for other, too, others in shown:
+            for other, too, others in bodies:
                 if (judged or too) and (other, number) not in self._together and _overlap(others, polygons):
                     return f"{self._rules[other].mover.name} and {rule.mover.name} overlap"
-            shown.append((number, judged, polygons))
+            bodies.append((number, judged, polygons))
         return None
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:

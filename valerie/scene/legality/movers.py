@@ -83,8 +83,8 @@ class Mover:
     @property
     def is_built(self) -> bool:
         """Return True if it is neither vehicle nor person, such as a house. It must stay off the ways."""
-        parsed = parse_object_name(self.path.rpartition(".")[2])
-        return parsed is not None and parsed[0] not in FACING_CLASSES
+        name = parse_object_name(self.path.rpartition(".")[2])
+        return name is not None and name[0] not in FACING_CLASSES
 
     def shown(self, assignment: Mapping[str, Value]) -> tuple[Outline, ...]:
         """Return the outlines that count: none for a hidden mover."""
@@ -166,9 +166,9 @@ def sort_obstacles(manifest: Manifest, radius: float) -> tuple[tuple[Footprint, 
 
 
 def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: float) -> Mover:
-    declared = _declared(manifest, path)
-    place = np.array([float(declared.get(name, 0.0)) for name in _PLACE])
-    kinds = manifest.by_path[f"{path}.kind"].choices if "kind" in declared else ()
+    defaults = _declared(manifest, path)
+    place = np.array([float(defaults.get(name, 0.0)) for name in _PLACE])
+    kinds = manifest.by_path[f"{path}.kind"].choices if "kind" in defaults else ()
     outlines = []
     for footprint in footprints:
         child = footprint.path.removeprefix(path).removeprefix(".").partition(".")[0]
@@ -187,8 +187,8 @@ def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: f
         )
     reach = max(float(np.linalg.norm(np.asarray(footprint.polygon) - place, axis=1).max()) for footprint in footprints)
     keys = {name: f"{path}.{name}" for name in _POSE}
-    paths = frozenset(keys[name] for name in declared)
-    return Mover(path, tuple(outlines), keys, declared, paths, reach, radius)
+    paths = frozenset(keys[name] for name in defaults)
+    return Mover(path, tuple(outlines), keys, defaults, paths, reach, radius)
 
 
 def _pulled_in(footprint: Footprint) -> shapely.Polygon:

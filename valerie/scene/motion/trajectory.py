@@ -101,9 +101,11 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
         UnknownName: a keyframe gives a parameter that the target does not declare.
         InvalidInput: keyframes give different parameters, leave a range, or are not in order of time.
     """
-    declared = _declared_of(trajectory, parameters)
+    definitions = _declared_of(trajectory, parameters)
     numbers = [
-        name for name, definition in declared.items() if definition.type in (ParameterType.FLOAT, ParameterType.ANGLE)
+        name
+        for name, definition in definitions.items()
+        if definition.type in (ParameterType.FLOAT, ParameterType.ANGLE)
     ]
     last = -math.inf
     for index, keyframe in enumerate(trajectory.keyframes):
@@ -115,7 +117,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
                 continue
             if name not in numbers:
                 raise UnknownName(f"number of {trajectory.name}", name, numbers, field=f"{place}.{name}")
-            declared[name].check(value, field=f"{place}.{name}")
+            definitions[name].check(value, field=f"{place}.{name}")
         if set(keyframe) != set(trajectory.keyframes[0]):
             raise InvalidInput(
                 "all keyframes must give the same parameters",
@@ -133,7 +135,7 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
         last = time
     if not trajectory.channels:
         raise InvalidInput("the keyframes give only times", field=f"{field}.keyframes", limit="e.g. pos.x: 2 m")
-    if trajectory.facing == "path" and not (set(_GROUND) <= set(trajectory.channels) and _facing(declared)):
+    if trajectory.facing == "path" and not (set(_GROUND) <= set(trajectory.channels) and _facing(definitions)):
         raise InvalidInput(
             "facing the path needs pos.x and pos.y in the keyframes, and a heading or yaw to set",
             field=f"{field}.facing",
@@ -359,8 +361,8 @@ def _declared_of(
     return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
 
 
-def _facing(declared: Container[str]) -> str | None:
-    return next((name for name in _FACING if name in declared), None)
+def _facing(names: Container[str]) -> str | None:
+    return next((name for name in _FACING if name in names), None)
 
 
 def _parameters(

@@ -45,14 +45,14 @@ class PathEntry:
 def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
     """Return every path of an asset: its scene graph in order, then cameras, sun, environment, sensor and trajectories."""
     scene = apply({}, asset)
-    things = [
+    holders = [
         *((path, Target.NODE) for path in scene.nodes),
         *((camera.path, Target.CAMERA) for camera in scene.cameras.values()),
         (SUN_PATH, Target.SUN),
         (ENVIRONMENT_PATH, Target.ENVIRONMENT),
         (SENSOR_ROOT, Target.SENSOR),
     ]
-    entries = (entry for path, target in things for entry in _entries(asset, scene, path, target))
+    entries = (entry for path, target in holders for entry in _entries(asset, scene, path, target))
     return (*entries, *(declared_entry(definition) for definition in trajectory_parameters(asset.manifest)))
 
 
@@ -86,13 +86,13 @@ def declared_entry(definition: ParameterDefinition) -> PathEntry:
     )
 
 
-def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: Attribute, value: Value) -> PathEntry:
-    declared = asset.manifest.by_path.get(path)
-    if declared is not None:
-        minimum, maximum, choices = declared.minimum, declared.maximum, declared.choices
+def _entry(asset: SceneAsset, scene: Scene, path: str, target: str, attribute: Attribute, value: Value) -> PathEntry:
+    definition = asset.manifest.by_path.get(path)
+    if definition is not None:
+        minimum, maximum, choices = definition.minimum, definition.maximum, definition.choices
     else:
         minimum, maximum = attribute.minimum, attribute.maximum
-        choices = attribute.choices(scene, thing)
+        choices = attribute.choices(scene, target)
     if isinstance(value, float):
         # A value computed from a matrix may be 19.999999999999996 instead of 20.
         value = round(value, 9) if math.isfinite(value) else value
@@ -104,6 +104,6 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         maximum=maximum,
         choices=choices,
         value=value,
-        declared=declared is not None,
+        declared=definition is not None,
         affects=attribute.affects,
     )

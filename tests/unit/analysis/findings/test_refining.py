@@ -9,7 +9,7 @@ import pytest
 from valerie.analysis.findings.refining import halved_spec
 from valerie.analysis.findings.region import Choices, Range, Region
 from valerie.errors import InvalidInput, UnknownName
-from valerie.runs.document.documents import RunSpec
+from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.resolving.spec import parse, resolve
 from valerie.testing.assets import simple_manifest
 

@@ -11,7 +11,7 @@ from PIL import Image
 from valerie.errors import InvalidInput
 from valerie.perception.training.curve import TrainingCurve
 from valerie.perception.training.fit import TrainingProgress
-from valerie.perception.training.validation import ValidationFigures
+from valerie.perception.training.held_out_figures import ValidationFigures
 
 
 def step(number: int, steps: int, loss: float, pacc: float | None = None) -> TrainingProgress:

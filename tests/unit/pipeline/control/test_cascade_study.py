@@ -24,7 +24,7 @@ from valerie.pipeline.control.studies.reporting import report
 from valerie.pipeline.work import finish
 from valerie.runs.products.pins import Offer
 from valerie.runs.products.states import Stage, route_of
-from valerie.runs.study.document import StudyDocument, StudyState, parse_study
+from valerie.runs.study.study_document import StudyDocument, StudyState, parse_study
 
 #: Price of a layer by the costly engine; by the cheap one it is 0.4.
 COSTLY = 30.0

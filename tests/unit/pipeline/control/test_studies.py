@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,15 @@ import pytest
 
 from tests.world.blank import Pipeline
 from tests.world.boxes import spec
+from valerie import entry_points
 from valerie.db import runs, studies
 from valerie.db.engine import reading
 from valerie.db.studies import BatchRow, StudyRow
+from valerie.entry_points import EntryPoint
 from valerie.errors import Conflict, InvalidInput, RenderingError
 from valerie.guided.domain import Cube
 from valerie.guided.estimate import Estimate
+from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import advancing, commands
@@ -27,7 +31,7 @@ from valerie.pipeline.control.studies.reporting import report
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.work import finish
 from valerie.runs.products.states import RunState
-from valerie.runs.study.document import Outcomes, StudyState, parse_study
+from valerie.runs.study.study_document import Outcomes, PluginGoal, StudyState, parse_study
 from valerie.studies import pursuit
 from valerie.studies.boundary import CELLS
 from valerie.studies.pursuit import Pursuit
@@ -303,7 +307,9 @@ def test_explain_ends_with_a_pair_whose_variants_were_run(pipeline: Pipeline) ->
     assert (ended.state, ended.reason) == (StudyState.FINISHED, "The pair is minimal.")
     assert ended.result is not None
     assert "verdict flips" in ended.result.sentences[0]
-    places = advancing.known(advancing.resolve_row(pipeline.context, ended), batches(pipeline, study)).decisive()
+    places = advancing.informed_pursuit(
+        advancing.resolve_row(pipeline.context, ended), batches(pipeline, study)
+    ).decisive()
     scores = {}
     for number, index, words in places:
         outcomes = batches(pipeline, study)[number].outcomes
@@ -332,7 +338,7 @@ def test_verify_ends_where_the_requirement_is_decided_and_is_reported(pipeline: 
     assert ended.result.numbers["outcome"] == "not met"
     page = report(pipeline.context, study)
     assert "Is the requirement met?" in page
-    assert ended.result.sentences[0] in page
+    assert escape(ended.result.sentences[0]) in page
     assert "<figcaption><b>It fails, " in page
 
 
@@ -395,7 +401,9 @@ def test_map_draws_the_two_parameters_that_change_calls(pipeline: Pipeline) -> N
     assert sizes["pass"] / CELLS**2 == pytest.approx(0.538, abs=0.05)
     texts = dict.fromkeys(("id", "name", "question", "state", "measure", "where", "document", "digest"), "text")
     page = build_report(
-        StudyReport(**texts, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text")
+        StudyReport(
+            **texts, ended=True, sentences=(), boundary=drawn, pictures=(), batches=(), totals=(), asset_digest="text"
+        )
     )
     areas = re.findall(r'<rect x="\d+" y="\d+" width="(\d+)" height="1" fill="(#\w+)"', page)
     assert len({colour for _, colour in areas}) == len(drawn.calls)
@@ -416,7 +424,40 @@ def test_verify_bounds_the_mean_score_without_a_share(pipeline: Pipeline) -> Non
     result = known.result()
     assert result is not None
     assert result.numbers["outcome"] == "met"
-    assert "mean score is 0.900, 0.5 required" in result.sentences[0]
+    assert "mean of min(pacc) over the variants is 0.900, at least 0.5 required" in result.sentences[0]
+    assert "false verdict is at most 0.05" in result.sentences[1]
+
+
+def test_a_measure_with_an_upper_bound_is_reported_as_the_measure_and_not_as_its_score(pipeline: Pipeline) -> None:
+    more: dict[str, Any] = {"measure": "max(iou) <= 0.9"}
+    known, _ = planted(pipeline, lambda x, y: np.full(len(x), 0.3), goal="verify", **more)
+    result = known.result()
+    assert result is not None
+    assert result.sentences[0].startswith("Met: the mean of max(iou) over the variants is 0.700, at most 0.9 required")
+    functions = ["blank", "deeplabv3plus-small"]
+    goal = {"name": "compare", "within": 0.05}
+    known, _ = planted(
+        pipeline, lambda x, y: np.stack([0.5 + 0.1 * y, 0.6 + 0.1 * y]), goal=goal, functions=functions, **more
+    )
+    result = known.result()
+    assert result is not None
+    assert result.numbers["estimate"] == pytest.approx(0.1)
+    assert ": -0.100 (-" in result.sentences[0]
+    assert result.sentences[1] == "Better: deeplabv3plus-small."
+
+
+def test_what_the_intervals_of_a_rate_hold_for_is_said(pipeline: Pipeline) -> None:
+    def never(x: Any, y: Any) -> Any:
+        return np.full(len(x), 0.9)
+
+    goal = {"name": "estimate", "first": 100}
+    sentences = planted(pipeline, never, goal=goal)[0].result().sentences  # type: ignore[union-attr]
+    assert "95 % confidence), by 180 operational points" in sentences[0].replace(" fail, by", ", by")
+    assert "do not use it: 0 failures at operational points cannot show" in sentences[1]
+    assert "someone stops because of them" in sentences[-1]
+    sentences = planted(pipeline, never, goal=goal, stop={"width": 0.001})[0].result().sentences  # type: ignore[union-attr]
+    assert "99.44 % confidence" in sentences[0]
+    assert "all planned looks" in sentences[-1]
 
 
 def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipeline) -> None:
@@ -443,6 +484,78 @@ def test_compare_takes_the_scores_of_two_functions_in_their_order(pipeline: Pipe
     ]
     outcomes = known.study.outcomes(rows, 2, (), 0.0)
     assert outcomes.by_variant == [(0.75, 0.25), (None, None)]
+
+
+@dataclass(frozen=True)
+class Lowest(Result):
+    """The result of a strategy of another package."""
+
+    lowest: float
+
+
+class Line:
+    """A strategy of another package: points on a line, from the place that it is told to begin at."""
+
+    def __init__(self, domain: Cube, *, at_least: float, seed: int, begin: float = 0.0) -> None:
+        del at_least, seed
+        self.domain, self.next, self.open = domain, begin, OpenBatches()
+        self.result: Lowest | None = None
+
+    def ask(self, count: int) -> Proposal:
+        places = self.next + 0.01 * np.arange(count)
+        self.next += 0.01 * count
+        return self.open.add(np.column_stack([places] * self.domain.dimensions), Reason("line", {"points": count}))
+
+    def tell(self, points: Any, scores: Any) -> None:
+        self.result = Lowest(float(np.nanmin(self.open.close(points, scores))))
+
+
+@pytest.fixture
+def plugged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package ``lines`` offers the strategy ``line``."""
+    offers = (EntryPoint("line", f"{__name__}:Line", "lines"), EntryPoint("map", f"{__name__}:Line", "lines"))
+    found = entry_points.installed
+    monkeypatch.setattr(entry_points, "installed", lambda g: offers if g == "valerie.strategies" else found(g))
+    monkeypatch.setenv("VALERIE_PLUGINS", "lines")
+
+
+def test_a_strategy_of_another_package_is_pursued(pipeline: Pipeline, plugged: None) -> None:
+    study = begin(pipeline, goal={"name": "line", "options": {"begin": 0.2}}, budget=SHORT)
+    ended = pursue(pipeline, study)
+    assert ended.reason == "the budget of 20 variants is spent"
+    first, second = batches(pipeline, study)
+    assert [point[0] for point in (*first.points, *second.points)] == pytest.approx([0.2 + 0.01 * i for i in range(20)])
+    assert first.reason == "line: points 10."
+    assert ended.result is not None
+    assert (ended.result.sentences, ended.result.numbers) == (("Lowest: 0.",), {"lowest": 0.0})
+    assert parse_study(ended.document.to_yaml()) == ended.document
+    assert "What does the strategy of another package find?" in report(pipeline.context, study)
+
+
+def test_a_strategy_of_another_package_that_is_gone_or_leaves_the_cube_pauses_its_study(
+    pipeline: Pipeline, plugged: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outside = begin(pipeline, goal={"name": "line", "options": {"begin": 0.85}}, budget=SHORT)
+    paused = pursue(pipeline, outside)
+    assert paused.state is StudyState.PAUSED
+    assert "outside the unit cube" in (paused.reason or "")
+    study = begin(pipeline, goal="line", budget=SHORT)
+    monkeypatch.setenv("VALERIE_PLUGINS", "")
+    monkeypatch.setattr(entry_points, "installed", lambda _: ())
+    paused = pursue(pipeline, study)
+    assert paused.state is StudyState.PAUSED
+    assert "line" in (paused.reason or "")
+
+
+def test_a_strategy_that_is_not_allowed_or_refuses_its_options_is_refused(
+    pipeline: Pipeline, plugged: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InvalidInput, match=r"goal\.options: the strategy line refuses them: .*'end'"):
+        begin(pipeline, goal={"name": "line", "options": {"end": 1}})
+    assert not isinstance(parse_study(document(goal="map", budget={"variants": 200})).goal, PluginGoal)
+    monkeypatch.setenv("VALERIE_PLUGINS", "")
+    with pytest.raises(InvalidInput, match="offered by the package lines, which VALERIE_PLUGINS does not name"):
+        begin(pipeline, goal="line")
 
 
 @pytest.mark.parametrize(

@@ -27,14 +27,14 @@ from tests.world.blank import Pipeline, completed_run
 from valerie.analysis.findings.findings import ScoredPerson
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.run_artifacts import SUMMARY
-from valerie.pipeline.evidence import manifest as limits
+from valerie.pipeline.evidence import evidence_manifest as limits
+from valerie.pipeline.evidence.evidence_manifest import Refused, merkle_root
 from valerie.pipeline.evidence.exporting import export_evidence
-from valerie.pipeline.evidence.manifest import Refused, merkle_root
 from valerie.pipeline.evidence.replaying import replay
 from valerie.pipeline.evidence.signing import new_key
 from valerie.pipeline.evidence.verifying import verify
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.resolving.spec import parse
 from valerie.storage.keys import run_key
 

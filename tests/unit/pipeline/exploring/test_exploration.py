@@ -7,7 +7,7 @@ import pytest
 
 from tests.planted_tables import X, drawn, planted_table
 from valerie.errors import InvalidInput, UnknownName
-from valerie.pipeline.exploring import views
+from valerie.pipeline.exploring import linked_views
 from valerie.pipeline.exploring.exploration import Exploration
 from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, largest_swings
 from valerie.runs.resolving.where import compile_where
@@ -85,7 +85,7 @@ def test_quotes_in_a_text_stay_a_text(explored: Exploration) -> None:
 def test_a_histogram_counts_every_row_once_and_its_bins_are_selected_by_their_ends(
     explored: Exploration, column: str
 ) -> None:
-    shown = views.histogram(explored, column, explored.select("distance_m > 20"))
+    shown = linked_views.histogram(explored, column, explored.select("distance_m > 20"))
     assert sum(shown.every) == len(explored)
     assert sum(shown.selected) == explored.select("distance_m > 20").count
     assert shown.every[-1] == explored.select(f"{column} is undefined").count
@@ -101,9 +101,9 @@ def test_a_histogram_counts_every_row_once_and_its_bins_are_selected_by_their_en
 
 def test_links_are_the_pairs_of_bins_of_the_selected_rows(explored: Exploration) -> None:
     selection = explored.select("function == 'net'")
-    (first, second) = views.links(explored, ["camera", "pacc", "distance_m"], selection)
+    (first, second) = linked_views.links(explored, ["camera", "pacc", "distance_m"], selection)
     assert sum(n for *_, n in first.pairs) == sum(n for *_, n in second.pairs) == selection.count
-    every = views.histogram(explored, "pacc", selection)
+    every = linked_views.histogram(explored, "pacc", selection)
     for link, side in ((first, 1), (second, 0)):
         counted = np.bincount([pair[side] for pair in link.pairs], [pair[2] for pair in link.pairs], len(every.every))
         assert counted.tolist() == every.selected
@@ -111,15 +111,15 @@ def test_links_are_the_pairs_of_bins_of_the_selected_rows(explored: Exploration)
 
 def test_few_rows_are_points_and_a_density_holds_every_row(explored: Exploration) -> None:
     selection = explored.select("distance_m < 30")
-    points = views.scatter(explored, "distance_m", "pacc", "function", selection, form="auto")
-    cells = views.scatter(explored, "distance_m", "pacc", "function", selection, form="cells")
+    points = linked_views.scatter(explored, "distance_m", "pacc", "function", selection, form="auto")
+    cells = linked_views.scatter(explored, "distance_m", "pacc", "function", selection, form="cells")
     drawn_rows = explored.select("distance_m < 30 and not (pacc is undefined)")
     assert points["row"].to_pylist() == np.flatnonzero(drawn_rows.rows).tolist()
     assert np.allclose(points["x"], explored.table.numbers("distance_m")[drawn_rows.rows])
     assert sum(cells["count"].to_pylist()) == drawn_rows.count
     assert int(cells.schema.metadata[b"undefined"]) == selection.count - drawn_rows.count
     with pytest.raises(InvalidInput, match="names"):
-        views.scatter(explored, "camera", "pacc", "", selection, form="auto")
+        linked_views.scatter(explored, "camera", "pacc", "", selection, form="auto")
 
 
 def test_pages_are_the_sorted_rows_with_the_undefined_last(explored: Exploration) -> None:
@@ -141,7 +141,7 @@ def test_the_connection_reads_no_file(explored: Exploration) -> None:
 
 
 def test_rates_of_selection_and_rest_are_the_means_of_their_rows(explored: Exploration) -> None:
-    groups = views.rates(explored, explored.select("distance_m > 20"), 0.5)
+    groups = linked_views.rates(explored, explored.select("distance_m > 20"), 0.5)
     rows = explored.table.arrow.to_pylist()
     assert [group.function for group in groups] == ["net", "other"]
     for group in groups:

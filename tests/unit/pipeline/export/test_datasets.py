@@ -23,12 +23,12 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
 from valerie.pipeline.export.datasets import ExportProgress, export_run
+from valerie.pipeline.export.export_plan import ExportSettings
 from valerie.pipeline.export.frame_files import Fragment
-from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.testing.blank import BlankFunction
 
 

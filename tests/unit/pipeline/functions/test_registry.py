@@ -23,7 +23,7 @@ from valerie.pipeline.functions.probe import probe_engine, probe_function, probe
 from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import AnyOffer
 from valerie.storage.keys import FUNCTIONS, function_key
 from valerie.testing.onnx_function import small_onnx

@@ -10,8 +10,8 @@ from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.labels import PERSON
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
-from valerie.pipeline.reading.products import ProductReader
-from valerie.runs.products.frames import FrameKey
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.runs.products.frame_keys import FrameKey
 
 #: 360 / 36 pixels high.
 FACTOR = 10

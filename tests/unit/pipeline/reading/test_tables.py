@@ -10,9 +10,9 @@ from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import frames, long_table, results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.tables import read_classes, read_table, table_row, varied_types
 from valerie.storage.keys import run_key
 

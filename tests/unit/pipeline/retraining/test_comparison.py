@@ -11,7 +11,7 @@ from valerie.analysis.findings.region import Range, Region
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import PERSON, VOID
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.pipeline.retraining.comparison import Grouping, compare_versions
+from valerie.pipeline.retraining.comparison import Grouping, compare_on_run
 from valerie.pipeline.retraining.dataset_evaluation import EvaluationProgress
 from valerie.testing.blank import NUMERIC_CLASS, BlankFunction
 
@@ -66,7 +66,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
 def test_a_version_that_is_the_same_differs_in_nothing(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "same.safetensors"]
-    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener)
+    comparison = compare_on_run(pipeline.context, run_id, versions, open_function=opener)
     assert comparison.versions == ("blank", "same")
     assert all(group.sides[0] == group.sides[1] for group in comparison.groups)
     assert comparison.groups[0].persons == comparison.groups[0].frames == 24
@@ -75,7 +75,7 @@ def test_a_version_that_is_the_same_differs_in_nothing(run: tuple[Pipeline, str]
 
 def test_recall_bought_with_precision_is_shown_as_both(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    comparison = compare_versions(pipeline.context, run_id, ["blank", "everything.safetensors"], open_function=opener)
+    comparison = compare_on_run(pipeline.context, run_id, ["blank", "everything.safetensors"], open_function=opener)
     side = comparison.groups[0].sides[1]
     assert side.pacc_mean == side.pacc_pooled == 1.0
     assert side.precision_pooled == pytest.approx(0.25)  # the square is a quarter of the picture
@@ -85,7 +85,7 @@ def test_recall_bought_with_precision_is_shown_as_both(run: tuple[Pipeline, str]
 
 def test_selection_and_region_split_the_persons_in_two(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    comparison = compare_versions(
+    comparison = compare_on_run(
         pipeline.context,
         run_id,
         ["blank", "everything.safetensors"],
@@ -105,7 +105,7 @@ def test_versions_have_names_of_their_own(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     for versions in (["blank"], ["blank", "blank"], [str(Path("a/x.safetensors")), str(Path("b/x.safetensors"))]):
         with pytest.raises(InvalidInput, match="two or more"):
-            compare_versions(pipeline.context, run_id, versions, open_function=opener)
+            compare_on_run(pipeline.context, run_id, versions, open_function=opener)
 
 
 def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipeline, str]) -> None:
@@ -113,14 +113,14 @@ def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipelin
     looked: list[EvaluationProgress] = []
     versions = ["blank", "same.safetensors", "halved.safetensors"]
     with pytest.raises(Conflict, match="blank ran as blank; same runs here as blank; halved runs here as blank-bf16"):
-        compare_versions(pipeline.context, run_id, versions, open_function=opener, progress=looked.append)
+        compare_on_run(pipeline.context, run_id, versions, open_function=opener, progress=looked.append)
     assert looked == [], "it is told before hours of work"
 
 
 def test_what_a_precision_changes_is_compared_when_that_is_the_question(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "halved.safetensors"]
-    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener, mixed=True)
+    comparison = compare_on_run(pipeline.context, run_id, versions, open_function=opener, mixed=True)
     assert comparison.numeric_classes == ("blank", "blank-bf16")
     assert comparison.groups[0].differences[0].mean == 0.0
 
@@ -128,7 +128,7 @@ def test_what_a_precision_changes_is_compared_when_that_is_the_question(run: tup
 def test_a_version_that_knows_fewer_classes_is_compared_by_those(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "person-or-not.safetensors"]
-    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener)
+    comparison = compare_on_run(pipeline.context, run_id, versions, open_function=opener)
     assert comparison.judged_by == ("person",)
     assert comparison.changes(1) == ()
     assert all(before == after for before, after in (*comparison.classes.values(), *comparison.overall.values()))

@@ -78,7 +78,7 @@ def test_class_scores_are_those_of_cityscapes_scripts(
     for label in TRAIN_LABELS:
         theirs, ours = expected["classScores"][label.name], scores.of(label).iou.pooled
         assert (ours is None and np.isnan(theirs)) or ours == pytest.approx(theirs, abs=1e-12), label.name
-    assert scores.overall["miou_cityscapes"].pooled == pytest.approx(expected["averageScoreClasses"], abs=1e-12)
+    assert scores.overall.miou_cityscapes.pooled == pytest.approx(expected["averageScoreClasses"], abs=1e-12)
 
 
 def test_the_data_set_is_read_once_per_function_and_functions_are_closed(folder: CityscapesFolder) -> None:

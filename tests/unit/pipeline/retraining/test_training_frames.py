@@ -10,7 +10,7 @@ import pytest
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
 from valerie.perception.training.frame_folder import SEEDS
-from valerie.pipeline.retraining.training_frames import FrameSettings, frames_of, render_frames
+from valerie.pipeline.retraining.training_frames import FrameSettings, frames_of, render_training_frames
 from valerie.testing.assets import simple_asset
 
 
@@ -35,7 +35,7 @@ def test_more_sites_than_seeds_are_refused() -> None:
 def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "precious.txt").write_text("kept")
     with pytest.raises(InvalidInput, match="not empty"):
-        render_frames(tmp_path, FrameSettings(sites=1))
+        render_training_frames(tmp_path, FrameSettings(sites=1))
 
 
 @pytest.mark.gl

@@ -6,13 +6,11 @@ import pytest
 import shapely
 
 from valerie.errors import InvalidInput
-from valerie.parameters.definitions import Value
 from valerie.pipeline.retraining.crowds import crowd_asset
-from valerie.pipeline.retraining.training_scenes import TrainingScene, draw_scene, draw_traffic
-from valerie.scene.assets.asset import SceneAsset, asset_manifest
+from valerie.pipeline.retraining.training_scenes import TrainingScene, draw_scene
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.graph.model import Camera, Scene, Texture
-from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.graph.model import Scene, Texture
 from valerie.scene.legality.ground import ground_height
 from valerie.sensing.settings import SensorSetting
 from valerie.testing.assets import simple_asset
@@ -207,19 +205,3 @@ def test_a_character_that_the_asset_leaves_out_of_training_changes_no_draw(crowd
         assert drawn.sun == without.sun
         placed = [{p: (n.visible, n.transform.tobytes()) for p, n in s.nodes.items()} for s in (without, drawn)]
         assert placed[0] == placed[1]
-
-
-def test_what_an_asset_leaves_out_of_training_changes_no_draw() -> None:
-    manifest, _ = asset_manifest("urban-street")
-    camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 0.0, 0.0, 0.0), 50.0, 36.0)
-    left_out = manifest.training.left_out
-    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in left_out)})
-    assert len(first.movable) < len(manifest.movable)
-    drawn: list[dict[str, Value]] = []
-    for one in (manifest, first):
-        rng, assignment = np.random.default_rng(4), dict[str, Value]()
-        for _ in range(10):
-            draw_traffic(camera, assignment, one, rng)
-        drawn.append({**assignment, "next": float(rng.random())})
-    assert drawn[0] == drawn[1]
-    assert {path.split(".")[1] for path in drawn[0] if path != "next"} == {"car-101", "bicycle-101"}

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.world import makers
-from tests.world.drawn import CLASS, DrawnWorld, spec
+from tests.world.drawn import CLASS, TOWN, DrawnWorld, installed_town, spec
 from tests.world.makers import predict
 from tests.world.training import draw_frames
 from tests.world.world import settings_of
@@ -24,14 +24,14 @@ from valerie.labels import to_train_ids
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.training.fit import TrainingProgress
 from valerie.pipeline.functions.probe import inference_names
-from valerie.pipeline.retraining.loop import Watcher
-from valerie.pipeline.rounds.flow import Ending, Flow, Surroundings, until_met
-from valerie.pipeline.rounds.reporting import flow_report
+from valerie.pipeline.retraining.retrain import Watcher
+from valerie.pipeline.rounds.flow import Flow, FlowEnd, Surroundings, until_met
+from valerie.pipeline.rounds.flow_reporting import flow_report
 from valerie.pipeline.work import finish
 from valerie.rendering.base import GroundTruth
 from valerie.runs.products.pins import Offer
 from valerie.runs.products.states import Stage, route_of
-from valerie.runs.study.document import StudyDocument, StudyState, parse_study
+from valerie.runs.study.study_document import StudyDocument, StudyState, parse_study
 from valerie.statistics.verdicts import Outcome
 
 TRAINING = {"frames": 2, "sites": 1, "width": 160, "height": 96, "steps": 2, "batch": 2, "held_out_frames": 0}
@@ -45,10 +45,10 @@ def see(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> N
 
 
 @pytest.fixture(scope="module", autouse=True)
-def quick() -> Iterator[None]:
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A flow reads rows; reports of runs and rendered frames are tested elsewhere."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
+    with installed_town(tmp_path_factory.mktemp("town")), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("valerie.pipeline.retraining.retrain.render_training_frames", draw_frames)
         patch.setattr(finish, "write_results", lambda *_: None)
         patch.setattr(makers, "predict", see)
         yield
@@ -64,7 +64,7 @@ def document(**more: Any) -> StudyDocument:
         "batch": 16,
         "rounds": {"most": 1, "search": 16, "training": TRAINING},
     }
-    asked = spec("flow", asset="urban-street", vary=vary, functions=[FUNCTION], cameras=["camera-1"])
+    asked = spec("flow", asset=TOWN, vary=vary, functions=[FUNCTION], cameras=["camera-1"])
     return parse_study(asked | study | more)
 
 
@@ -110,7 +110,7 @@ class Machine:
 
 
 def told(flow: Flow) -> list[tuple[Any, ...]]:
-    """What a flow decided, without ids, times, and digests of files that name the ids of runs."""
+    """Return the decisions of a flow, without ids, times, and digests of files that name the ids of runs."""
     return [
         (
             each.function.partition("@")[0],
@@ -136,7 +136,7 @@ def test_a_requirement_that_no_version_meets_is_verified_once_more_after_the_las
 ) -> None:
     machine, flows = calm
     ended = flows[-1]
-    assert (ended.ending, ended.outcome) == (Ending.ROUNDS, Outcome.NOT_MET)
+    assert (ended.ending, ended.outcome) == (FlowEnd.ROUNDS, Outcome.NOT_MET)
     assert [flow.ending for flow in flows[:-1]] == [None] * (len(flows) - 1)
     first, second = ended.rounds
     assert first.training is not None
@@ -226,7 +226,7 @@ def test_a_version_that_sees_everyone_ends_the_flow(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(makers, "predict", better)
     ended = list(machine.flow(document()))[-1]
-    assert (ended.ending, ended.outcome) == (Ending.MET, Outcome.MET)
+    assert (ended.ending, ended.outcome) == (FlowEnd.MET, Outcome.MET)
     assert [each.verification.outcome for each in ended.rounds if each.verification] == [Outcome.NOT_MET, Outcome.MET]
 
 
@@ -234,7 +234,7 @@ def test_cpu_hours_end_a_flow(tmp_path: Path) -> None:
     """One batch costs 16 times a layer, a truth and a prediction, at least."""
     hours = 16 * sum(makers.CPU_SECONDS[kind] for kind in ("layer", "truth", "prediction")) / 3600
     ended = list(Machine(tmp_path).flow(document(budget={"variants": 120, "cpu_hours": hours})))[-1]
-    assert ended.ending is Ending.BUDGET
+    assert ended.ending is FlowEnd.BUDGET
     assert len(ended.rounds) == 1
     assert ended.rounds[0].training is None
 

@@ -21,7 +21,7 @@ from valerie.pipeline.control import lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.reading.frame_pictures import find_picture
 from valerie.pipeline.work.uploaded_predictions import put_prediction
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.storage.codecs import decode_prediction
 from valerie.storage.keys import product_key
 

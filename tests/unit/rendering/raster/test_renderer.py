@@ -9,6 +9,7 @@ import trimesh
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from tests.sampling import enough_to_show
 from tests.unit.rendering.scene_rays import (
     blocked,
     dark_and_lit,
@@ -263,7 +264,7 @@ def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool
         {head.path: head, ground.path: ground}, {"skin": skin, "tar": tar}, {}, {"camera-1": camera}, Sun(0.0, math.radians(40)),
         environment=Environment(sky_strength=0.0),
     )  # fmt: skip
-    assert scene.sun_direction()[1] > 0.7
+    assert scene.sun_direction()[1] == pytest.approx(math.cos(math.radians(40)))
     view = View("camera-1", 160, 120)
     pixels = raster.full(scene, view).pixels.astype(np.float64).sum(axis=2)
     rays, origin = pixel_rays(camera, view), camera.position - np.array([0, 4, 1.6])
@@ -274,8 +275,10 @@ def test_no_sunlight_passes_through_a_head(raster: RasterRenderer, movable: bool
     hit = inside > 0.001
     normals = (origin + rays * (along - np.sqrt(np.where(hit, inside, 0)))[..., None]) / 0.1
     facing = np.where(hit, normals @ scene.sun_direction(), 0)
-    assert (facing < -0.15).sum() > 2000
-    assert np.median(pixels[facing > 0.15]) > 0.1
+    assert (facing < -0.15).sum() >= enough_to_show(0.001)
+    # The sunlight on a place is its albedo times the cosine, of which the air before it leaves the rest out.
+    lit = np.array(skin.base_color) @ (sky_of(scene).sun * np.exp(-4 * sky_of(scene).extinction))
+    assert np.median(pixels[facing > 0.15]) > 0.15 * lit
     # Statics are part of the surroundings of a place, so it receives some of its own light: at most a twentieth of the brightest
     # place's, a requirement of ours.
     assert pixels[facing < -0.15].max() <= (0.0 if movable else 0.05 * pixels.max())
@@ -300,10 +303,8 @@ def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, 
     texel = math.hypot(40 + 6, 60 + 6) / STATIC_MAP
     blur = 8.0 / toward_sun[2] * math.tan(scene.sun.angular_diameter / 2) + (0.75 + math.sqrt(0.5)) * texel
     dark, lit = dark_and_lit(
-        seen, lambda points: blocked(triangles, points + 0.012 * toward_sun, toward_sun), blur / cosine
+        seen, lambda points: blocked(triangles, points + 0.012 * toward_sun, toward_sun), blur / cosine, error=0.006
     )
-    assert dark.sum() > 500
-    assert (dark | lit).sum() > 0.8 * seen.flat.sum()
     passed = np.exp(-sky.extinction[1] * np.linalg.norm(seen.points[0] - camera.position, axis=2))
     share = raster.full(scene, view).pixels[..., 1] / (albedo * sky.sun[1] * cosine * passed)
     # Light reflected any number of times by surfaces in the full sun.
@@ -350,8 +351,11 @@ def test_the_first_row_of_a_texture_is_at_v_zero(raster: RasterRenderer) -> None
     scene = one_mesh(quad, Material("m", (1, 1, 1), base_color_texture="image", specular=0.0), camera, image=image)
     pixels = raster.full(scene, View("camera-1", 64, 64)).pixels
     top, bottom = pixels[20, 32], pixels[44, 32]
-    assert top[0] > 3 * top[2]
-    assert bottom[2] > 3 * bottom[0]
+    # Red and blue reflect none of each other's light. The haze of 5.1 m of air, the way to these pixels, adds some to both.
+    sky = sky_of(scene)
+    haze = sky.haze * (1 - np.exp(-5.1 * sky.extinction))
+    assert top[2] <= haze[2] < top[0]
+    assert bottom[0] <= haze[0] < bottom[2]
 
 
 @pytest.mark.parametrize("double_sided", [False, True])
@@ -436,14 +440,12 @@ def test_specular_tint_colours_the_highlight(raster: RasterRenderer) -> None:
 def test_a_metal_has_no_diffuse_light(raster: RasterRenderer) -> None:
     camera = Camera("scene.camera-1", camera_transform((0, -4, 6), 0, -60, 0), focal_length_mm=50.0)
     floor = box_mesh((-30, -30, -1), (30, 30, 0), "m")
-    matt, metal = (
-        raster.full(
-            one_mesh(floor, Material("m", (0.8, 0.8, 0.8), metallic=metallic, roughness=0.1), camera, 20.0),
-            View("camera-1", 32, 32),
-        ).pixels.astype(np.float64)
-        for metallic in (0.0, 1.0)
-    )
-    assert metal.mean() < 0.6 * matt.mean()
+    scene = one_mesh(floor, Material("m", (0.8, 0.8, 0.8), metallic=1.0, roughness=0.1), camera, 20.0)
+    metal = raster.full(scene, View("camera-1", 32, 32)).pixels.astype(np.float64).mean(axis=(0, 1))
+    # It mirrors its share of the sky, to a ninth of a stop, a requirement of ours. Light of the sun would double that.
+    rays = pixel_rays(camera, View("camera-1", 32, 32)).reshape(-1, 3) * [1, 1, -1]
+    sky = sky_of(scene).radiance(rays / np.linalg.norm(rays, axis=1, keepdims=True)).mean(axis=0)
+    assert metal == pytest.approx(0.8 * sky, rel=2.0 ** (1 / 9) - 1)
 
 
 @pytest.mark.parametrize("movable", [False, True])
@@ -463,9 +465,10 @@ def test_a_roughness_map_changes_the_highlight_where_it_is_smooth(raster: Raster
     mapped = image_of(Material("m", (0.05, 0.05, 0.05), roughness=1.0, roughness_texture="image"))
     # Away from the edge between them, which coarser mip levels blur.
     left, right = np.s_[24:, :24], np.s_[24:, 40:]
-    assert smooth[left].max() > 1.5 * rough[left].max()
     # Two steps of float16, 2⁻¹⁰ each: the map's 102 / 255 and the material's 0.4 are the same roughness.
-    np.testing.assert_allclose(mapped[left], smooth[left], rtol=2e-3)
+    rounding = 2e-3
+    assert smooth[left].max() > (1 + 100 * rounding) * rough[left].max()
+    np.testing.assert_allclose(mapped[left], smooth[left], rtol=rounding)
     np.testing.assert_array_equal(mapped[right], rough[right])
 
 

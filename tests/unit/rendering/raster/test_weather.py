@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.sampling import enough_to_show
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.gl.tiles import widened
@@ -137,7 +138,8 @@ def test_more_rain_makes_the_road_nearby_darker(raster: RasterRenderer) -> None:
     # From about 3 mm/h on the whole road is wet, and only the light in the rain still changes.
     values = [luminance(raster, road(0.12, rain))[NEAR].mean() for rain in (0.0, 0.2, 0.8, 3.0)]
     assert values == sorted(values, reverse=True)
-    assert values[-1] < 0.9 * values[0]
+    # By path tracing 0.81, as above.
+    assert values[-1] / values[0] == pytest.approx(0.81, rel=AS_PATH_TRACED)
 
 
 def test_water_on_a_black_road_mirrors_the_sky_by_fresnels_law(raster: RasterRenderer) -> None:
@@ -167,6 +169,8 @@ def test_a_wet_road_reflects_statics_where_a_mirror_would(raster: RasterRenderer
         red, _, blue = pixels[row - 2 : row + 3, column - 2 : column + 3].mean(axis=(0, 1))
         return float(red / blue)
 
+    # Water mirrors the grey sky, and the red box twice as red or more. Light that the box reflects around itself may redden the
+    # water beside its mirror image by a twentieth. Both are requirements of ours.
     assert mirrored(3.0) == pytest.approx(1.0, abs=0.05)
     # Movables have no reflection.
     assert (mirrored(0.0) > 2.0) is not movable
@@ -174,15 +178,15 @@ def test_a_wet_road_reflects_statics_where_a_mirror_would(raster: RasterRenderer
 
 def test_a_hardly_wet_road_looks_like_a_dry_one(raster: RasterRenderer) -> None:
     dry, damp = (luminance(raster, road(0.12, rain)) for rain in (0.0, 0.002))
-    assert 0 < wetness(0.002) < 0.003
-    # The median ignores single drops.
-    assert np.median(damp[NEAR] / dry[NEAR]) == pytest.approx(1.0, abs=0.003)
+    # The wet share of the road reflects at most all of its light or none. The median, a half float, ignores single drops.
+    assert 0 < wetness(0.002) <= 0.002 / 0.8
+    assert np.median(damp[NEAR] / dry[NEAR]) == pytest.approx(1.0, abs=wetness(0.002) + 1 / 2048)
 
 
 def test_drops_lie_at_the_same_places_with_and_without_movables(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     rainy = in_weather(cloud_cover=1.0, rain=30.0)
     sky = ~widened(truth_pass.truth(rainy, VIEW).class_map != 23, 2)
-    assert sky.sum() > 200
+    assert sky.sum() >= enough_to_show(0.001)
     alone, street = (raster.full(scene, VIEW).pixels for scene in (replace(rainy, nodes={}), rainy))
     np.testing.assert_array_equal(alone[sky], street[sky])
     dry = raster.full(in_weather(cloud_cover=1.0), VIEW).pixels

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.plugin_package import write_boxes, write_package
+from tests.plugin_package import install_boxes, write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, MissingDependency, UnknownName
 from valerie.scene.assets.asset import asset_manifest, asset_names, is_generated, load_asset
@@ -19,10 +19,7 @@ from valerie.testing.assets import simple_manifest
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Install the distribution ``box-assets``, and let the operator allow it."""
-    folder = write_boxes(tmp_path / "boxes")
-    monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setenv("VALERIE_PLUGINS", "box_assets")
-    yield folder
+    yield install_boxes(tmp_path / "boxes", monkeypatch)
     sys.modules.pop("boxes", None)
     monkeypatch.undo()
 

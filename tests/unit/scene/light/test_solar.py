@@ -54,8 +54,11 @@ def test_at_the_summer_solstice_the_sun_stands_overhead_at_the_tropic() -> None:
 def test_in_the_morning_it_stands_in_the_east_and_in_the_evening_in_the_west() -> None:
     place = {"day_of_year": 80, "latitude": 45.0, "longitude": 15.0, "utc_offset": 1.0}
     morning, evening = sun_angles(time_of_day=7.0, **place), sun_angles(time_of_day=17.0, **place)
-    assert 90 < morning.azimuth < 110
-    assert 250 < evening.azimuth < 270
+    # At an equinox, five hours from noon. The equation of time is at most 16.5 minutes, 4.1° of the hour angle.
+    hour, latitude = math.radians(75), math.radians(45)
+    south = math.degrees(math.atan2(math.sin(hour), math.sin(latitude) * math.cos(hour)))
+    assert morning.azimuth == pytest.approx(180 - south, abs=4.1 + ACCURACY_DEG)
+    assert evening.azimuth == pytest.approx(180 + south, abs=4.1 + ACCURACY_DEG)
 
 
 def test_the_clock_and_its_offset_move_together() -> None:

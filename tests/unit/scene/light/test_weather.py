@@ -10,7 +10,7 @@ from valerie.scene.light.weather import road_friction, water_mm, wetness
 def test_the_road_is_dry_without_rain_and_wet_in_a_shower() -> None:
     # A share exp(−R / 0.8) is dry, above nine tenths wet from 2 mm/h on.
     assert [wetness(rain) for rain in (0.0, 0.8, 1.6)] == pytest.approx([0.0, 1 - 1 / math.e, 1 - 1 / math.e**2])
-    assert wetness(2.0) > 0.9
+    assert wetness(2.0) > 9 / 10
 
 
 def test_a_dry_road_has_the_friction_of_a_dry_road() -> None:
@@ -33,5 +33,6 @@ def test_a_cloudburst_stands_above_the_texture_as_gallaway_measured() -> None:
 def test_more_rain_never_means_more_friction() -> None:
     frictions = [road_friction(rain) for rain in (0.0, 0.1, 0.5, 2.0, 10.0, 25.0, 50.0, 100.0)]
     assert frictions == sorted(frictions, reverse=True)
+    # That of puddles, 2 mm deep.
     assert water_mm(100.0) < 2.0
-    assert frictions[-1] > 0.5  # that of puddles, 2 mm deep
+    assert frictions[-1] > 0.5

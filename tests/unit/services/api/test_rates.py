@@ -8,7 +8,7 @@ import pytest
 
 from services.api import rates
 from services.api.app import create_app
-from services.api.rates import Rates
+from services.api.rates import RateLimit
 from tests.world.serving import served
 from tests.world.world import settings_of
 
@@ -23,7 +23,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_minutes_requests_may_come_at_once_and_later_ones_as_the_rate_allows(clock: list[float]) -> None:
-    limit = Rates(30)
+    limit = RateLimit(30)
     assert [limit.wait_for("ada") for _ in range(31)] == [0] * 30 + [2]
     clock[0] += 2.0
     assert [limit.wait_for("ada") for _ in range(2)] == [0, 2]
@@ -32,12 +32,12 @@ def test_a_minutes_requests_may_come_at_once_and_later_ones_as_the_rate_allows(c
 
 
 def test_each_caller_has_a_rate_of_its_own(clock: list[float]) -> None:
-    limit = Rates(1)
+    limit = RateLimit(1)
     assert [limit.wait_for(name) for name in ("ada", "bob", "ada")] == [0, 0, 60]
 
 
 def test_without_a_limit_nobody_waits(clock: list[float]) -> None:
-    limit = Rates(0)
+    limit = RateLimit(0)
     assert {limit.wait_for("ada") for _ in range(1000)} == {0}
 
 

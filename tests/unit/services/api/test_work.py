@@ -1,4 +1,4 @@
-"""What workers do, what products cost, why they failed, and how runs descend from each other."""
+"""The endpoints about workers, the cost and failures of products, and the descent of runs."""
 
 from __future__ import annotations
 

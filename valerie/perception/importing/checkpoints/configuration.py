@@ -17,7 +17,7 @@ def config_values(entries: JsonObject) -> JsonObject:
     """Return the literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``.
 
     Args:
-        entries: entries beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
+        entries: entries beside the weights; see `valerie.perception.importing.checkpoints.checkpoint_files.StoredCheckpoint`.
 
     Returns:
         The values; empty without a configuration, or if it cannot be parsed.

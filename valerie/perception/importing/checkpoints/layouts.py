@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from valerie.perception.networks.architectures import ARCHITECTURES
 from valerie.perception.networks.deeplabv3plus import DeepLabSettings
 
-Arrays = dict[str, NDArray[np.floating]]
+Tensors = dict[str, NDArray[np.floating]]
 Names = Mapping[str, str]
 
 
@@ -66,7 +66,7 @@ class Layout:
     ignored: tuple[str, ...]
     units: PictureUnits
     licence: str
-    reorder: Callable[[Arrays, str], Arrays] = lambda tensors, _: tensors
+    reorder: Callable[[Tensors, str], Tensors] = lambda tensors, _: tensors
 
     def name_of(self, tensor: str) -> str:
         """Return the other program's name for one of our tensors.
@@ -139,7 +139,7 @@ def _mmseg_deeplab() -> Iterator[tuple[str, str]]:
     yield "classifier", "decode_head.conv_seg"
 
 
-def _mmseg_order(tensors: Arrays, architecture: str) -> Arrays:
+def _mmseg_order(tensors: Tensors, architecture: str) -> Tensors:
     """Put channels into our order: mmsegmentation concatenates the pooled branch first and the low-level maps last."""
     settings = ARCHITECTURES[architecture]
     assert isinstance(settings, DeepLabSettings)

@@ -133,7 +133,7 @@ class Tensor(_Fixed):
         return np.lib.stride_tricks.as_strided(numbers, self.shape, strides, writeable=False)
 
 
-class Array:
+class PickledArray:
     """An array of numpy."""
 
     def __init__(self, values: NDArray[Any] | None = None) -> None:
@@ -173,7 +173,7 @@ class _StorageKind(_Fixed):
 
 
 def load_plain(stream: IO[bytes], *, field: str, storage: Callable[[Any], Storage] | None = None) -> Any:
-    """Return the objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`Array`).
+    """Return the objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`PickledArray`).
 
     Args:
         stream: positioned at the pickle's first byte; after the call, just after its last.
@@ -228,12 +228,12 @@ def _shown(value: object) -> str:
     return repr(value) if isinstance(value, int | str | None) else type(value).__name__
 
 
-def _reconstruct(*_: object) -> Array:
-    return Array()
+def _reconstruct(*_: object) -> PickledArray:
+    return PickledArray()
 
 
-def _from_buffer(data: object, dtype: object, shape: object, order: object) -> Array:
-    return Array(_array(data, dtype, _counts(shape, "an array's shape"), "F" if order == "F" else "C"))
+def _from_buffer(data: object, dtype: object, shape: object, order: object) -> PickledArray:
+    return PickledArray(_array(data, dtype, _counts(shape, "an array's shape"), "F" if order == "F" else "C"))
 
 
 def _scalar(dtype: object, data: object = b"") -> object:

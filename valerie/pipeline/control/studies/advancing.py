@@ -6,15 +6,15 @@ depends only on the study and the stored outcomes, so a process that continues a
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
+from datetime import datetime
 from itertools import takewhile
 from typing import Final, Unpack
 
 import structlog
 
 from valerie.db import runs, studies
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_moment, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.studies import BatchRow, StudyRow, StudyValues
 from valerie.errors import NotFound, QuotaExceeded, TransientError, ValerieError
@@ -28,15 +28,17 @@ from valerie.pipeline.control.submit import submit
 from valerie.pipeline.reading.selection import evaluated_persons
 from valerie.runs.moments import in_utc, moment_text
 from valerie.runs.products.states import RunState
-from valerie.runs.study.document import StudyState
+from valerie.runs.study.study_document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
+from valerie.studies.reasons import reason_text
 from valerie.studies.resolved import ResolvedStudy
-from valerie.studies.wording import reason_text
 
 log = structlog.get_logger()
 
 #: Retries of a run with failed products before the study pauses.
 RETRIES: Final = 3
+#: Proposed variants for each of the budget, at which a strategy that proposes rejected ones is ended: they cost nothing.
+MOST_PROPOSED: Final = 20
 
 
 class StudyKeeper:
@@ -163,8 +165,8 @@ class StudyKeeper:
             ended = reason
         if not all(batch.ended for batch in batches):
             return False  # the last batch is still in work, and is part of the result
-        result = known(pursuit.study, batches).result()
-        self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=runs.now_utc())
+        result = informed_pursuit(pursuit.study, batches).result()
+        self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=self._now())
         log.info("study.finished", study=study.id, reason=ended)
         return False
 
@@ -178,7 +180,7 @@ class StudyKeeper:
         points: UnitPoints,
         reason: str,
     ) -> None:
-        now = runs.now_utc()
+        now = self._now()
         batch = BatchRow(
             study_id=study.id,
             number=number,
@@ -205,12 +207,19 @@ class StudyKeeper:
         budget = study.document.budget
         if left(study, batches) == 0:
             return f"the budget of {budget.variants:,} variants is spent"
+        proposed = sum(len(batch.points) for batch in batches)
+        if proposed >= MOST_PROPOSED * budget.variants:
+            return f"of {proposed:,} proposed variants, {sum(len(batch.rejected) for batch in batches):,} are rejected"
         hours = sum(batch.cpu_seconds or 0.0 for batch in basis) / 3600
         if budget.cpu_hours is not None and hours >= budget.cpu_hours:
             return f"the budget of {budget.cpu_hours:g} CPU hours is spent"
-        if budget.deadline is not None and time.time() >= in_utc(budget.deadline).timestamp():
+        if budget.deadline is not None and self._now() >= in_utc(budget.deadline):
             return f"the deadline has passed: {moment_text(budget.deadline)}"
         return None
+
+    def _now(self) -> datetime:
+        with reading(self._context.engine) as connection:
+            return database_moment(connection)
 
     # -- the study -------------------------------------------------------------------------------------------------------
 
@@ -230,7 +239,7 @@ class StudyKeeper:
             studies.set_values(connection, study.id, expected=StudyState.RUNNING, **values)
 
 
-def known(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
+def informed_pursuit(resolved: ResolvedStudy, batches: Sequence[BatchRow]) -> Pursuit:
     """Return a pursuit that has been told every batch before the first unfinished one."""
     pursuit = Pursuit(resolved)
     pursuit.follow([*takewhile(_ended, batches)], everything=True)

@@ -13,11 +13,11 @@ from valerie.db.studies import BatchRow
 from valerie.errors import ValerieError
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.control.studies.advancing import known
+from valerie.pipeline.control.studies.advancing import informed_pursuit
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
-from valerie.runs.products.frames import FrameKey
+from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.studies.pursuit import Pursuit
 from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report, duration
@@ -42,7 +42,7 @@ def report(context: Context, study_id: str) -> str:
     with reading(context.engine) as connection:
         study = studies.get(connection, study_id)
         batches = studies.batches(connection, study_id)
-    pursuit = known(resolve_row(context, study), batches)
+    pursuit = informed_pursuit(resolve_row(context, study), batches)
     result = pursuit.result()
     return build_report(
         StudyReport(
@@ -50,6 +50,7 @@ def report(context: Context, study_id: str) -> str:
             name=study.name,
             question=study.document.goal.question,
             state=f"The study is {study.state}: {study.reason}" if study.reason else f"The study is {study.state}.",
+            ended=study.state.is_final,
             sentences=() if result is None else result.sentences,
             boundary=pursuit.boundary(),
             pictures=tuple(decisive_pictures(context, pursuit, batches)),
@@ -118,9 +119,9 @@ def decisive_pictures(context: Context, pursuit: Pursuit, batches: Sequence[Batc
                 except ValerieError as error:
                     log.warning("study.picture", frame=str(key), error=str(error))
                     continue
-                shown = "none" if score is None else f"{study.measure.shown(score):.3g}"
+                score_text = "none" if score is None else f"{study.measure.shown(score):.3g}"
                 caption = f"{title}, {name}" if len(functions) == 1 else f"{title}, {name}, {function}"
-                yield ShownPicture(caption, shown, values, str(key), picture)
+                yield ShownPicture(caption, score_text, values, str(key), picture)
 
 
 class _Scored(NamedTuple):

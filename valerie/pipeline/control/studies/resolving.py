@@ -8,8 +8,8 @@ from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
-from valerie.runs.document.documents import RunSpec
-from valerie.runs.study.document import CascadeGoal, StudyDocument
+from valerie.runs.document.run_spec import RunSpec
+from valerie.runs.study.study_document import CascadeGoal, StudyDocument
 from valerie.studies.resolved import ResolvedStudy, resolve_study
 
 

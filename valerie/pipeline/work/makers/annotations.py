@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from valerie.db.measured import MeasuredPerson
 from valerie.db.products import Job
 from valerie.measures import Source, names_from
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -17,7 +17,7 @@ from valerie.rendering.person_light import LightPass, measure_light
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.resolving.motion import VELOCITY_SPAN_S
 from valerie.scene.graph.model import Scene
-from valerie.storage.annotations import Annotation, encode_annotation
+from valerie.storage.annotation_codecs import Annotation, encode_annotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,10 @@ from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.rendering.base import GroundTruth
 from valerie.storage import codecs
@@ -41,14 +41,14 @@ class EvaluateMaker:
         prediction = self._reader.prediction(job.look.prediction)
         empty = None if job.look.empty is None else self._reader.prediction(job.look.empty)
         scored = score_frame(truth, prediction, card.judged_ids, empty=empty)
-        packed = codecs.encode_counts(scored.matrix)
+        counts = codecs.encode_counts(scored.matrix)
         return Finished(
             digest=job.digest,
-            bytes=len(packed),
+            bytes=len(counts),
             pixels=int(prediction.size),
             cpu_seconds=time.process_time() - started,
             score=FrameScore(
-                confusion=packed,
+                confusion=counts,
                 tp=scored.scores.counts.tp,
                 fn=scored.scores.counts.fn,
                 tn=scored.scores.counts.tn,

@@ -10,7 +10,7 @@ import psutil
 from numpy import uint8
 from numpy.typing import NDArray
 
-from valerie.db.products import Finished, Job, Look
+from valerie.db.products import EvaluationLink, Finished, Job
 from valerie.errors import InferenceError, ValerieError
 from valerie.measures import Measures
 from valerie.perception.running.batches import require_size
@@ -18,7 +18,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.runs.products.pins import FunctionPin
 from valerie.sensing.picture_levels import picture_levels
@@ -159,7 +159,7 @@ class InferMaker:
             self._tell(f"{reason} (VALERIE_INFER_SECONDS)")
 
 
-def _look(job: Job) -> Look:
+def _look(job: Job) -> EvaluationLink:
     if job.look is None:
         raise InferenceError(f"product {job.digest} is not a prediction")
     return job.look

@@ -9,19 +9,19 @@ from typing import Final
 
 from valerie import plugins
 from valerie.db.measured import MeasuredPerson, SeenPerson
-from valerie.db.products import Finished, Job, Part
+from valerie.db.products import Finished, Job, SharedStatics
 from valerie.errors import RenderingError, TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.person_views import NO_PERSON, seen_person
-from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.work.makers.annotations import SeenScene, annotate, lit_persons
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
-from valerie.rendering.scanning import Reading, scan
+from valerie.rendering.scanning import Readout, scan
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.products.states import ProductKind
 from valerie.runs.resolving.sensors import focal_length_mm, rolling_shutter
@@ -29,7 +29,7 @@ from valerie.runs.resolving.spec import ResolvedRun
 from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import read_lines
 from valerie.storage import codecs
-from valerie.storage.annotations import encode_annotation
+from valerie.storage.annotation_codecs import encode_annotation
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -61,7 +61,7 @@ class RenderMaker:
         resolution = resolved.spec.resolution
         view = View(resolved.cameras[key.camera], resolution.width, resolution.height)
         views: tuple[SeenPerson, ...] = ()
-        part: Part | None = None
+        part: SharedStatics | None = None
         lights: tuple[MeasuredPerson, ...] = ()
         data = b""
         if job.kind is ProductKind.TRUTH:
@@ -84,19 +84,19 @@ class RenderMaker:
                 raise RenderingError(f"product {job.digest}: no sensor of the frame has a rolling shutter")
             camera = focal_length_mm(resolved.manifest, view.camera, resolved.at(assignment, key.time))
             products = job.frame.products
-            made = scan(
+            frame_scan = scan(
                 engine,
                 self._truth_pass(run.pins.truth.numeric_class),
                 lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 view,
                 (self._reader.frame(products), self._reader.truth(products.truth)),
-                Reading(
+                Readout(
                     read_lines(shutter.setting, view.width, view.height, camera),
                     shutter.setting.shutter.line_time_us * 1e-6,
                     shutter.blurs,
                 ),
             )
-            data = encode_annotation(AnnotationKind.SCAN, made)
+            data = encode_annotation(AnnotationKind.SCAN, frame_scan)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
@@ -158,7 +158,7 @@ class _Statics:
         self._store = store
         self._known: deque[tuple[GroundTruth, str]] = deque(maxlen=_KEPT_STATICS)
 
-    def stored(self, statics: GroundTruth, *, again: bool) -> Part:
+    def stored(self, statics: GroundTruth, *, again: bool) -> SharedStatics:
         """Store a truth of statics; return its part of the product.
 
         Args:
@@ -172,7 +172,7 @@ class _Statics:
         key = product_key("statics", digest)
         if again or not self._store.exists(key):
             self._store.put(key, codecs.encode_truth(statics))
-        return Part(digest, self._store.head(key).size, statics.class_map.size)
+        return SharedStatics(digest, self._store.head(key).size, statics.class_map.size)
 
 
 def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:

@@ -62,7 +62,7 @@ class SkyMeter:
         return self._skies[key]
 
 
-class Light:
+class BlenderLight:
     """The light of a scene."""
 
     def __init__(self, data: Any, scene: Any, meter: SkyMeter) -> None:

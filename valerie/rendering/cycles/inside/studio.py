@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .film import Film, take_threads, write_floats
-from .light import Light, SkyMeter
+from .light import BlenderLight, SkyMeter
 from .materials import Materials
 from .pipe import ByName, Message, Pipe
 from .placing import matrix_of
@@ -63,8 +63,8 @@ class Studio:
     def forget(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Remove meshes, materials and textures, and the objects that use them."""
         data = self._bpy.data
-        removed = {*header["meshes"], *header["materials"]}
-        for name in [name for name, (_, state) in self._objects.items() if removed & {state[0], state[1]}]:
+        names = {*header["meshes"], *header["materials"]}
+        for name in [name for name, (_, state) in self._objects.items() if names & {state[0], state[1]}]:
             data.objects.remove(self._objects.pop(name)[0])
         for key in header["meshes"]:
             data.meshes.remove(self._meshes.pop(key))
@@ -140,7 +140,7 @@ class Studio:
         self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         scene.collection.objects.link(self._camera)
         scene.camera = self._camera
-        self._light = Light(bpy.data, scene, self._meter)
+        self._light = BlenderLight(bpy.data, scene, self._meter)
 
     def _settings(self, settings: Message, size: list[int], border: list[int] | None) -> None:
         render, cycles = self._scene.render, self._scene.cycles

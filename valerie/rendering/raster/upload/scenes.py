@@ -93,14 +93,14 @@ class SceneStore:
         """Upload a scene's geometry, without its movables if ``movables`` is False."""
         statics = self._statics(scene)
         materials = list(statics.materials)
-        placed = self.place(scene, draw_items(scene, movable=True), statics, materials) if movables else ()
-        return Prepared(scene, statics, placed, tuple(materials))
+        movable_meshes = self.place(scene, draw_items(scene, movable=True), statics, materials) if movables else ()
+        return Prepared(scene, statics, movable_meshes, tuple(materials))
 
     def place(
         self, scene: Scene, items: Sequence[DrawItem], statics: Statics, materials: list[Material]
     ) -> tuple[PlacedMesh, ...]:
         """Upload single meshes and place them in the world. Their materials are appended to ``materials``."""
-        placed: list[PlacedMesh] = []
+        meshes: list[PlacedMesh] = []
         statics.textures.require(material_of(scene, mesh, item.node.path) for item in items for mesh in item.meshes)
         for item in items:
             for mesh in item.meshes:
@@ -110,8 +110,8 @@ class SceneStore:
                 buffers = self._meshes.get(id(mesh), lambda m=mesh: MeshBuffers(self._gl, m))  # type: ignore[misc]
                 materials.append(material)
                 kind = surface_kind(material, statics.textures)
-                placed.append(PlacedMesh.place(buffers, item, kind, len(materials) - 1))
-        return tuple(placed)
+                meshes.append(PlacedMesh.place(buffers, item, kind, len(materials) - 1))
+        return tuple(meshes)
 
     def release(self) -> None:
         """Free everything."""
@@ -138,13 +138,13 @@ class SceneStore:
         item_kinds: list[tuple[SurfaceKind, ...]] = []
         textures.require(material_of(scene, mesh, item.node.path) for item in items for mesh in item.meshes)
         for item in items:
-            used = [material_of(scene, mesh, item.node.path) for mesh in item.meshes]
-            for material in used:
+            item_materials = [material_of(scene, mesh, item.node.path) for mesh in item.meshes]
+            for material in item_materials:
                 if material.name not in rows:
                     rows[material.name] = len(materials)
                     materials.append(material)
-            item_rows.append(tuple(rows[material.name] for material in used))
-            item_kinds.append(tuple(surface_kind(material, textures) for material in used))
+            item_rows.append(tuple(rows[material.name] for material in item_materials))
+            item_kinds.append(tuple(surface_kind(material, textures) for material in item_materials))
         key = (
             textures.serial,
             tuple(item_kinds),

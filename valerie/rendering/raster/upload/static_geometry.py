@@ -90,10 +90,10 @@ class StaticGeometry:
         ordered: list[NDArray[np.uint32]] = []
         # Cut surfaces and panes come last, so that all others form one range for passes that need only shapes.
         for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):
-            joined = np.concatenate(faces[kind])
-            self.batches.append(Batch(kind, self.triangles * 3, joined.size))
-            self.triangles += len(joined)
-            ordered.append(joined)
+            corners = np.concatenate(faces[kind])
+            self.batches.append(Batch(kind, self.triangles * 3, corners.size))
+            self.triangles += len(corners)
+            ordered.append(corners)
         attributes = {
             "in_position": positions, "in_normal": normals, "in_uv": uvs, "in_ids": np.concatenate(ids),
         }  # fmt: skip
@@ -131,10 +131,10 @@ def _in_world(
 
 def _joined(batches: Sequence[Batch]) -> list[Batch]:
     """Return batches with adjoining ranges merged."""
-    joined: list[Batch] = []
+    runs: list[Batch] = []
     for batch in batches:
-        if joined and joined[-1].first + joined[-1].count == batch.first:
-            joined[-1] = Batch(joined[-1].kind, joined[-1].first, joined[-1].count + batch.count)
+        if runs and runs[-1].first + runs[-1].count == batch.first:
+            runs[-1] = Batch(runs[-1].kind, runs[-1].first, runs[-1].count + batch.count)
         else:
-            joined.append(batch)
-    return joined
+            runs.append(batch)
+    return runs

@@ -103,16 +103,16 @@ def sample_surfaces(
     summed = np.cumsum(double * share * touches, dtype=np.float64)
     if not len(summed) or not summed[-1] > 0:
         return SurfaceSample.empty(float(low[2] + _AROUND))
-    picked = np.searchsorted(summed, (np.arange(SAMPLE) + 0.5) / SAMPLE * summed[-1])
-    points = _places(first[picked], second[picked], third[picked], low, high)
+    triangles = np.searchsorted(summed, (np.arange(SAMPLE) + 0.5) / SAMPLE * summed[-1])
+    points = _places(first[triangles], second[triangles], third[triangles], low, high)
     within = ((points >= low) & (points <= high)).all(axis=1)
-    points, picked = points[within], picked[within]
-    normals = across[picked].astype(np.float64) / double[picked, None]
-    both = two_sided[picked]
+    points, triangles = points[within], triangles[within]
+    normals = across[triangles].astype(np.float64) / double[triangles, None]
+    both = two_sided[triangles]
     return SurfaceSample(
         np.concatenate([points, points[both]]),
         np.concatenate([normals, -normals[both]]),
-        np.concatenate([rows[picked], rows[picked][both]]).astype(np.intp),
+        np.concatenate([rows[triangles], rows[triangles][both]]).astype(np.intp),
         float(low[2] + _AROUND),
         float(summed[-1]) / 2 / SAMPLE,
     )
@@ -125,19 +125,19 @@ def _places(first: Points, second: Points, third: Points, low: Points, high: Poi
     count = len(first)
     numbers = np.arange(count * _TRIES).reshape(_TRIES, count)
     points = np.empty((count, 3))
-    missing = np.ones(count, np.bool_)
+    outside = np.ones(count, np.bool_)
     for number in numbers:
         across, up = (
-            (0.5 + number[missing] * 0.7548776662466927) % 1.0,
-            (0.5 + number[missing] * 0.5698402909980532) % 1.0,
+            (0.5 + number[outside] * 0.7548776662466927) % 1.0,
+            (0.5 + number[outside] * 0.5698402909980532) % 1.0,
         )
         over = across + up > 1.0
         across, up = np.where(over, 1 - across, across)[:, None], np.where(over, 1 - up, up)[:, None]
-        origin = first[missing].astype(np.float64)
-        candidates = origin + (second[missing] - origin) * across + (third[missing] - origin) * up
-        points[missing] = candidates
-        missing[missing] = ~((candidates >= low) & (candidates <= high)).all(axis=1)
-        if not missing.any():
+        origin = first[outside].astype(np.float64)
+        candidates = origin + (second[outside] - origin) * across + (third[outside] - origin) * up
+        points[outside] = candidates
+        outside[outside] = ~((candidates >= low) & (candidates <= high)).all(axis=1)
+        if not outside.any():
             break
     return points
 

@@ -17,9 +17,9 @@ import pytest
 import torch
 from torch.nn import functional
 
-from valerie.perception.importing.checkpoints.conversion import ImportedNetwork, convert
-from valerie.perception.importing.checkpoints.files import StoredCheckpoint
+from valerie.perception.importing.checkpoints.checkpoint_files import StoredCheckpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS, Layout
+from valerie.perception.importing.checkpoints.network_conversion import ImportedNetwork, convert
 from valerie.perception.importing.network_weights import filled_network, tensor_shapes
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 

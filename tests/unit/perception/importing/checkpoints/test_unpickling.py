@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.perception.importing.checkpoints.unpickling import Array, Inert, load_plain
+from valerie.perception.importing.checkpoints.unpickling import Inert, PickledArray, load_plain
 
 
 def load(data: bytes) -> object:
@@ -47,11 +47,11 @@ def test_objects_of_checkpoints_come_back_equal(protocol: int) -> None:
 def test_an_array_comes_back_with_its_numbers(protocol: int, dtype: str) -> None:
     given = np.arange(12).reshape(3, 4).astype(dtype)
     array = load(pickle.dumps(given, protocol))
-    assert isinstance(array, Array)
+    assert isinstance(array, PickledArray)
     np.testing.assert_array_equal(array.array(), given)
     assert array.array().dtype.isnative
     turned = load(pickle.dumps(np.asfortranarray(given), protocol))
-    assert isinstance(turned, Array)
+    assert isinstance(turned, PickledArray)
     np.testing.assert_array_equal(turned.array(), given)
 
 
@@ -60,7 +60,7 @@ def test_an_array_that_python_2_wrote_comes_back() -> None:
     dtype = b"cnumpy\ndtype\nU\x02f4K\x00K\x01\x87R(K\x03U\x01<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
     data = b"\x00\x00\x80?\x00\x00\x00\xc0"  # text there, where Python 3 has bytes
     array = load(b"\x80\x02" + made + b"(K\x01K\x02\x85" + dtype + b"\x89U\x08" + data + b"tb.")
-    assert isinstance(array, Array)
+    assert isinstance(array, PickledArray)
     assert array.array().tolist() == [1.0, -2.0]
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sampling import enough_to_show
 from tests.unit.rendering.scene_rays import blocked, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.projection import LightView
@@ -95,7 +96,8 @@ def test_the_sky_is_open_to_the_places_of_a_street_from_which_rays_reach_it() ->
     ).transpose(0, 2, 1)
     # Slopes above 30 are clamped: such directions graze the surface. No place lies inside the ground.
     sure = (expected == expected[0]).all(axis=0) & (cosine > 1 / 30) & (places[:, 2] > 0)[:, None]
-    assert 0.2 < expected[0].mean() < 0.9
+    assert min(expected[0][sure].sum(), (~expected[0][sure]).sum()) >= enough_to_show(0.001)
+    # The edges may leave out a fifth of all directions, a requirement of ours.
     assert sure[places[:, 2] > 0].mean() > 0.8
     np.testing.assert_array_equal(maps.openness[sure], expected[0][sure])
 
@@ -139,10 +141,10 @@ def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel()
         ranges = np.frombuffer(shadow.casters.read(), np.float32).reshape(*shadow.casters.size[::-1], 2)
         shadow.release()
     across, up = np.ceil(LARGEST_PENUMBRA / extent[:2] * side).astype(int)
-    around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
+    around, farther = (np.ones((2 * (up + more) + 1, 2 * (across + more) + 1), np.uint8) for more in (0, 16))
     per_texel = np.kron(ranges.transpose(2, 0, 1), np.ones((1, 8, 8), np.float32))
     assert (per_texel[0] <= cv2.erode(depths, around) + 1e-6).all()
     assert (per_texel[1] >= cv2.dilate(depths, around) - 1e-6).all()
-    # The bounds are no wider than a few blocks: most of the map is empty, and the middle of a caster is full.
-    assert (per_texel[0] == 1).mean() > 0.25
-    assert per_texel[1, 90, 80] == pytest.approx(0.5, abs=1e-6)
+    # The bounds are those of blocks of 8 texels, and of blocks around them.
+    assert (per_texel[0] >= cv2.erode(depths, farther) - 1e-6).all()
+    assert (per_texel[1] <= cv2.dilate(depths, farther) + 1e-6).all()

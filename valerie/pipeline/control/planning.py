@@ -1,0 +1,66 @@
+"""Plan a spec against this deployment, with its stored products and recorded costs."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from valerie.db import processes, totals
+from valerie.db.engine import database_time, reading
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.pinning import choose_pins
+from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.functions import registry
+from valerie.runs.forecasting.costs import Cost, CostKey, CostTable
+from valerie.runs.forecasting.forecast import Plan, plan
+from valerie.runs.products.pins import Pins
+from valerie.runs.products.states import EVAL_QUEUE, ProductKind
+from valerie.runs.resolving.spec import ResolvedRun, RunSpec
+
+
+def plan_run(context: Context, spec: RunSpec) -> Plan:
+    """Plan a spec; stores nothing.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    with reading(context.engine) as connection:
+        offers = processes.offers(connection, now=database_time(connection))
+        registered = registry.known(connection, spec.functions)
+        names = registry.names(connection, registered)
+        resolved = resolve_new(spec, context.settings, registered=names)
+        pins = choose_pins(spec, offers, registered).pins
+        recorded = totals.recorded_costs(connection)
+
+        def present(digests: set[str]) -> set[str]:
+            return totals.done_digests(connection, digests)
+
+        return plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
+
+
+#: Number of products from which their mean replaces the shipped table.
+_MANY: Final = 3
+
+
+def _costs(resolved: ResolvedRun, pins: Pins | None, recorded: list[totals.RecordedCost]) -> CostTable:
+    """Return recorded means at this run's resolution and with its pins, by the planner's keys."""
+    if pins is None:
+        return CostTable()
+    resolution, spec = resolved.spec.resolution, resolved.spec
+    pixels = resolution.width * resolution.height
+    makers = {
+        (ProductKind.TRUTH, pins.truth.route): "",
+        **{(ProductKind(kind), pins.truth.route): "" for kind in resolved.annotations},
+        (ProductKind.EVALUATION, EVAL_QUEUE): "",
+    }
+    if not resolved.engine_inputs:
+        # Recorded costs do not distinguish settings.
+        makers |= {(kind, pins.engine.route): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
+    by_digest = {pins.functions[name].digest[:32]: name for name in spec.functions}
+    costs: dict[CostKey, Cost] = {}
+    few: dict[CostKey, Cost] = {}
+    for row in recorded:
+        maker = by_digest.get(row.group) if row.kind is ProductKind.PREDICTION else makers.get((row.kind, row.route))
+        if maker is not None and row.pixels == pixels:
+            key = CostKey(row.kind, maker, resolution.width, resolution.height)
+            (costs if row.count >= _MANY else few)[key] = Cost(row.cpu_seconds, row.bytes)
+    return CostTable(costs, few)

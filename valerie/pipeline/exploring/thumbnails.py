@@ -1,0 +1,184 @@
+"""Paint thumbnails of frames, whole or cropped to a person, into one picture (a sprite sheet)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+from threading import Lock
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from cachetools import LRUCache
+from numpy.typing import NDArray
+from PIL import Image
+
+from valerie.db import measured
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InvalidInput, MissingInput, NotFound
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
+from valerie.pipeline.reading.painting import FramePainter
+from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.runs.products.frame_keys import FrameKey
+from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS, PictureKind
+
+#: Kinds of picture that a thumbnail can show.
+TILE_KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
+#: Most thumbnails of a sheet, and of a row.
+MAX_TILES: Final = 64
+COLUMNS: Final = 8
+#: Sizes of the caches of thumbnails and of whole pictures, bytes. A whole picture has one thumbnail for each person and function.
+_KEPT_BYTES: Final = 96 << 20
+_WHOLE_BYTES: Final = 64 << 20
+_KEPT_TRUTHS: Final = 4096
+#: Smallest size of a crop: multiple of the person's height, and pixels of the picture.
+_MARGIN: Final = 1.6
+_LEAST: Final = 24
+_BLANK: Final = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A thumbnail: a person in a frame, with a function and a sensor setting."""
+
+    frame: FrameKey
+    instance_id: int
+    function: str
+    sensor: str
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read ``frame:instance:function:sensor``; instance 0 means no person.
+
+        Raises:
+            InvalidInput: the text has another form.
+        """
+        parts = text.split(":", 3)
+        if len(parts) != 4 or not parts[1].isascii() or not parts[1].isdigit() or len(parts[1]) > 9:
+            raise InvalidInput("not a tile", field="tile", value=text, limit="frame:instance:function:sensor")
+        return cls(FrameKey.parse(parts[0]), int(parts[1]), parts[2], parts[3])
+
+
+class _Shape(NamedTuple):
+    """The content of thumbnails, and their size in pixels."""
+
+    kind: PictureKind
+    crop: bool
+    width: int
+    height: int
+
+
+class Tiles:
+    """Cache of thumbnails of one process."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._lock, self._painting = Lock(), Lock()
+        self._painter = FramePainter(ProductReader(context.store), kept_bytes=_WHOLE_BYTES)
+        self._boxes: LRUCache[str, dict[int, Sequence[int] | None]] = LRUCache(_KEPT_TRUTHS)
+        self._kept: LRUCache[tuple[Tile, _Shape], NDArray[np.uint8]] = LRUCache(
+            _KEPT_BYTES, lambda pixels: pixels.nbytes
+        )
+
+    def sheet(self, tiles: Sequence[Tile], *, kind: str, crop: bool, width: int) -> bytes:
+        """Return a JPEG of thumbnails, `COLUMNS` in a row; a missing picture is grey.
+
+        Args:
+            tiles: at most `MAX_TILES`.
+            kind: one of `TILE_KINDS`.
+            crop: crop to the person; otherwise show the whole frame.
+            width: width of a thumbnail in pixels; its height is 9/16 of it, or equal to it in crops.
+        """
+        height = width if crop else width * 9 // 16
+        shape = _Shape(PictureKind.parse(kind), crop, width, height)
+        frames: dict[FrameKey, FrameSources] = {}  # of this sheet, since products of a running run come meanwhile
+        sheet = np.full((ceil(len(tiles) / COLUMNS) * height, min(len(tiles), COLUMNS) * width, 3), _BLANK, np.uint8)
+        for k, tile in enumerate(tiles):
+            row, column = divmod(k, COLUMNS)
+            pixels = self._tile(tile, shape, frames)
+            if pixels is not None:
+                sheet[row * height :, column * width :][:height, :width] = pixels
+        buffer = io.BytesIO()
+        Image.fromarray(sheet).save(buffer, "JPEG", quality=82)
+        return buffer.getvalue()
+
+    def _tile(self, tile: Tile, shape: _Shape, frames: dict[FrameKey, FrameSources]) -> NDArray[np.uint8] | None:
+        key = (tile, shape)
+        with self._lock:
+            if key in self._kept:
+                return self._kept[key]
+        try:
+            if tile.frame not in frames:
+                evaluated = shape.kind in FUNCTION_KINDS
+                frames[tile.frame] = frame_sources(self._context, tile.frame, evaluated=evaluated)
+            sources = frames[tile.frame]
+            source = sources.picture(shape.kind, function=tile.function, sensor=tile.sensor)
+            size = sources.resolved.spec.resolution
+            box = self._box(source.capture.products.truth, tile.instance_id) if shape.crop else None
+            area = _area(shape, box, size.width, size.height)
+            window = _window(area, shape)
+            with self._painting:
+                picture = self._painter.paint(
+                    shape.kind, capture=source.capture, prediction=source.prediction, window=window
+                )
+        except (Conflict, MissingInput, NotFound):
+            return None
+        rows, columns = window
+        left, top, right, bottom = area
+        inside = (left - columns.start, top - rows.start, right - columns.start, bottom - rows.start)
+        resized = Image.fromarray(np.ascontiguousarray(picture)).resize(
+            (shape.width, shape.height), Image.Resampling.BILINEAR, box=inside
+        )
+        pixels = np.asarray(resized)
+        with self._lock:
+            self._kept[key] = pixels
+        return pixels
+
+    def _box(self, truth: str, instance_id: int) -> Sequence[int] | None:
+        with self._lock:
+            boxes = self._boxes.get(truth)
+        if boxes is None:
+            with reading(self._context.engine) as connection:
+                boxes = {view.instance_id: view.amodal_box for view in measured.person_views(connection, truth)}
+            with self._lock:
+                self._boxes[truth] = boxes
+        return boxes.get(instance_id)
+
+
+def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
+    """Return the part of a picture that a thumbnail shows: left, top, right, bottom."""
+    if shape.crop:
+        return _around(box, width, height)
+    if width * shape.height != height * shape.width:
+        return _filled(width, height, shape.width / shape.height)
+    return 0.0, 0.0, float(width), float(height)
+
+
+def _window(area: tuple[float, float, float, float], shape: _Shape) -> tuple[slice, slice]:
+    """Return the rows and columns from which an area is resized: those inside and the reach of the filter around them."""
+    left, top, right, bottom = area
+    reach = ceil(max(1.0, (right - left) / shape.width, (bottom - top) / shape.height)) + 1
+    rows = slice(max(floor(top) - reach, 0), ceil(bottom) + reach)
+    return rows, slice(max(floor(left) - reach, 0), ceil(right) + reach)
+
+
+def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
+    """Return a square within a picture around a person's box; without a box, the largest in the middle."""
+    side = float(min(width, height))
+    middle = (width / 2, height / 2)
+    if box is not None:
+        x0, y0, x1, y1 = box
+        side = min(max(_MARGIN * max(x1 - x0, y1 - y0), _LEAST), side)
+        middle = ((x0 + x1) / 2, (y0 + y1) / 2)
+    left = min(max(middle[0] - side / 2, 0.0), width - side)
+    top = min(max(middle[1] - side / 2, 0.0), height - side)
+    return left, top, left + side, top + side
+
+
+def _filled(width: int, height: int, ratio: float) -> tuple[float, float, float, float]:
+    """Return the largest centred part of a picture with a ratio of width to height."""
+    wide, high = min(float(width), height * ratio), min(float(height), width / ratio)
+    left, top = (width - wide) / 2, (height - high) / 2
+    return left, top, left + wide, top + high
