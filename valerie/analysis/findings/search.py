@@ -78,7 +78,8 @@ def find_findings(
     families = list(_families(table, precisions or {}))
     clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
     comparisons = searched = confirming = 0
-    positions, without_places = _positions(table), set()
+    positions = _positions(table)
+    without_places: set[str] = set()
     for family in families:
         level = 1 - (1 - LEVEL) / len(families)
         observations, only = family.observations, family.only
