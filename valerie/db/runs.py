@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Set
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Final, NamedTuple, TypedDict, Unpack
 
 from sqlalchemy import Connection, Subquery, delete, func, insert, select, union, update
@@ -136,11 +136,6 @@ class Relative:
 
 
 _RUN = select(*columns_of(RunRow, Run))
-
-
-def now_utc() -> datetime:
-    """Return the current time, UTC."""
-    return datetime.now(UTC)
 
 
 def create(connection: Connection, run: SubmittedRun, *, idempotency_key: str | None = None) -> str:

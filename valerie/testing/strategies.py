@@ -96,7 +96,7 @@ class StrategyContract:
         result: Any = strategy.result
         if result is not None:
             assert isinstance(result, Result)
-            assert is_dataclass(result)
+            assert is_dataclass(type(result))
             assert all(isinstance(sentence, str) for sentence in result.sentences(("x",) * self.dimensions))
 
     def test_a_strategy_works_when_no_score_is_defined(self, build: Callable[[], Strategy]) -> None:

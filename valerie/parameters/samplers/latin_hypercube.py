@@ -42,6 +42,8 @@ class LatinHypercubeSampler:
 
 def permute(indexes: NDArray[np.uint64], count: int, keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Apply the permutation of 0 … count − 1 that ``keys`` define to ``indexes`` (any shape, uint64)."""
+    if count == 1:  # a replicate of a small design; the walk below would be long
+        return np.zeros_like(indexes)
     half = max(2, -(-(count - 1).bit_length() // 2))
     permuted = _feistel(indexes, half, keys)
     outside = permuted >= count

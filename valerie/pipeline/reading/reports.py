@@ -20,7 +20,7 @@ from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.db import results, runs
-from valerie.db.engine import reading
+from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, TransientError, ValerieError
@@ -213,7 +213,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
     run, resolved, pins = results.run, results.stored.resolved, results.stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
-        rejected = runs.rejections(connection, run.id)
+        rejected, now = runs.rejections(connection, run.id), database_moment(connection)
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
@@ -228,7 +228,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         functions=results.cards,
         software=software(),
         submitted=run.created_at,
-        finished=run.finished_at or runs.now_utc(),
+        finished=run.finished_at or now,
         more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
     )
     return ReportInput(

@@ -15,7 +15,7 @@ import structlog
 from valerie.analysis.analyze import Analysis
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.db import processes, results, runs
-from valerie.db.engine import database_time, reading, writing
+from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import NotFound, StorageFull, StorageUnavailable, TransientError
@@ -136,7 +136,7 @@ def _finish(context: Context, run: RunRow, write: Writer) -> None:
             expected=(RunState.FINISHING,),
             state=state,
             reason=reason,
-            finished_at=runs.now_utc(),
+            finished_at=database_moment(connection),
         )
     log.info("run.finished", run=run.id, state=state)
 

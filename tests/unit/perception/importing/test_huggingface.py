@@ -102,6 +102,7 @@ def test_the_other_engines_agree(folder: Path, engine: str) -> None:
     picture = np.random.default_rng(0).integers(0, 256, (50, 90, 3), dtype=np.uint8)
     reference = open_function(*read_huggingface(folder, "tiny", input=whole))
     function = open_function(*read_huggingface(folder, "tiny", engine=engine, input=whole))
+    # A requirement: rounding may turn pixels on an edge.
     assert (function.predict(picture) == reference.predict(picture)).mean() > 0.999
     function.close()
 

@@ -145,7 +145,7 @@ def test_a_resampled_frame_has_the_labels_of_means_and_straight_lines_between_th
     clear = highest[..., 3] - highest[..., 2] > 2 / 255  # pictures hold whole numbers
     found = open_shares(engine, WAYS[way], stride=stride).predict(COLOURS[colours])
     np.testing.assert_array_equal(found[clear], TRAIN_IDS[shares.argmax(axis=2)][clear])
-    assert clear.mean() > 0.95
+    assert clear.mean() > 0.95  # or little would be compared
 
 
 @ENGINES

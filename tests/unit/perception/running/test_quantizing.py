@@ -41,13 +41,26 @@ def logits(document: FunctionDocument, path: Path, picture: NDArray[np.uint8]) -
         engine.close()
 
 
+def largest_error(values: float, answers: float) -> float:
+    """The error of three channels of weight 1, each rounded to its nearest of 255 steps, and of the step of their sum.
+
+    Args:
+        values, answers: ranges of the channels and of the sum, including 0.
+    """
+    return (3 * 0.5 * values + answers) / 255
+
+
+def span(values: NDArray[np.floating]) -> float:
+    """The range of values, including 0."""
+    return float(max(values.max(), 0.0) - min(values.min(), 0.0))
+
+
 @ENGINES
 def test_the_logits_are_those_of_the_network_to_the_step_of_8_bits(tmp_path: Path, engine: str) -> None:
     function = small_onnx(tmp_path, engine="onnxruntime")
     picture = greys(*range(0, 256, 15))
     answer = logits(*quantized(*function, picture, engine=engine), picture)
-    # Three channels of weight 1 in steps of 1/255, each rounded to its nearest, and logits in steps of their own range, 3.
-    assert np.abs(answer - logits(*function, picture)).max() <= 3 * 0.5 / 255 + 3 * 1.0 / 255
+    assert np.abs(answer - logits(*function, picture)).max() <= largest_error(1.0, 3.0)
 
 
 @ENGINES
@@ -56,8 +69,9 @@ def test_values_beyond_those_of_the_pictures_count_as_the_largest_of_them(tmp_pa
     document, path = quantized(*function, greys(0, 102), engine=engine)
     answer = logits(document, path, greys(0, 102, 255))
     middle, bright = answer[0, 8, 12], answer[0, 8, 20]
-    assert bright == pytest.approx(middle, abs=0.01)
-    assert middle == pytest.approx(3 * 102 / 255, abs=0.01)
+    tolerance = largest_error(102 / 255, 3 * 102 / 255)
+    assert bright == pytest.approx(middle, abs=tolerance)
+    assert middle == pytest.approx(3 * 102 / 255, abs=tolerance)
 
 
 @pytest.mark.parametrize("given", [{"channel_order": "bgr"}, {"mean": [0.2, 0.4, 0.6], "std": [0.1, 0.2, 0.3]}])
@@ -66,7 +80,8 @@ def test_ranges_are_of_the_pictures_as_the_network_sees_them(tmp_path: Path, giv
     picture = np.stack([greys(0, 100)[..., 0], greys(50, 10)[..., 0], greys(200, 255)[..., 0]], axis=2)
     expected = logits(document, path, picture)
     answer = logits(*quantized(document, path, picture), picture)
-    assert np.abs(answer - expected).max() <= 0.02 * np.ptp(expected)
+    values = (picture / 255 - document.input.mean) / document.input.std
+    assert np.abs(answer - expected).max() <= largest_error(span(values), span(expected))
 
 
 @ENGINES
@@ -87,7 +102,8 @@ def test_a_shipped_network_keeps_nearly_all_labels(tmp_path: Path) -> None:
     document = file_document("f", path)
     before = open_function(document, path)
     after = open_function(*quantized(document, path, picture))
-    assert (after.predict(picture) == before.predict(picture)).mean() > 0.95  # 0.99 on pictures of a street
+    # A requirement. Random blocks have more pixels between classes than a street.
+    assert (after.predict(picture) == before.predict(picture)).mean() > 0.95
     assert after.card.judged_by == before.card.judged_by
 
 

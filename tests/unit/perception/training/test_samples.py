@@ -36,13 +36,14 @@ def test_at_half_scale_a_sample_shows_twice_the_extent() -> None:
     picture, _ = cut(coordinate_frame(), crop(scales=(0.5,)), rng(2))
     steps = np.diff(picture[..., 1].astype(int), axis=1)
     assert set(np.unique(steps)) <= {1, 2, 3}
-    assert abs(steps.mean() - 2.0) < 0.05
+    assert abs(steps.mean() - 2.0) <= 1 / len(steps[0])  # each end is rounded by up to a half
 
 
 def test_scales_refer_to_the_frame_that_the_function_sees() -> None:
     frame, one = coordinate_frame(), crop(scales=(1.0,))
     halved, _ = cut(frame, one, rng(2), longest_side=100)
-    assert abs(np.diff(halved[..., 1].astype(int), axis=1).mean() - 2.0) < 0.05
+    steps = np.diff(halved[..., 1].astype(int), axis=1)
+    assert abs(steps.mean() - 2.0) <= 1 / len(steps[0])  # each end is rounded by up to a half
     whole, _ = cut(frame, one, rng(2), longest_side=400)
     np.testing.assert_array_equal(whole, cut(frame, one, rng(2))[0])
 
@@ -81,7 +82,7 @@ def test_a_sample_holds_a_person_on_request() -> None:
 
 def test_a_frame_without_persons_is_cut_anywhere() -> None:
     corners = {cut(coordinate_frame(), crop(scales=(1.0,), person_share=1.0), rng(s))[0][0, 0, 1] for s in range(20)}
-    assert len(corners) > 10
+    assert len(corners) > 10  # of 137 columns, 20 draws hit fewer than eleven once in 10^10 trials
 
 
 def test_recolouring_without_disturbance_changes_nothing() -> None:
@@ -93,8 +94,9 @@ def test_recolouring_brightens_or_darkens_by_the_given_stops_at_most() -> None:
     grey = np.full((8, 8, 3), 100, np.uint8)
     shown = [int(recolour(grey, crop(exposure_stops=1.0), rng(seed))[0, 0, 0]) for seed in range(50)]
     low, high = 100 * 2 ** (-1 / 2.2), 100 * 2 ** (1 / 2.2)
-    assert low - 1 <= min(shown) < 85
-    assert 115 < max(shown) <= high + 1
+    # Half a stop and more in each direction: 50 draws of at most one stop all miss it once in 10^6 trials.
+    assert low - 1 <= min(shown) < 100 * 2 ** (-0.5 / 2.2)
+    assert 100 * 2 ** (0.5 / 2.2) < max(shown) <= high + 1
 
 
 def settings(**changes) -> TrainingSettings:

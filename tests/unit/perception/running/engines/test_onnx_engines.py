@@ -134,7 +134,7 @@ def test_upsampling_equals_torchs(write_onnx, engine: str) -> None:
         top = full.topk(2, dim=1).values[0]
         clear = ((top[0] - top[1]) > 1e-2).numpy()
         np.testing.assert_array_equal(found[clear], expected[clear])
-        assert clear.mean() > 0.99
+        assert clear.mean() > 0.99  # or little would be compared
 
 
 @ENGINES
@@ -263,6 +263,7 @@ def test_the_engines_give_the_labels_of_the_reference(tmp_path, engine: str) -> 
         reference = open_function(document, path).predict(picture)
         function = open_function(document.model_copy(update={"engine": engine}), path)
         assert function.card.precision == "fp32"
+        # A requirement: rounding may turn pixels on an edge between classes, few of 34,500.
         assert (function.predict(picture) == reference).mean() > 0.9995
         function.close()
 
@@ -278,7 +279,7 @@ def test_the_precision_is_read_back_and_another_one_refused(write_onnx) -> None:
             continue
         assert function.card.precision == precision
         assert f"-{precision}-" in function.numeric_class
-        assert (function.predict(picture) == labels).mean() > 0.5
+        assert (function.predict(picture) == labels).mean() > 0.5  # 1 in 19 by chance; logits lose up to 16 of 24 bits
 
 
 def test_precision_engine_and_threads_are_in_the_numeric_class(write_onnx) -> None:

@@ -149,6 +149,7 @@ def test_bf16_is_another_numeric_class_with_almost_the_same_labels(write_functio
     assert half.card.precision == "bf16"
     assert "-cpu-bf16-" in half.numeric_class
     (picture,) = pictures(1)
+    # A requirement: the logits of random weights are close to each other, those of a trained network are not.
     assert (half.predict(picture) == open_function(document, path).predict(picture)).mean() > 0.9
 
 
@@ -176,4 +177,5 @@ def test_a_network_with_classes_of_its_own(tmp_path, classes: tuple[str, ...]) -
         labels[engine] = function.predict(pictures(1)[0])
         function.close()
     assert set(np.unique(labels["torch"])) <= {11, 255}
+    # A requirement: rounding may turn pixels on an edge.
     assert (labels["torch"] == labels["onnxruntime"]).mean() > 0.999

@@ -38,7 +38,7 @@ def test_labels_are_those_of_interpolating_every_logit(
     best, second = whole.topk(2, dim=0).values
     clear = ((best - second) > 1e-5).numpy()
     np.testing.assert_array_equal(ids[clear], whole.argmax(0).numpy()[clear])
-    assert clear.mean() > 0.999
+    assert clear.mean() > 0.999  # or little would be compared
 
 
 def test_a_class_that_is_second_everywhere_wins_between_two_others() -> None:
