@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from tests.planted_tables import planted_table
@@ -27,7 +28,8 @@ LAST = ("the-last-fact", "line-199-of-the-spec")
 
 
 def report() -> str:
-    table = planted_table([0.9, 0.4, 0.7, 0.2], range(4))
+    along = np.linspace(10, 40, 60)
+    table = planted_table(1 - along / 50, range(60), distance_m=along, pixel_area_percent=10 / along)
     analysis = analyze(table)
     now = datetime(2026, 11, 25, tzinfo=UTC)
     card = FunctionCard("net", DIGEST, "a", "fp32", "e", {"weights": DIGEST})
@@ -49,7 +51,7 @@ def report() -> str:
     )
     document = {"name": "printed", "notes": [f"line-{k}-of-the-spec {DIGEST if k == 199 else ''}" for k in range(200)]}
     return build_report(
-        ReportInput(document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 4, 4)
+        ReportInput(document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 60, 60)
     )
 
 
@@ -77,3 +79,14 @@ def test_open_provenance_takes_pages_of_the_pdf() -> None:
     html = report()
     short = html.replace(html[html.index('<section id="provenance">') : html.index("</main>")], "")
     assert pdf_of(html.encode()).count(b"/Type /Page\n") > pdf_of(short.encode()).count(b"/Type /Page\n") + 2
+
+
+def test_figures_are_drawn_when_they_come_near_the_screen(browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": 1000, "height": 400})
+    page.set_content(report())
+    plots = page.locator(".plot")
+    assert plots.count() > 0
+    assert page.locator(".plot.drawn").count() < plots.count()
+    plots.last.scroll_into_view_if_needed()
+    page.wait_for_selector(".plot.drawn .live .main-svg")
+    page.close()

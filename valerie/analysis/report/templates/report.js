@@ -1,4 +1,5 @@
-// Draw every figure over its static picture; a figure that fails keeps the picture.
+// Draw each figure over its static picture when it comes near the screen, so that a long report opens at once; a figure that
+// fails keeps the picture.
 "use strict";
 (() => {
   const figures = JSON.parse(document.getElementById("figures").textContent);
@@ -6,10 +7,17 @@
     displayModeBar: false, // drag to zoom, double click to go back
     responsive: true,
   };
-  for (const place of document.querySelectorAll("[data-figure]")) {
+  const draw = (place) => {
     const figure = figures[Number(place.dataset.figure)];
-    const live = place.querySelector(".live");
     place.classList.add("drawn");
-    Plotly.newPlot(live, figure.data, figure.layout, config).catch(() => place.classList.remove("drawn"));
-  }
+    Plotly.newPlot(place.querySelector(".live"), figure.data, figure.layout, config).catch(() => place.classList.remove("drawn"));
+  };
+  const watcher = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (!isIntersecting) continue;
+      watcher.unobserve(target);
+      draw(target);
+    }
+  }, { rootMargin: "600px" });
+  for (const place of document.querySelectorAll("[data-figure]")) watcher.observe(place);
 })();
