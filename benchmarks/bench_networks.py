@@ -122,7 +122,7 @@ def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
     scores = collection_scores(matrices)
     person = scores.of(PERSON)
     both: dict[str, Averages] = {
-        "pacc": person.pacc, "precision": person.precision, "iou": person.iou, "miou": scores.overall["miou"]
+        "pacc": person.pacc, "precision": person.precision, "iou": person.iou, "miou": scores.overall.miou
     }  # fmt: skip
     return {
         "frames": scores.frames,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 import threading
-from datetime import UTC, datetime
 from time import monotonic
 from typing import Final
 
@@ -16,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from services.api.roles import changes_nothing
 from valerie.access import Caller
 from valerie.db import audit
-from valerie.db.engine import writing
+from valerie.db.engine import database_moment, writing
 from valerie.errors import ValerieError
 
 log = structlog.get_logger()
@@ -87,17 +86,17 @@ class Audit:
     def _append(
         self, request: Request, caller: Caller | None, mark: str, status: int | None, left_out: int = 0
     ) -> None:
-        entry = audit.Entry(
-            request=mark,
-            at=datetime.now(UTC),
-            caller=caller.name if caller else None,
-            owner=caller.owner if caller else None,
-            role=caller.role if caller else None,
-            address=(request.client.host if request.client else "")[:64],
-            method=request.method[:16],
-            path=request.url.path.replace("\0", "")[:1000],
-            status=status,
-            left_out=left_out,
-        )
         with writing(request.app.state.context.engine) as connection:
+            entry = audit.Entry(
+                request=mark,
+                at=database_moment(connection),
+                caller=caller.name if caller else None,
+                owner=caller.owner if caller else None,
+                role=caller.role if caller else None,
+                address=(request.client.host if request.client else "")[:64],
+                method=request.method[:16],
+                path=request.url.path.replace("\0", "")[:1000],
+                status=status,
+                left_out=left_out,
+            )
             audit.append(connection, entry)

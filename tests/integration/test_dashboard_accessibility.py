@@ -13,8 +13,8 @@ from services.api.app import create_app
 from tests.world.drawn import ASSET, DrawnWorld, layer_of_variant_4, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
-from valerie.db import marks, runs
-from valerie.db.engine import writing
+from valerie.db import marks
+from valerie.db.engine import database_moment, writing
 from valerie.pipeline.control.studies import commands
 from valerie.runs.marks import Mark, Subject
 from valerie.runs.study.study_document import parse_study
@@ -117,7 +117,7 @@ def addresses(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, st
     ids["running"] = world.work(spec("running", constants={"sun-1.elevation": 25}), products=100)
     with writing(world.context.engine) as connection:
         mark = Mark(tags=("night",), note="Look at the houses.")
-        marks.put(connection, finished, Subject(), mark, runs.now_utc())
+        marks.put(connection, finished, Subject(), mark, database_moment(connection))
     with served(create_app(settings, control=False)) as client:
         yield {**ids, "url": f"{str(client.base_url).rstrip('/')}/dashboard/"}
     structlog.reset_defaults()

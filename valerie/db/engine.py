@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, select
@@ -88,6 +89,11 @@ def database_time(connection: Connection) -> float:
     if clock is not None:
         return float(clock())
     return float(connection.scalar(select(func.extract("epoch", func.clock_timestamp()))) or 0.0)
+
+
+def database_moment(connection: Connection) -> datetime:
+    """Return `database_time` as a moment in UTC, for the times of rows."""
+    return datetime.fromtimestamp(database_time(connection), UTC)
 
 
 @contextmanager

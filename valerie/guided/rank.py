@@ -149,8 +149,8 @@ class Rank:
         while self._groups is not None and (len(self._left) < count or len(self._scores) < FEWEST):
             self._add_block(self._groups)
             if len(self._scores) >= FEWEST and self._illegal > HOPELESS * len(self._scores):
-                numbers = {"illegal": self._illegal, "drawn": len(self._scores)}
-                return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, numbers))
+                legality = {"illegal": self._illegal, "drawn": len(self._scores)}
+                return self._open.add(no_points, Reason(Why.ILLEGAL_BLOCKS, legality))
         chosen = [self._left.popleft() for _ in range(min(count, len(self._left)))]
         self._rows.append([(block, place) for block, place, _ in chosen])
         numbers: dict[str, float] = {"points": len(chosen), "parameters": self.domain.dimensions}

@@ -159,15 +159,21 @@ def fit_curve(
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Changes along an axis that simultaneous intervals prove, whatever the shape of the curve.
+    """Changes along an axis, whatever the shape of the curve.
 
     Attributes:
-        falls, rises: whether the average over some range of bins is proven to be below (above) that of a range before it.
+        difference: average of the last third of the rows along the axis less that of the first third.
+        low, high: its interval by Student's t over places.
+        falls, rises: whether simultaneous intervals prove that the average over some range of bins is below (above) that of
+            a range before it.
         most: largest difference between the averages of two bins that the intervals allow.
         bins: the averages.
         places: number of places.
     """
 
+    difference: float
+    low: float
+    high: float
     falls: bool
     rises: bool
     most: float
@@ -182,7 +188,7 @@ def proven_changes(
 
     Args:
         x, values, places, seed: as of `fit_curve`.
-        confidence: that no proven change is wrong.
+        confidence: of the difference, and that no proven change is wrong.
 
     Returns:
         The changes; None with too few places for two bins.
@@ -201,12 +207,38 @@ def proven_changes(
         np.minimum.accumulate(ranges.high.min(axis=1)[::-1])[::-1][1:],
     )
     return Changes(
+        *_between_thirds(data, x, values, places, confidence),
         bool((low_before > high_after).any()),
         bool((high_before < low_after).any()),
         float(alone.high.diagonal().max() - alone.low.diagonal().min()),
         data.averaged(),
         data.places,
     )
+
+
+def _between_thirds(
+    data: _Sums, x: ArrayLike, values: ArrayLike, places: ArrayLike, confidence: float
+) -> tuple[float, float, float]:
+    """Return the average of the last third of the rows along x less that of the first third, and its interval."""
+    along, scores = np.asarray(x, np.float64)[data.used], np.asarray(values, np.float64)[data.used]
+    place, occurring = dense(np.asarray(places)[data.used])
+    first, last = np.quantile(along, (1 / 3, 2 / 3))
+    sides = along <= first, (along >= last) & (along > first)
+    means, residuals, degrees = [], [], []
+    for side in sides:
+        count = np.bincount(place[side], minlength=len(occurring)).astype(np.float64)
+        total = np.bincount(place[side], scores[side], len(occurring))
+        effective = count.sum() ** 2 / (count**2).sum()
+        degrees.append(max(effective - 1, 1e-9))
+        means.append(total.sum() / count.sum())
+        residuals.append((total - means[-1] * count) / count.sum() * np.sqrt(effective / degrees[-1]))
+    own = [float((residual**2).sum()) for residual in residuals]
+    error = float(np.sqrt(((residuals[1] - residuals[0]) ** 2).sum()))
+    # Welch's degrees of freedom, at most those of the places.
+    welch = sum(own) ** 2 / max(sum(one**2 / free for one, free in zip(own, degrees, strict=True)), 1e-300)
+    half = -float(stdtrit(min(max(welch, 0.5), len(occurring) - 1), (1 - confidence) / 2)) * error
+    difference = float(means[1] - means[0])
+    return difference, difference - half, difference + half
 
 
 @dataclass(frozen=True, slots=True)

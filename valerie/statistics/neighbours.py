@@ -40,7 +40,7 @@ def places_alike(observations: Observations, positions: NDArray[np.float64], *, 
     where = np.zeros((places, positions.shape[1]))
     where[observations.place] = np.nan_to_num(positions[observations.rows])
     # The first of the nearest places is the place itself, unless several have equal positions.
-    _, nearest = cKDTree(where).query(where, _NEAREST + 1)
+    nearest = np.asarray(cKDTree(where).query(where, _NEAREST + 1)[1])
     near = np.where(nearest == np.arange(places)[:, None], nearest[:, -1:], nearest)[:, :_NEAREST]
     counts = np.bincount(observations.place)
     means = np.bincount(observations.place, weights=observations.values) / counts

@@ -185,13 +185,26 @@ class ArtifactStore:
         except (StorageFull, StorageUnavailable) as error:
             raise type(error)(f"artifacts in {self.url}: {error}") from error
 
-    def remove_staging(self, *, older_than_seconds: float = 3600.0) -> int:
-        """Remove the half-written files of killed writers from a folder store; return their number."""
+    def now(self) -> datetime:
+        """Return the time by the store's clock, by which it dates its objects; this process's may be hours apart.
+
+        Raises:
+            StorageFull: no space left.
+            StorageUnavailable: not writable or not reachable.
+        """
+        key = f"probe-{os.getpid()}-{time.time_ns()}"
+        self.put(key, b"valerie", replace=True)
+        modified = self.head(key).modified
+        self.delete(key)
+        return modified
+
+    def remove_staging(self, *, before: datetime) -> int:
+        """Remove the half-written files of killed writers from a folder store that are older; return their number."""
         if self._folder is None:
             return 0
         removed = 0
         for path in self._folder.rglob("*#*"):
-            if _STAGING.search(path.name) and time.time() - path.stat().st_mtime >= older_than_seconds:
+            if _STAGING.search(path.name) and path.stat().st_mtime <= before.timestamp():
                 path.unlink(missing_ok=True)
                 removed += 1
         return removed

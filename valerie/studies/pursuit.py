@@ -292,7 +292,7 @@ def _plugged(study: ResolvedStudy, goal: PluginGoal) -> Strategy:
         UnknownName, InvalidInput: it is not installed or not allowed, or refuses its options.
     """
     factory: StrategyFactory = plugins.strategy_of(goal.name)
-    arguments = {"at_least": study.measure.at_least, "seed": study.document.spec.seed, **goal.options}
+    arguments: dict[str, Any] = {"at_least": study.measure.at_least, "seed": study.document.spec.seed, **goal.options}
     try:
         signature(factory).bind(study.domain, **arguments)
     except TypeError as problem:

@@ -32,8 +32,7 @@ from services.api.schemas.explore import (
 from valerie.analysis.findings.child_specs import drawn_spec, similar_spec
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs, selections
-from valerie.db.engine import reading, writing
-from valerie.db.runs import now_utc
+from valerie.db.engine import database_moment, reading, writing
 from valerie.db.selections import SelectionRow
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import Cell
@@ -375,8 +374,8 @@ def list_selections(context: ContextDependency) -> list[SelectionRead]:
     summary="Save a selection under a name",
 )
 def save_selection(new: NewSelection, context: ContextDependency) -> SelectionRead:
-    row = SelectionRow(**new.model_dump(), created_at=now_utc())
     with writing(context.engine) as connection:
+        row = SelectionRow(**new.model_dump(), created_at=database_moment(connection))
         for run_id in new.runs:
             runs.require(connection, run_id)
         selections.save(connection, row)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,19 @@ from sqlalchemy import Engine, select, update
 
 from tests.unit.db.rows import digest, write_run
 from tests.world.blank import Pipeline
-from valerie.db import processes, products, sweeping
+from tests.world.boxes import spec
+from valerie.db import deliveries, processes, products, studies, sweeping
 from valerie.db.engine import database_time, open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
+from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.studies import commands
+from valerie.runs.moments import in_utc, moment_text
+from valerie.runs.study.study_document import parse_study
+from valerie.storage import ArtifactStore
+from valerie.storage.keys import product_key
+from valerie.storage.store import ObjectInfo
 
 LEASE = 60.0
 HOURS = 7200.0
@@ -109,6 +118,72 @@ def test_a_worker_that_died_before_the_clock_was_set_back_is_dead(engine: Engine
     clock.now -= 2e9
     with reading(engine) as connection:
         assert processes.workers(connection, now=database_time(connection)) == []
+
+
+@pytest.fixture
+def apart(pipelines: Callable[..., Pipeline], clock: Clock) -> Iterator[Pipeline]:
+    """A pipeline whose process is not of the database's time."""
+    pipeline = pipelines()
+    pipeline.context.engine.dispose()
+    engine = open_database(pipeline.settings.database_url, clock=clock)
+    pipeline.context = replace(pipeline.context, engine=engine)
+    pipeline.loop = ControlLoop(pipeline.context)
+    yield pipeline
+    engine.dispose()
+
+
+def test_the_times_of_a_run_are_the_databases_so_that_its_end_is_told(apart: Pipeline, clock: Clock) -> None:
+    now = datetime.fromtimestamp(clock.now, UTC)
+    run_id = apart.submit()
+    lifecycle.cancel(apart.context, run_id)
+    row = apart.row(run_id)
+    assert row.finished_at is not None
+    assert (in_utc(row.created_at), in_utc(row.finished_at)) == (now, now)
+    with reading(apart.context.engine) as connection:
+        # As webhooks ask: endings of the last day.
+        endings = deliveries.due(connection, "r", since=now - timedelta(days=1), now=clock.now, limit=9)
+    assert [ending.id for ending in endings] == [run_id]
+
+
+def test_the_deadline_of_a_study_is_of_the_databases_time(apart: Pipeline, clock: Clock) -> None:
+    document = {
+        **spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3]]),
+        "measure": "min(pacc) >= 0.5",
+        "goal": "estimate",
+        "budget": {"variants": 40, "deadline": datetime.fromtimestamp(clock.now - 60.0, UTC).isoformat()},
+        "batch": 8,
+    }
+    study = commands.begin(apart.context, parse_study(document))
+    apart.loop.tick(everything=True)
+    with reading(apart.context.engine) as connection:
+        row = studies.get(connection, study)
+    assert (row.state, row.reason) == (
+        "finished",
+        f"the deadline has passed: {moment_text(row.document.budget.deadline)}",
+    )
+
+
+class _Behind(ArtifactStore):
+    """A store that dates its objects by a clock two hours behind the process's."""
+
+    def __init__(self, store: ArtifactStore) -> None:
+        vars(self).update(vars(store))
+
+    def head(self, key: str) -> ObjectInfo:
+        return self._dated(super().head(key))
+
+    def list(self, prefix: str = "") -> Iterator[ObjectInfo]:
+        return map(self._dated, super().list(prefix))
+
+    def _dated(self, info: ObjectInfo) -> ObjectInfo:
+        return replace(info, modified=info.modified - timedelta(seconds=HOURS))
+
+
+def test_an_object_that_was_stored_just_now_stays_although_the_stores_clock_is_behind(pipeline: Pipeline) -> None:
+    key = product_key("truth", digest("e"))
+    pipeline.context.store.put(key, b"its row follows")
+    gc.collect(replace(pipeline.context, store=_Behind(pipeline.context.store)))
+    assert pipeline.context.store.exists(key)
 
 
 def test_a_run_ends_although_the_clock_is_set_back_in_the_middle(pipelines: Callable[..., Pipeline]) -> None:

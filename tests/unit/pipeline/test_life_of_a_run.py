@@ -34,7 +34,7 @@ from valerie.runs.products.states import ProductKind, Stage
 from valerie.runs.resolving.spec import parse
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
-from valerie.storage.keys import PRODUCTS, product_key, run_prefix
+from valerie.storage.keys import PRODUCTS, RUNS, product_key, run_prefix
 
 FRAMES = 24
 ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
@@ -287,7 +287,7 @@ class TestStorage:
         put, check = store.put, store.check
 
         def refuse(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if full[0] and key.startswith("runs/"):
+            if full[0] and key.startswith(RUNS):
                 raise error
             return put(self, key, *arguments, **keywords)
 
@@ -313,7 +313,7 @@ class TestStorage:
         put = store.put
 
         def stumble(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if key.startswith("runs/") and faults[0]:
+            if key.startswith(RUNS) and faults[0]:
                 faults[0] -= 1
                 raise TransientError("the database did not answer")
             return put(self, key, *arguments, **keywords)
@@ -327,7 +327,7 @@ class TestStorage:
         put = store.put
 
         def crash(self: Any, key: str, *arguments: Any, **keywords: Any) -> bool:
-            if key.startswith("runs/"):
+            if key.startswith(RUNS):
                 raise ZeroDivisionError("oops")
             return put(self, key, *arguments, **keywords)
 

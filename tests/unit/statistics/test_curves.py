@@ -180,6 +180,9 @@ def test_a_fall_is_proven_where_the_data_fall_and_nothing_rises():
     x, values, places = scores(sigmoid, 60, 4)
     changes = proven_changes(x, values, places, seed=0)
     assert (changes.falls, changes.rises) == (True, False)
+    ordered = np.argsort(x)
+    assert changes.difference == pytest.approx(values[ordered[-120:]].mean() - values[ordered[:120]].mean())
+    assert changes.low < changes.difference < changes.high < 0
     mirrored = proven_changes(-x, values, places, seed=0)
     assert (mirrored.falls, mirrored.rises) == (False, True)
     assert proven_changes(x[:12], values[:12], places[:12], seed=0) is None

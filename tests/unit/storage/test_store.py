@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -164,7 +165,7 @@ def test_half_written_files_of_killed_writers_are_removed_when_they_are_old(stor
     old.write_bytes(b"")
     young.write_bytes(b"")
     os.utime(old, (0, 0))
-    assert store.remove_staging() == 1
+    assert store.remove_staging(before=store.now() - timedelta(hours=1)) == 1
     assert young.exists()
     assert store.exists(KEY)
 

@@ -539,21 +539,29 @@ def _trend(
     changes = proven_changes(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
     if changes is None:
         return replace(entry, finding=f"too few places for averages over {test.over}")
-    shapes = {(False, False): "no change is proven", (True, False): "falls", (False, True): "rises"}
-    shown = shapes.get((changes.falls, changes.rises), "falls and rises")
+    shapes = {(False, False): "", (True, False): "; falls somewhere", (False, True): "; rises somewhere"}
+    shown = shapes.get((changes.falls, changes.rises), "; falls and rises")
+    falls, rises = changes.high < 0, changes.low > 0
     if test.shape == "level":
-        held, against = changes.most <= LEVEL_WITHIN, changes.falls or changes.rises
+        held, against = changes.most <= LEVEL_WITHIN, falls or rises or changes.falls or changes.rises
+    elif test.shape == "rising":
+        held, against = rises and not changes.falls, falls or changes.falls
     else:
-        wanted, unwanted = (changes.rises, changes.falls)[:: 1 if test.shape == "rising" else -1]
-        held, against = wanted and not unwanted, unwanted
+        held, against = falls and not changes.rises, rises or changes.rises
     outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
     bins = changes.bins
-    ends = f"{100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, {100 * bins.mean[-1]:.1f} % at {bins.centre[-1]:.3g}"
+    finding = (
+        f"pACC over {test.over}: the last third less the first is {100 * changes.difference:+.1f} points "
+        f"({100 * changes.low:.1f} to {100 * changes.high:.1f}){shown}; {100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, "
+        f"{100 * bins.mean[-1]:.1f} % at {bins.centre[-1]:.3g}"
+    )
     return replace(
         entry,
         outcome=outcome,
-        finding=f"pACC over {test.over}: {shown}; {ends}",
-        estimate=bins.mean[-1] - bins.mean[0],
+        finding=finding,
+        estimate=changes.difference,
+        low=changes.low,
+        high=changes.high,
         rows=sum(bins.rows),
         places=changes.places,
     )

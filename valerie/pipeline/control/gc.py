@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 from valerie.db import functions, runs, sweeping, totals
 from valerie.db.engine import reading, writing
-from valerie.errors import NotFound
+from valerie.errors import NotFound, StorageFull
 from valerie.pipeline.base.context import Context
 from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
 
@@ -33,7 +33,7 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
     Args:
         context: context of the deployment.
         dry_run: remove nothing.
-        now: reference time for the age of objects (default: that of the call).
+        now: reference time for the age of objects (default: that of the store at the call).
     """
     removed = 0
     while True:
@@ -48,14 +48,14 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         if dry_run or not batch:
             break
     objects = size = 0
-    limit = (now or datetime.now(UTC)) - _GRACE
+    limit = (now or _store_time(context)) - _GRACE
     orphans: list[str] = []
     keys: dict[str, str] = {}
     for info in context.store.list(PRODUCTS.rstrip("/")):
-        parsed = parse_product_key(info.key)
-        if parsed is None or info.modified > limit:
+        place = parse_product_key(info.key)
+        if place is None or info.modified > limit:
             continue
-        keys[parsed[1]] = info.key
+        keys[place[1]] = info.key
         if len(keys) >= _BATCH:
             orphans += _without_rows(context, keys)
             keys = {}
@@ -70,8 +70,16 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
         if not dry_run:
             context.store.delete(key)
     if not dry_run:
-        context.store.remove_staging()
+        context.store.remove_staging(before=limit)
     return Freed(removed, objects, size)
+
+
+def _store_time(context: Context) -> datetime:
+    """Return the time by the clock that dates the objects."""
+    try:
+        return context.store.now()
+    except StorageFull:  # a full store needs its collector, and takes no probe
+        return datetime.now(UTC)
 
 
 def _without_rows(context: Context, keys: dict[str, str]) -> list[str]:

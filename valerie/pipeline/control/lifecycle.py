@@ -9,7 +9,7 @@ from typing import Final
 from sqlalchemy import Connection
 
 from valerie.db import fed_blocks, products, runs
-from valerie.db.engine import database_time, writing
+from valerie.db.engine import database_moment, database_time, writing
 from valerie.db.statements import lock
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
@@ -57,7 +57,8 @@ def cancel(context: Context, run_id: str) -> None:
         NotFound, Conflict: no such run, or it has ended.
     """
     with writing(context.engine) as connection:
-        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=runs.now_utc())
+        now = database_moment(connection)
+        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=now)
 
 
 def resume(context: Context, run_id: str) -> None:

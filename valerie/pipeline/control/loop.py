@@ -17,7 +17,7 @@ from typing import Final
 import structlog
 
 from valerie.db import processes, products, runs, sweeping, totals
-from valerie.db.engine import database_time, reading, writing
+from valerie.db.engine import database_moment, database_time, reading, writing
 from valerie.db.runs import RunRow
 from valerie.errors import Conflict, NotFound, StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
@@ -159,7 +159,7 @@ class ControlLoop:
                         expected=(RunState.SUBMITTED,),
                         state=RunState.RUNNING,
                         pins=with_deadlines(pins, self._settings, now),
-                        started_at=run.started_at or runs.now_utc(),
+                        started_at=run.started_at or database_moment(connection),
                     )
 
     def _pins(self, run: RunRow, offers: Sequence[Offer]) -> PinChoice:
@@ -218,7 +218,7 @@ class ControlLoop:
                 expected=(expected,),
                 state=RunState.FAILED,
                 reason=reason,
-                finished_at=runs.now_utc(),
+                finished_at=database_moment(connection),
             )
         log.error("control.run_failed", run=run_id, reason=reason)
 

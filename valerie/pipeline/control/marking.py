@@ -5,7 +5,7 @@ from __future__ import annotations
 import orjson
 
 from valerie.db import frames, marks, runs
-from valerie.db.engine import writing
+from valerie.db.engine import database_moment, writing
 from valerie.errors import InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
@@ -29,7 +29,7 @@ def put_mark(context: Context, run_id: str, subject: Subject, mark: Mark) -> Non
         runs.require(connection, run_id)
         if subject.kind is MarkKind.FRAME:
             frames.get(connection, FrameKey.parse(f"{run_id}.{subject.name}", field="name"))
-        marks.put(connection, run_id, subject, mark, runs.now_utc())
+        marks.put(connection, run_id, subject, mark, database_moment(connection))
 
 
 def _findings(context: Context, run_id: str) -> list[str]:

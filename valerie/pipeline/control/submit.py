@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from datetime import UTC, datetime
 
 from valerie.db import processes, runs
 from valerie.db.engine import database_time, reading, writing
@@ -63,7 +64,7 @@ def submit(
         variant_count=resolved.space.size,
         priority=priority,
         owner=owner,
-        created_at=runs.now_utc(),
+        created_at=datetime.fromtimestamp(now, UTC),
     )
     with writing(context.engine) as connection:
         if spec.parent_run is not None:

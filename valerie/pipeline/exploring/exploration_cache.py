@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from threading import Lock
 from time import monotonic
 from typing import Final
@@ -16,7 +17,7 @@ from valerie.analysis.rows.frame_counts import ABSENT
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.db import runs
 from valerie.db.engine import reading
-from valerie.db.runs import RunRow, now_utc
+from valerie.db.runs import RunRow
 from valerie.errors import InvalidInput
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
@@ -83,7 +84,7 @@ class Explorations:
                 tables.append(EvaluationTable.from_parquet(pa.BufferReader(self._context.store.get(key))))
             else:
                 tables.append(read_table(self._context.engine, stored))
-        return Exploration(_present(_together(tables)), units=units, read_at=now_utc())
+        return Exploration(_present(_together(tables)), units=units, read_at=datetime.now(UTC))
 
 
 def _together(tables: Sequence[EvaluationTable]) -> EvaluationTable:

@@ -17,8 +17,8 @@ from typing import Final
 from sqlalchemy import Connection
 
 from valerie import plugins
-from valerie.db import functions, runs
-from valerie.db.engine import writing
+from valerie.db import functions
+from valerie.db.engine import database_moment, writing
 from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.class_maps import require_person
 from valerie.perception.documents.function import FunctionDocument
@@ -71,7 +71,7 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:
-        new = functions.register(connection, document, runs.now_utc())
+        new = functions.register(connection, document, database_moment(connection))
         return find(connection, f"{document.name}@{document.digest}"), new
 
 

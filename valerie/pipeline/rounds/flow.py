@@ -10,7 +10,6 @@ Every version is verified on variants that no earlier stage drew, and each verif
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -20,7 +19,7 @@ from typing import Final
 import psutil
 
 from valerie.db import runs, studies
-from valerie.db.engine import reading
+from valerie.db.engine import database_moment, reading
 from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import Conflict, InvalidInput
 from valerie.perception.training.fit import TrainingProgress
@@ -222,7 +221,7 @@ def _next(context: Context, flow: Flow, around: Surroundings) -> Flow:
             return replace(flow, ending=FlowEnd.MET)
         if len(earlier) == flow.document.rounds.most:
             return replace(flow, ending=FlowEnd.ROUNDS)
-    if _spent(flow):
+    if _spent(context, flow):
         return replace(flow, ending=FlowEnd.BUDGET)
     if now.verification is None:
         now = replace(now, verification=_studied(context, _verification(flow, now.function, len(earlier)), around))
@@ -273,9 +272,11 @@ def _stage(flow: Flow, goal: Goal, function: str, *, seed: int, variants: int, n
     )
 
 
-def _spent(flow: Flow) -> bool:
+def _spent(context: Context, flow: Flow) -> bool:
     budget = flow.document.budget
-    if budget.deadline is not None and time.time() >= in_utc(budget.deadline).timestamp():
+    with reading(context.engine) as connection:
+        now = database_moment(connection)
+    if budget.deadline is not None and now >= in_utc(budget.deadline):
         return True
     return budget.cpu_hours is not None and _cpu_hours(flow) >= budget.cpu_hours
 

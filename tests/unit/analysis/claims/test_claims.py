@@ -107,6 +107,7 @@ def test_a_trend_is_reproduced_without_an_effect_as_rarely_as_its_confidence_say
         along = rng.random(48)[place]
         changes.append(proven_changes(along, scores, place, seed=seed))
     # At 5 % in all, 17 or more of 200 have a chance of 2 %.
+    assert sum(change.low > 0 or change.high < 0 for change in changes) < 17
     assert sum(change.falls or change.rises for change in changes) < 17
 
 

@@ -6,15 +6,15 @@ depends only on the study and the stored outcomes, so a process that continues a
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
+from datetime import datetime
 from itertools import takewhile
 from typing import Final, Unpack
 
 import structlog
 
 from valerie.db import runs, studies
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_moment, reading, writing
 from valerie.db.runs import RunRow
 from valerie.db.studies import BatchRow, StudyRow, StudyValues
 from valerie.errors import NotFound, QuotaExceeded, TransientError, ValerieError
@@ -166,7 +166,7 @@ class StudyKeeper:
         if not all(batch.ended for batch in batches):
             return False  # the last batch is still in work, and is part of the result
         result = informed_pursuit(pursuit.study, batches).result()
-        self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=runs.now_utc())
+        self._change(study, state=StudyState.FINISHED, reason=ended, result=result, finished_at=self._now())
         log.info("study.finished", study=study.id, reason=ended)
         return False
 
@@ -180,7 +180,7 @@ class StudyKeeper:
         points: UnitPoints,
         reason: str,
     ) -> None:
-        now = runs.now_utc()
+        now = self._now()
         batch = BatchRow(
             study_id=study.id,
             number=number,
@@ -213,9 +213,13 @@ class StudyKeeper:
         hours = sum(batch.cpu_seconds or 0.0 for batch in basis) / 3600
         if budget.cpu_hours is not None and hours >= budget.cpu_hours:
             return f"the budget of {budget.cpu_hours:g} CPU hours is spent"
-        if budget.deadline is not None and time.time() >= in_utc(budget.deadline).timestamp():
+        if budget.deadline is not None and self._now() >= in_utc(budget.deadline):
             return f"the deadline has passed: {moment_text(budget.deadline)}"
         return None
+
+    def _now(self) -> datetime:
+        with reading(self._context.engine) as connection:
+            return database_moment(connection)
 
     # -- the study -------------------------------------------------------------------------------------------------------
 

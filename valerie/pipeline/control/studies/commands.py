@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from valerie.db import runs, studies
-from valerie.db.engine import reading, writing
+from valerie.db.engine import database_moment, reading, writing
 from valerie.db.studies import BatchRow, StudyRow
 from valerie.errors import Conflict, InvalidInput, NotFound
 from valerie.pipeline.base.context import Context
@@ -91,8 +90,10 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
     require_possible_batch(context.settings, owner, document.batch)
     resolved = resolve_document(context, document)
     Pursuit(resolved).ask((), document.batch)  # refuses a domain without legal variants, and a budget too small
+    with reading(context.engine) as connection:
+        now = database_moment(connection)
     study = StudyRow(
-        id=new_id("s", time.time()),
+        id=new_id("s", now.timestamp()),
         name=document.name,
         state=StudyState.RUNNING,
         reason=None,
@@ -101,7 +102,7 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
         by_hand=document.mode == "by hand",
         result=None,
         owner=owner,
-        created_at=runs.now_utc(),
+        created_at=now,
         finished_at=None,
     )
     with writing(context.engine) as connection:
@@ -169,7 +170,7 @@ def accept(context: Context, study_id: str, *, count: int | None = None) -> int:
             if not 1 <= count <= min(limit, 1000):
                 raise InvalidInput("out of bounds", field="count", value=count, limit=f"1 … {min(limit, 1000)}")
             studies.replace_proposal(connection, _resized(context, study, earlier, batch, count))
-        studies.accept(connection, study_id, batch.number, runs.now_utc())
+        studies.accept(connection, study_id, batch.number, database_moment(connection))
         studies.set_values(connection, study_id, expected=StudyState.RUNNING, reason=None)
     return batch.number
 
@@ -185,7 +186,7 @@ def set_mode(context: Context, study_id: str, *, by_hand: bool) -> None:
     with writing(context.engine) as connection:
         studies.set_values(connection, study_id, expected=study.state, by_hand=by_hand)
         if not by_hand and batches and batches[-1].accepted_at is None:
-            studies.accept(connection, study_id, batches[-1].number, runs.now_utc())
+            studies.accept(connection, study_id, batches[-1].number, database_moment(connection))
             studies.set_values(connection, study_id, expected=StudyState.RUNNING, reason=None)
 
 
@@ -206,7 +207,7 @@ def stop(context: Context, study_id: str) -> None:
             state=StudyState.STOPPED,
             reason="a person ended it",
             result=result,
-            finished_at=runs.now_utc(),
+            finished_at=database_moment(connection),
         )
     for run_id in _open_runs(batches):
         if _state(context, run_id) in _ACTIVE:
