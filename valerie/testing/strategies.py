@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import is_dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ class StrategyContract:
             if not len(proposal):
                 break
             strategy.tell(proposal.points, self.score(proposal.points))
-        result = strategy.result
+        result: Any = strategy.result
         if result is not None:
             assert isinstance(result, Result)
             assert is_dataclass(type(result))
