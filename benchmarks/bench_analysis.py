@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks import results
 from benchmarks.planted import REPORTED
 from benchmarks.planted_grids import planted_grid
-from valerie.analysis.analyze import analyze
+from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.report.model import Provenance, ReportInput
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
@@ -40,6 +40,23 @@ def paper_table(frames: int) -> EvaluationTable:
     return planted_grid({"one": scores[0], "two": scores[1]}, factors)
 
 
+def planted_report(table: EvaluationTable, analysis: Analysis | None = None) -> str:
+    """Return the report of a planted run, without pictures of frames."""
+    now, analysis = datetime.now(UTC), analysis or analyze(table)
+    return build_report(
+        ReportInput(
+            document={"name": "planted"},
+            provenance=Provenance("planted", "", 0, "planted", "", "none", (960, 540), {}, (), "valerie", now, now),
+            table=table,
+            summary=analysis.summary,
+            trends=analysis.trends,
+            findings=analysis.findings,
+            variants=len(table) // 6,
+            frames=len(table) // 2,
+        )
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=30_720)
@@ -53,20 +70,7 @@ def main() -> None:
     figures["comparisons"] = analysis.findings.comparisons
     figures["confirmed findings"] = len(analysis.findings.items)
     if not arguments.no_report:
-        now = datetime.now(UTC)
-        provenance = Provenance("planted", "", 0, "planted", "", "none", (960, 540), {}, (), "valerie", now, now)
-        html = build_report(
-            ReportInput(
-                document={"name": "planted"},
-                provenance=provenance,
-                table=table,
-                summary=analysis.summary,
-                trends=analysis.trends,
-                findings=analysis.findings,
-                variants=len(table) // 6,
-                frames=len(table) // 2,
-            )
-        )
+        html = planted_report(table, analysis)
         figures["report, MB"] = round(len(html) / 1e6, 1)
     figures["all, CPU s"] = round(time.process_time() - started, 2)
     figures["peak memory, MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

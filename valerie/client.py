@@ -420,7 +420,7 @@ class Client:
     def put_mark(self, run_id: str, mark: Mark) -> list[Mark]:
         """Replace the tags and the note of a run, a frame or a finding; return all marks of the run."""
         body = mark.model_dump(mode="json")
-        return [_validated(Mark, one) for one in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
+        return [_validated(Mark, item) for item in self._send("PUT", f"/v1/runs/{run_id}/marks", json=body).json()]
 
     def run(self, run_id: str) -> Run:
         """Return a run."""

@@ -16,6 +16,7 @@ from tests.world.boxes import write_box_street
 from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.db.models import Frame, Lease, Product, Run
+from valerie.db.runs import RunRow
 from valerie.pipeline.control import feeding, lifecycle
 from valerie.pipeline.work.finish import finish_run
 from valerie.runs.products.states import ProductState, RunState
@@ -86,18 +87,40 @@ def test_a_process_that_wakes_after_its_successor_finished_does_not_end_the_run_
     assert pipeline.state(run) == RunState.FINISHING, "the third process ends it"
 
 
-def test_a_run_is_steered_between_two_blocks(
+@pytest.fixture
+def fed(
     new_database: Callable[[], str], pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
-) -> None:
+) -> tuple[Pipeline, RunRow, tuple[str, str]]:
+    """A run on Postgres of which one block is written, and the two backgrounds that all its blocks want."""
     monkeypatch.setattr(feeding, "BLOCK_PRODUCTS", 40)
     pipeline = pipelines(database_url=new_database(), feed_window=1)
-    engine = pipeline.context.engine
     run = pipeline.submit()
     pipeline.loop.tick(everything=True)
-    with writing(engine) as connection:
+    with reading(pipeline.context.engine) as connection:
         first, second = sorted(connection.scalars(select(Frame.background).distinct()))
+    return pipeline, pipeline.row(run), (first, second)
+
+
+def test_a_control_loop_that_lost_its_role_and_its_successor_write_a_block_once(
+    fed: tuple[Pipeline, RunRow, tuple[str, str]],
+) -> None:
+    pipeline, row, (_, second) = fed
+    engine = pipeline.context.engine
+    feeders = [feeding.Feeder(row, pipeline.settings) for _ in range(2)]
+    with ThreadPoolExecutor(2) as executor:
+        with locked(engine, second):
+            answers = []
+            for feeder in feeders:
+                answers.append(executor.submit(feeder.feed, engine, row.next_index, 1.0))
+                wait_for_locks(engine, len(answers))
+        assert [answer.result().products > 0 for answer in answers] == [True, False]
+
+
+def test_a_run_is_steered_between_two_blocks(fed: tuple[Pipeline, RunRow, tuple[str, str]]) -> None:
+    pipeline, row, (first, second) = fed
+    engine, run = pipeline.context.engine, row.id
+    with writing(engine) as connection:
         connection.execute(update(Product).where(Product.digest == first).values(state=ProductState.PARKED))
-    row = pipeline.row(run)
     feeder = feeding.Feeder(row, pipeline.settings)
 
     def steer() -> None:

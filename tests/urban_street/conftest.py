@@ -4,6 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from urban_street.street.build import StreetContent, build_street
+from urban_street.street.layout import layout_street
+from urban_street.street.plan import StreetSettings
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.assets.asset import SceneAsset, load_asset
@@ -13,6 +16,12 @@ from valerie.scene.assets.asset import SceneAsset, load_asset
 def asset() -> SceneAsset:
     """Return the street with default arguments."""
     return load_asset("urban-street")
+
+
+@pytest.fixture(scope="session")
+def content() -> StreetContent:
+    """Return all parts of the street with default arguments, without persons and traffic."""
+    return build_street(layout_street(StreetSettings()))
 
 
 @pytest.fixture(scope="session")

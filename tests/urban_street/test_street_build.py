@@ -16,11 +16,6 @@ CAMERAS = ((2.5, -12.0, 1.4), (0.6, -12.0, 1.3), (4.6, -12.0, 2.2))
 
 
 @pytest.fixture(scope="module")
-def content() -> StreetContent:
-    return build_street(layout_street(StreetSettings(seed=0)))
-
-
-@pytest.fixture(scope="module")
 def solid(content: StreetContent) -> trimesh.Trimesh:
     """Return every triangle of the street in the world."""
     positions, faces, count = [], [], 0

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from urban_street.street.build import build_street
+from urban_street.street.build import StreetContent
 from urban_street.street.furniture import LANTERN, LANTERN_PLACE, lamp_post
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import StreetSettings
@@ -30,9 +30,8 @@ def test_the_road_below_a_post_has_the_light_of_a_residential_street() -> None:
     assert 5.0 < LANTERN.intensity / LANTERN_PLACE[2, 3] ** 2 < 50.0
 
 
-def test_every_lamp_post_of_a_street_has_one_lamp_over_the_road() -> None:
+def test_every_lamp_post_of_a_street_has_one_lamp_over_the_road(content: StreetContent) -> None:
     layout = layout_street(StreetSettings())
-    content = build_street(layout)
     posts = {placement.path for placement in layout.placements if placement.kind == "lamp"}
     lamps = {part.path: part for part in content.parts if part.light is not None}
     assert {path.removesuffix(".lamp") for path in lamps} == posts

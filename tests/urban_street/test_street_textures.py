@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -22,12 +23,22 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(11)
 
 
+@lru_cache
+def brick() -> tuple[Image, ...]:
+    return walls.brick(rng())
+
+
+@lru_cache
+def render() -> tuple[Image, ...]:
+    return walls.render(rng())
+
+
 TILED: dict[str, Callable[[], Image]] = {
-    "brick": lambda: walls.brick(rng())[0],
-    "buff brick": lambda: walls.brick(rng())[1],
-    "render": lambda: walls.render(rng())[0],
-    "brick's roughness": lambda: walls.brick(rng())[3],
-    "render's roughness": lambda: walls.render(rng())[2],
+    "brick": lambda: brick()[0],
+    "buff brick": lambda: brick()[1],
+    "render": lambda: render()[0],
+    "brick's roughness": lambda: brick()[3],
+    "render's roughness": lambda: render()[2],
     "ashlar": lambda: walls.ashlar(rng())[0],
     "roof": lambda: walls.roof_tiles(rng())[0],
     "granite": lambda: walls.granite(rng()),
@@ -120,8 +131,8 @@ def test_pieces_of_road_join_in_roughness_too(surfaces: Surfaces) -> None:
 
 
 def test_equal_seeds_give_equal_textures_and_others_do_not() -> None:
-    assert np.array_equal(walls.render(rng())[0], walls.render(rng())[0])
-    assert not np.array_equal(walls.render(rng())[0], walls.render(np.random.default_rng(12))[0])
+    assert np.array_equal(walls.render(rng())[0], render()[0])
+    assert not np.array_equal(render()[0], walls.render(np.random.default_rng(12))[0])
 
 
 def test_band_noise_has_zero_mean_unit_variance_and_no_power_outside_its_band() -> None:

@@ -139,6 +139,10 @@ def make_manifest(settings):
 
 def make_scene(settings, manifest):
     return simple_scene(manifest)
+
+
+def draw_arguments(rng):
+    return {}
 """
 
 

@@ -85,7 +85,7 @@ def _require_shared(settings: Settings) -> None:
 
 def _options_of(stage: str, options: Sequence[str], stages: Collection[str]) -> list[str]:
     """Return the options of one stage: those without a stage before a colon, and its own."""
-    chosen = []
+    arguments = []
     for option in options:
         prefix, _, rest = option.partition(":")
         own = rest if prefix in stages else option
@@ -94,8 +94,8 @@ def _options_of(stage: str, options: Sequence[str], stages: Collection[str]) -> 
                 "not an option", field="--sbatch", value=option, limit="NAME, NAME=VALUE or STAGE:NAME=VALUE"
             )
         if prefix == stage or prefix not in stages:
-            chosen.append(f"--{own}")
-    return chosen
+            arguments.append(f"--{own}")
+    return arguments
 
 
 def _command(stage: str, count: int, options: list[str], data_dir: Path) -> list[str]:

@@ -27,7 +27,7 @@ from valerie.db.statements import Seen, newest_first
 from valerie.errors import Conflict, NotFound
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.progress import Progress
-from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductState, RunState
+from valerie.runs.products.states import UPLOADED_ROUTE, Priority, ProductKind, ProductState, RunState
 from valerie.runs.resolving.spec import RunSpec
 
 #: States of runs that have not ended.
@@ -344,6 +344,18 @@ def linked_digests(connection: Connection, run_id: str, states: Collection[Produ
             select(Product.digest).join(links, links.c[0] == Product.digest).where(Product.state.in_(states))
         )
     )
+
+
+def cpu_seconds(connection: Connection, run_id: str) -> dict[ProductKind, float]:
+    """Return the CPU time that made the run's products, by kind; products that another run had made count, too."""
+    links = links_of(run_id)
+    rows = connection.execute(
+        select(Product.kind, func.sum(Product.cpu_seconds))
+        .join(links, links.c[0] == Product.digest)
+        .where(Product.cpu_seconds.is_not(None))
+        .group_by(Product.kind)
+    )
+    return {kind: float(seconds) for kind, seconds in rows}
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:

@@ -193,8 +193,8 @@ def failure_reasons(connection: Connection, *, newest: int = 5_000) -> list[Fail
     for kind, error, finished_at in rows:
         if isinstance(error, Fault):
             latest = FailureReason(kind, error.type, 0, error.message, finished_at or 0.0)
-            known = reasons.get((kind, error.type), latest)
-            reasons[kind, error.type] = known._replace(products=known.products + 1)
+            earlier = reasons.get((kind, error.type), latest)
+            reasons[kind, error.type] = earlier._replace(products=earlier.products + 1)
     return sorted(reasons.values(), key=lambda reason: -reason.products)
 
 

@@ -68,8 +68,11 @@ def main(arguments: list[str]) -> int:
 
 def _start(command: list[str]) -> int:
     parent = os.getpid()
+    # Until the child has given up this process's handlers, they would swallow a signal that is meant for the command.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     child = os.fork()
     if child:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         return child
     try:
         os.setsid()
@@ -78,6 +81,7 @@ def _start(command: list[str]) -> int:
             os._exit(1)
         for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(signum, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         null = os.open(os.devnull, os.O_RDONLY)
         os.dup2(null, 0)
         os.execvp(command[0], command)  # noqa: S606  # the list comes from the supervisor

@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from valerie.analysis.wording import duration
 from valerie.client import Progress, StageProgress
 from valerie.local.terminal import console
 from valerie.runs.products.states import RunState
@@ -174,18 +175,6 @@ def remaining(stage: StageProgress) -> str:
     if stage.done + stage.failed >= stage.total:
         return ""
     return f"{duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as text for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    if whole < 86_400:
-        return f"{whole // 3600} h {whole % 3600 // 60} min"
-    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"
 
 
 def _variants(progress: Progress) -> str:

@@ -71,6 +71,13 @@ def _family(tmp_path: Path, manner: str, **options: float) -> Command:
     return _command(tmp_path, "-c", _FAMILY, manner, str(tmp_path / "pids"), **options)
 
 
+def test_a_command_that_has_hardly_begun_ends_by_the_first_signal(tmp_path: Path, lock_fd: int) -> None:
+    for _ in range(10):
+        process = GuardedProcess(_command(tmp_path, "-c", "import time; time.sleep(600)"), lock_fd=lock_fd)
+        process.end()
+        assert process.poll() == 128 + signal.SIGTERM  # SIGKILL follows after the grace period only
+
+
 def test_the_exit_status_of_the_command_is_the_exit_status_of_its_guard(tmp_path: Path, lock_fd: int) -> None:
     process = GuardedProcess(_command(tmp_path, "-c", "raise SystemExit(42)"), lock_fd=lock_fd)
     assert _until(lambda: process.poll() is not None)

@@ -132,9 +132,9 @@ def _path(url: str) -> Path:
 
 def _postgres(program: str, *arguments: str, url: str) -> str:
     """Run one of Postgres's programs; other users of the machine do not see the password."""
-    parsed = make_url(url).set(drivername="postgresql")
-    environment = {**os.environ, "PGPASSWORD": parsed.password or ""}
-    address = parsed.set(password=None).render_as_string()
+    whole = make_url(url).set(drivername="postgresql")
+    environment = {**os.environ, "PGPASSWORD": whole.password or ""}
+    address = whole.set(password=None).render_as_string()
     command = [program, f"--dbname={address}", *arguments]
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -52,10 +52,10 @@ def collect(context: Context, *, dry_run: bool = False, now: datetime | None = N
     orphans: list[str] = []
     keys: dict[str, str] = {}
     for info in context.store.list(PRODUCTS.rstrip("/")):
-        parsed = parse_product_key(info.key)
-        if parsed is None or info.modified > limit:
+        place = parse_product_key(info.key)
+        if place is None or info.modified > limit:
             continue
-        keys[parsed[1]] = info.key
+        keys[place[1]] = info.key
         if len(keys) >= _BATCH:
             orphans += _without_rows(context, keys)
             keys = {}

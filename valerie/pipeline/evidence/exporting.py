@@ -216,9 +216,9 @@ def _write_frame(context: Context, stored: StoredRun, frame: NamedFrame, folder:
         function = None if picture.function is None else functions[picture.function]
         source = find_picture(context, frame.key, kind=kind, sensor=frame.sensor, function=function)
         person = picture.person
-        painted = paint_picture(context, source) if person is None else paint_close_up(context, source, person)
+        pixels = paint_picture(context, source) if person is None else paint_close_up(context, source, person)
         (folder / picture.file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / picture.file).write_bytes(png(painted))
+        (folder / picture.file).write_bytes(png(pixels))
     return entry
 
 

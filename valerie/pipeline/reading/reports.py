@@ -19,6 +19,7 @@ from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
+from valerie.analysis.wording import duration
 from valerie.db import results, runs
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
@@ -27,7 +28,7 @@ from valerie.errors import Conflict, TransientError, ValerieError
 from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.environment import software
+from valerie.pipeline.base.environment import environment, software
 from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_close_up, paint_picture
@@ -214,6 +215,8 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
     spec = resolved.spec
     with reading(context.engine) as connection:
         rejected, now = runs.rejections(connection, run.id), database_moment(connection)
+        spent = runs.cpu_seconds(connection, run.id)
+    finished, own = run.finished_at or now, environment()
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
@@ -228,8 +231,14 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         functions=results.cards,
         software=software(),
         submitted=run.created_at,
-        finished=run.finished_at or now,
-        more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
+        finished=finished,
+        more={
+            "Duration": duration((finished - run.created_at).total_seconds()),
+            "CPU time": ", ".join(f"{kind.value} {duration(seconds)}" for kind, seconds in sorted(spent.items())),
+            "Report written on": f"{own.system} {own.machine}, {own.python}",
+            "Parent run": run.parent_run or "none",
+            "Iteration": str(run.iteration),
+        },
     )
     return ReportInput(
         document=run.spec.model_dump(mode="json"),

@@ -109,9 +109,9 @@ def as_called(reference: str, run: StoredRun) -> str:
     functions = run.resolved.spec.functions
     name, at, beginning = reference.partition("@")
     if at and reference not in functions:
-        for called in functions:
-            if called.partition("@")[0] == name and run.pins.functions[called].digest.startswith(beginning):
-                return called
+        for function in functions:
+            if function.partition("@")[0] == name and run.pins.functions[function].digest.startswith(beginning):
+                return function
     return reference
 
 

@@ -182,14 +182,14 @@ def _next_document(retrained: Retrained, name: str) -> FunctionDocument:
 
     Engine, precision and input size stay; the normalisation is that of the file, in the channel order and unit of training.
     """
-    written = file_document(name, retrained.file)
-    normalised = {field: getattr(written.input, field) for field in ("mean", "std", "scale", "channel_order")}
+    original = file_document(name, retrained.file)
+    normalised = {field: getattr(original.input, field) for field in ("mean", "std", "scale", "channel_order")}
     document = retrained.before.model_copy(
         update={
             "name": name,
-            "payload": written.payload,
+            "payload": original.payload,
             "input": retrained.before.input.model_copy(update=normalised),
-            "provenance": written.provenance,
+            "provenance": original.provenance,
         }
     )
     return parse_function(document.model_dump(mode="json"))

@@ -248,7 +248,7 @@ def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifes
         for _ in range(_TRIES):
             x = float(camera.position[0]) + float(rng.uniform(-1.3, 1.3))
             y = float(camera.position[1]) + side * float(rng.uniform(8.0, 45.0))
-            tried: dict[str, Value] = {
+            proposal: dict[str, Value] = {
                 **assignment,
                 **values,
                 f"{path}.pos.x": x,
@@ -256,8 +256,8 @@ def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifes
                 f"{path}.heading": (180.0 * back + float(rng.normal(0.0, 4.0))) % 360.0,
             }
             within = all(_allows(manifest, f"{path}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
-            if within and rejection_reason(tried, manifest) is None:
-                assignment.update(tried)
+            if within and rejection_reason(proposal, manifest) is None:
+                assignment.update(proposal)
                 break
 
 

@@ -49,7 +49,7 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
         write: stores the results (default: `write_results`).
 
     Returns:
-        False if there was nothing to do, or another process does it.
+        False if there was nothing to do, another process does it, or a fault prevented it.
     """
     if _finishing(context, run_id) is None:
         return False
@@ -57,8 +57,7 @@ def finish_run(context: Context, run_id: str, *, write: Writer | None = None) ->
         run = _finishing(context, run_id) if alone else None
         if run is None:
             return False
-        _finish(context, run, write or write_results)
-    return True
+        return _finish(context, run, write or write_results)
 
 
 def _finishing(context: Context, run_id: str) -> RunRow | None:
@@ -100,7 +99,8 @@ def _role(run_id: str) -> str:
     return f"finish.{run_id}"
 
 
-def _finish(context: Context, run: RunRow, write: Writer) -> None:
+def _finish(context: Context, run: RunRow, write: Writer) -> bool:
+    """Store the results and end the run, or pause it; return False if neither was possible."""
     with reading(context.engine) as connection:
         failures = results.failures(connection, run.id)
     try:
@@ -114,22 +114,22 @@ def _finish(context: Context, run: RunRow, write: Writer) -> None:
     except (StorageFull, StorageUnavailable) as error:
         log.warning("finish.storage", run=run.id, error=str(error))
         pause_for_storage(context, error)
-        return
+        return True
     except TransientError as error:
         log.warning("finish.waits", run=run.id, error=str(error))
-        return
+        return False
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _NO_ROOM:  # a library's temporary file
             log.warning("finish.storage", run=run.id, error=str(error))
             pause_for_storage(context, StorageFull(f"no space left for a temporary file: {error}"))
-            return
+            return True
         # A defect must end the run too; otherwise it would be retried for ever.
         log.exception("finish.failed", run=run.id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
         if not processes.holds_lease(connection, _role(run.id), owner=context.owner):
             log.warning("finish.lease_lost", run=run.id)
-            return
+            return False
         runs.change_state(
             connection,
             run.id,
@@ -139,6 +139,7 @@ def _finish(context: Context, run: RunRow, write: Writer) -> None:
             finished_at=database_moment(connection),
         )
     log.info("run.finished", run=run.id, state=state)
+    return True
 
 
 def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:

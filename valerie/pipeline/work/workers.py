@@ -166,9 +166,9 @@ def ailment(stage: Stage, offers: Sequence[AnyOffer]) -> str | None:
     """Test this machine again, in separate processes; return why it no longer has all of ``offers``, or None if it has."""
     names = list(dict.fromkeys(offer.name for offer in offers if offer.name != TRUTH))
     for together in [names] if stage is Stage.INFER and names else [[name] for name in names]:
-        found = _probe(stage, together).offers
+        present = _probe(stage, together).offers
         for offer in offers:
-            if offer.name not in together or _offers_same(found, offer):
+            if offer.name not in together or _offers_same(present, offer):
                 continue
             alone = _probe(stage, [offer.name])  # the complaint is of this one, and no chance failure
             if not _offers_same(alone.offers, offer):

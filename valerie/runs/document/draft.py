@@ -123,8 +123,8 @@ def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -
             raise InvalidInput("a run of several blocks is edited as text", field="blocks")
         entry = None if change.vary is None else _entry(change.vary)
         text = _with_varied(text, document, change.parameter, entry)
-        written = load_document(text).get("constants")
-        constants = written if isinstance(written, dict) else {}
+        value = load_document(text).get("constants")
+        constants = value if isinstance(value, dict) else {}
         if change.constant is not None or change.parameter in constants:
             text = _with_entry(text, "constants", constants, change.parameter, change.constant)
     return text

@@ -7,6 +7,9 @@ import pytest
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.analysis.claims.claims import parse_claims
+from valerie.analysis.wording import duration
+from valerie.db import runs
+from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.reading.reports import compare_runs, report_with
 
@@ -35,8 +38,19 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     assert [one.text for one in found.conclusions] == ["Everybody is seen."]
     report = report_with(pipeline.context, here, claims=CLAIMS, other=there)
     assert [entry.says for entry in report.ledger] == ["Everybody is seen."]
-    for words in ("Beside dark (blank)", "A paper: claims beside this run", "89.27", "24 frames show the same scenes"):
+    for words in (
+        "Beside dark (blank)",
+        "A paper: claims beside this run",
+        "89.27",
+        "24 frames show the same scenes",
+        "Duration",
+        "Report written on",
+    ):
         assert words in report.html.replace("\u00a0", " ")
+    with reading(pipeline.context.engine) as connection:
+        spent = runs.cpu_seconds(connection, here)
+    assert spent
+    assert all(f"{kind} {duration(seconds)}" in report.html for kind, seconds in spent.items())
 
 
 def test_another_street_and_a_running_run_are_refused(pipeline: Pipeline) -> None:

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import time
@@ -7,6 +8,7 @@ import numpy as np
 import psutil
 import pytest
 
+from tests.world.drawn import TOWN, installed_town
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
 from valerie.perception.training.frame_folder import SEEDS
@@ -44,14 +46,21 @@ def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
 def test_a_killed_command_leaves_no_process_that_renders(tmp_path: Path) -> None:
     """Its folder belongs to the command that continues."""
     command = [sys.executable, "-m", "valerie", "train", "frames", str(tmp_path / "frames"), "--sites", "50"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as started:
+    with (
+        installed_town(tmp_path / "packages"),
+        subprocess.Popen(
+            [*command, "--asset", TOWN],
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "packages"), *sys.path])},
+        ) as started,
+    ):
         parent = psutil.Process(started.pid)
         rendering: list[psutil.Process] = []
         while not rendering:
             assert started.poll() is None
             time.sleep(0.1)
             children = parent.children()
-            rendering = [child for child in children if any("moderngl" in m.path for m in child.memory_maps())]
+            rendering = [child for child in children if "moderngl" in Path(f"/proc/{child.pid}/maps").read_text()]
         started.kill()
     gone, alive = psutil.wait_procs(rendering, timeout=30)
     assert gone

@@ -100,13 +100,13 @@ class RenderMaker:
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
-            seen = SeenScene(
+            subject = SeenScene(
                 scene,
                 view,
                 later=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 step=resolved.times.step or 0.0,
             )
-            data = annotate(kind, seen, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
+            data = annotate(kind, subject, lambda: self._reader.truth(job.frame.products.truth), truth_pass)
         else:
             engine = self._engine(resolved, run.pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)

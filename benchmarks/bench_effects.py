@@ -1,0 +1,466 @@
+"""Measure the coverage of effects and the power of verdicts on planted truth.
+
+``make bench-effects``, or ``python -m benchmarks.bench_effects [--repetitions N --only PART]``. The worlds are its own: none was
+used to choose a method. The tables show failures and successes alike.
+
+====================== =================================================================================================
+part                   question
+====================== =================================================================================================
+contrasts              Do the 95 % intervals of a difference within and between places contain it?
+effects of findings    Do the intervals of confirmed findings contain the planted effect (at most 5 % miss)?
+two runs               Do the intervals of a paired difference of two runs contain it?
+sites and designs      Which share of runs without an effect confirms a finding, on several sites, with Halton points, and
+                       where places are alike?
+trends                 How often is a rise or fall claimed without one (limit 5 %), and how often found?
+one point              How often is a requirement one percentage point off its bound decided, and a drop of one point found?
+paper-small            How often is an effect of a sun confirmed in exactly the rows of the paper's grid at one heading?
+first place            How often is the one cause first among measured columns, in 100 rows?
+====================== =================================================================================================
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy.special import betaincinv, ndtr, ndtri
+from scipy.stats import qmc
+
+from benchmarks import results
+from benchmarks.bench_findings import CURVES, DECOYS, GRID, NOISE, PAPER_SMALL, Rows, _pass_or_fail, crossed
+from benchmarks.planted import World
+from valerie.analysis.findings.search import find_findings
+from valerie.analysis.rows.table import EvaluationTable
+from valerie.plain import JsonObject
+from valerie.statistics.confirmation import find
+from valerie.statistics.contrasts import contrasts
+from valerie.statistics.curves import proven_changes
+from valerie.statistics.gates import compare_versions
+from valerie.statistics.importance import measured_importance
+from valerie.statistics.neighbours import places_alike
+from valerie.statistics.observations import bin_codes, observe
+from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
+
+Floats = NDArray[np.float64]
+Row = JsonObject
+Generator = np.random.Generator
+
+
+def _hazy(u: Floats) -> Floats:
+    """Return scores in the middle of the range, skewed to one side."""
+    return np.asarray(0.2 + 0.6 * u[..., 0] * np.sqrt(u[..., 1]) + 0.1 * u[..., 3] * u[..., 4] + 0.1 * u[..., 5])
+
+
+def _split(u: Floats) -> Floats:
+    """Return scores of which most are 0 or 1, by place and by row."""
+    z = ndtri(0.002 + 0.996 * u)
+    return np.asarray(np.clip(0.55 + 1.2 * z[..., 0] + 0.5 * z[..., 3] * z[..., 4] + 0.6 * z[..., 5], 0, 1))
+
+
+def _seldom(u: Floats) -> Floats:
+    """Return scores near 1 with 7 % failures in a band of the places."""
+    band = np.abs(u[..., 1] - u[..., 2]) < 0.05 + 0.04 * (u[..., 5] - 0.5)
+    return np.asarray(np.where(band & (u[..., 0] < 0.7), 0.4 * u[..., 4], 1 - 0.06 * u[..., 3] * u[..., 5]))
+
+
+WORLDS: Final[dict[str, World]] = {"hazy": _hazy, "split": _split, "seldom": _seldom}
+PLACES: Final = (6, 12, 48, 200)
+#: Upper limit of a rate that is 5 %, exceeded by chance in one row of a thousand.
+_SURE: Final = 3.1
+
+
+def _holds(rate: float, repetitions: int) -> str:
+    return "yes" if rate <= 0.05 + _SURE * np.sqrt(0.05 * 0.95 / max(repetitions, 1)) else "NO"
+
+
+# Contrasts ----------------------------------------------------------------------------------------------------------------
+
+
+def coverage_of_contrasts(repetitions: int) -> Iterator[Row]:
+    for name, world in WORLDS.items():
+        for places in PLACES:
+            for within in (True, False):
+                if within or places > 6:
+                    yield _contrast(name, world, places, within, repetitions)
+
+
+def _with_sun(world: World, u: Floats, after: NDArray[np.bool_]) -> Floats:
+    """Return scores that the sun changes: it moves one number of the place, and fails a tenth of what was seen."""
+    moved = u.copy()
+    moved[..., 0] = np.where(after, u[..., 0] ** 1.5, u[..., 0])
+    scores = world(moved)
+    return np.where(after & (u[..., 2] > 0.9), 0.5 * scores, scores)
+
+
+@cache
+def _effect_of_sun(world: World) -> float:
+    u = qmc.Sobol(6, rng=np.random.default_rng(0)).random_base2(19)
+    everywhere = np.ones(len(u), np.bool_)
+    return float((_with_sun(world, u, everywhere) - world(u)).mean())
+
+
+def _contrast(name: str, world: World, places: int, within: bool, repetitions: int) -> Row:
+    rng = np.random.default_rng(31)
+    truth, missed, widths, wide = _effect_of_sun(world), 0, [], 0
+    place = np.repeat(np.arange(places), 4)
+    camera = np.tile([0, 1, 0, 1], places)
+    for _ in range(repetitions):
+        u = np.repeat(rng.random((places, 1, 6)), 4, axis=1).reshape(-1, 6)
+        u[:, 3:] = rng.random((len(u), 3))
+        sun = np.tile([0, 0, 1, 1], places) if within else (rng.permutation(places) % 2)[place]
+        scores = _with_sun(world, u, sun == 1)
+        (contrast, *_) = contrasts(observe(scores, place, {"sun": sun, "camera": camera}), interactions=False)
+        low, high = contrast.interval()
+        missed += not low <= truth <= high
+        widths.append(min(high, 1.0) - max(low, -1.0))
+        wide += high - low > 1
+    rate = missed / repetitions
+    return {
+        "world": name, "places": places, "sun varies": "within places" if within else "between places",
+        "effect": truth, "missed": rate, "holds": _holds(rate, repetitions), "mean width": float(np.mean(widths)),
+    }  # fmt: skip
+
+
+# Effects of findings ------------------------------------------------------------------------------------------------------
+
+
+def effects_of_findings(repetitions: int) -> Iterator[Row]:
+    for size, shape in (("paper-small", PAPER_SMALL), ("6 x 8", GRID)):
+        for name, world in WORLDS.items():
+            for points in (0.1, 0.2):
+                yield _effects(size, shape, name, world, points, repetitions)
+
+
+def _effects(size: str, shape: tuple[int, ...], name: str, world: World, points: float, repetitions: int) -> Row:
+    """Lower all scores of the last sun by the same number of points; nothing else has an effect."""
+    rng = np.random.default_rng(32)
+    shares, confirmed, exaggerated = [], 0, []
+    for repetition in range(repetitions):
+        rows = crossed(world, shape, rng)
+        last = rows.factors["sun"].max()
+        values = points + (1 - points) * rows.values - points * (rows.factors["sun"] == last)
+        items = find(Rows(values, rows.places, rows.factors).observed(), seed=repetition).items
+        misses, total = 0, 0
+        for item in items:
+            if not item.confirmed or item.contrast is None:
+                continue
+            (first, *further) = item.contrast.changes
+            truth = -points if first.factor == "sun" and first.after == last and not further else 0.0
+            misses += not item.low <= truth <= item.high
+            total += 1
+            if truth:
+                exaggerated.append(item.contrast.estimate / truth)
+        shares.append(misses / max(total, 1))
+        confirmed += total > 0
+    rate = float(np.mean(shares))
+    return {
+        "grid": size, "world": name, "points of a sun": 100 * points, "runs with a confirmed finding": confirmed / repetitions,
+        "share of intervals that miss": rate, "holds": _holds(rate, repetitions),
+        "mean estimate / truth": float(np.mean(exaggerated)) if exaggerated else None,
+    }  # fmt: skip
+
+
+# Two runs -----------------------------------------------------------------------------------------------------------------
+
+
+def two_runs(repetitions: int) -> Iterator[Row]:
+    for name, world in WORLDS.items():
+        for places in PLACES:
+            yield _two_runs(name, world, places, repetitions)
+
+
+def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
+    rng = np.random.default_rng(33)
+    truth, missed, widths = _effect_of_sun(world), 0, []
+    place = np.repeat(np.arange(places), 6)
+    whole = {"all": np.ones(len(place), np.bool_)}
+    for _ in range(repetitions):
+        u = np.repeat(rng.random((places, 1, 6)), 6, axis=1).reshape(-1, 6)
+        u[:, 4:] = rng.random((len(u), 2))
+        other = u.copy()
+        other[:, 5] = rng.random(len(u))
+        (slice_,) = compare_versions(world(u), _with_sun(world, other, np.ones(len(u), np.bool_)), place, whole).slices
+        missed += not slice_.low <= truth <= slice_.high
+        widths.append(slice_.high - slice_.low)
+    rate = missed / repetitions
+    return {
+        "world": name, "places": places, "difference": truth, "missed": rate, "holds": _holds(rate, repetitions),
+        "mean width": float(np.mean(widths)),
+    }  # fmt: skip
+
+
+# Sites, Halton points, places that are alike ------------------------------------------------------------------------------
+
+
+def sites_and_designs(repetitions: int) -> Iterator[Row]:
+    for name, world in WORLDS.items():
+        for sites in (12, 24):
+            yield _no_effect(
+                f"grid of 4 places x 2 suns on {sites} sites",
+                name,
+                lambda rng, w=world, n=sites: _on_sites(w, n, rng),
+                repetitions,
+            )  # type: ignore[misc]
+        yield _no_effect("halton, 256", name, lambda rng, w=world: _halton(w, 256, rng), repetitions)  # type: ignore[misc]
+        for reach in (0.0, 4.0, 15.0):
+            title = f"grid 6 x 8, alike over {reach:g} m"
+            yield _no_effect(
+                title,
+                name,
+                lambda rng, w=world, r=reach: crossed(w, GRID, rng, reach_m=r),
+                repetitions,
+                on_one_site=True,
+            )  # type: ignore[misc]
+
+
+def _on_sites(world: World, sites: int, rng: Generator) -> Rows:
+    """Return a listed grid on several sites, each of which is a place; its places and suns act alike on all sites."""
+    site, place, sun, camera = (axis.ravel() for axis in np.indices((sites, 4, 2, 2)))
+    u = rng.random((len(site), 6))
+    u[:, :2] = rng.random((sites, 2))[site]
+    u[:, 2] = rng.random((sites, 4))[site, place]
+    u[:, 3] = rng.random((sites, 2))[site, sun]
+    return Rows(world(u), site, {"place": place, "sun": sun, "camera": camera})
+
+
+def _halton(world: World, units: int, rng: Generator) -> Rows:
+    """Return scrambled Halton points: three dimensions without effect are factors, and the others decide the score."""
+    u = qmc.Halton(9, rng=rng).random(units)
+    factors = {f"factor-{k}": bin_codes(u[:, k], 3) for k in range(3)}
+    return Rows(world(u[:, 3:]), np.arange(units), factors)
+
+
+def _no_effect(
+    design: str, world: str, make: Callable[[Generator], Rows], repetitions: int, on_one_site: bool = False
+) -> Row:
+    rng = np.random.default_rng(34)
+    confirmed = alike = before = 0
+    for repetition in range(repetitions):
+        rows = make(rng)
+        observations = rows.observed()
+        together = False
+        if on_one_site:
+            positions = 3.0 * np.column_stack([rows.factors["x"], rows.factors["y"]])
+            together = places_alike(observations, positions, seed=repetition)
+            before += any(item.confirmed for item in find(observations, seed=repetition).items)
+        alike += together
+        confirmed += any(item.confirmed for item in find(observations, seed=repetition, between=not together).items)
+    row: Row = {
+        "design": design, "world": world, "false confirmed": confirmed / repetitions,
+        "holds": _holds(confirmed / repetitions, repetitions),
+    }  # fmt: skip
+    if on_one_site:
+        row |= {"taken for alike": alike / repetitions, "false without this test": before / repetitions}
+    return row
+
+
+# Trends -------------------------------------------------------------------------------------------------------------------
+
+
+def trends(repetitions: int) -> Iterator[Row]:
+    for scores in ("mild", "piled"):
+        for places in (12, 27, 120):
+            for within in (True, False):
+                for name in ("flat", "slope", "hump"):
+                    yield _trend(name, scores, places, within, repetitions)
+
+
+def _trend(name: str, scores: str, places: int, within: bool, repetitions: int) -> Row:
+    rng = np.random.default_rng(35)
+    place = np.repeat(np.arange(places), 6)
+    falls = rises = 0
+    for repetition in range(repetitions):
+        x = (rng.random((places, 6)) if within else np.repeat(rng.random((places, 1)), 6, axis=1)).ravel()
+        rank = ndtr(0.6**0.5 * rng.standard_normal(places)[place] + 0.4**0.5 * rng.standard_normal(len(x)))
+        mean = CURVES[name](x)
+        values = betaincinv(4 * mean, 4 * (1 - mean), rank) if scores == "mild" else (rank < mean).astype(float)
+        changes = proven_changes(x, values, place, seed=repetition)
+        if changes is not None:
+            falls += changes.high < 0 and not changes.rises
+            rises += changes.low > 0 and not changes.falls
+    return {
+        "curve": name, "scores": scores, "places": places, "x varies": "within places" if within else "between places",
+        "falls": falls / repetitions, "rises": rises / repetitions,
+        **({"holds": _holds((falls + rises) / repetitions, repetitions)} if name == "flat" else {}),
+    }  # fmt: skip
+
+
+# One percentage point -----------------------------------------------------------------------------------------------------
+
+
+def one_point(repetitions: int) -> Iterator[Row]:
+    most = 10_000
+    for bound in (0.9, 0.95):
+        for truth in (bound - 0.01, bound + 0.01):
+            rng = np.random.default_rng(36)
+            outcomes: Counter[Outcome] = Counter()
+            ends = []
+            for _ in range(repetitions):
+                scores = _pass_or_fail(truth, most, 1, rng).ravel()
+                verdict = judge_sample(scores, np.arange(most), at_least=bound)
+                outcomes[verdict.outcome] += 1
+                ends.append(verdict.decided_after or most)
+            right, wrong = Outcome.MET, Outcome.NOT_MET
+            right, wrong = (right, wrong) if truth > bound else (wrong, right)
+            yield {
+                "required share": bound, "true share": round(truth, 3), "right within 10,000": outcomes[right] / repetitions,
+                "wrongly": outcomes[wrong] / repetitions, "mean units": float(np.mean(ends)),
+                "units said before": units_to_decide(truth, at_least=bound),
+            }  # fmt: skip
+    for name, world in WORLDS.items():
+        for places in (48, 250, 1000):
+            yield _gate_at_one_point(name, world, places, max(repetitions // 10, 10))
+
+
+def _gate_at_one_point(name: str, world: World, places: int, repetitions: int) -> Row:
+    """Let one slice of ten lose a point, in all rows; versions differ in one number of a row besides."""
+    rng = np.random.default_rng(37)
+    code = np.repeat(np.arange(10 * places), 4)
+    slices = {str(k): code // places == k for k in range(10)}
+    found = false = 0
+    for _ in range(repetitions):
+        u = np.repeat(rng.random((10 * places, 1, 6)), 4, axis=1).reshape(-1, 6)
+        u[:, 4:] = rng.random((len(u), 2))
+        other = u.copy()
+        other[:, 5] = rng.random(len(u))
+        after = world(other) - 0.01 * (code < places)
+        worse = compare_versions(world(u), after, code, slices).worse
+        found += "0" in worse
+        false += bool(set(worse) - {"0"})
+    return {
+        "world": name, "places a slice": places, "slice that lost a point named": found / repetitions,
+        "another named": false / repetitions, "repetitions": repetitions,
+    }  # fmt: skip
+
+
+# The rows of paper-small --------------------------------------------------------------------------------------------------
+
+_KEPT: Final = Path(__file__).parents[1] / "docs" / "experiment" / "paper-part.parquet"
+
+
+def paper_small(repetitions: int) -> Iterator[Row]:
+    """Plant scores in the kept rows of the paper's grid at one heading: places where a person may stand, four suns."""
+    kept = EvaluationTable.from_parquet(_KEPT)
+    heading = kept.numbers("scene.person-1.heading")
+    metal = np.isfinite(kept.numbers("scene.person-1.cloth.metallic"))
+    design = kept.select((heading == 225) & ~metal & np.isfinite(kept.numbers("pacc")))
+    place = np.unique(design.places, return_inverse=True)[1]
+    sun = design.codes("scene.sun-1.azimuth").index
+    for name, world in WORLDS.items():
+        for points in (0.0, 0.1, 0.2):
+            rng = np.random.default_rng(38)
+            own = other = 0
+            for repetition in range(repetitions):
+                scores = _planted_scores(design, world, place, sun, rng)
+                first = design.codes("function").index == 0
+                lowered = first & (sun == sun.max())
+                scores = np.where(lowered, scores * (1 - points / scores[lowered].mean()), scores)
+                items = find_findings(_with_scores(design, scores), seed=repetition).items
+                of_sun = [
+                    item.function == design.codes("function").names[0] and item.steps[0].factor == "sun-1.azimuth"
+                    for item in items
+                ]
+                own += any(of_sun)
+                other += any(item.function == design.codes("function").names[1] or not points for item in items)
+            yield {
+                "world": name, "points of a sun": 100 * points, "rows": len(design), "places": int(place.max()) + 1,
+                "confirmed": own / repetitions, "others confirmed (false)": other / repetitions,
+                "repetitions": repetitions,
+            }  # fmt: skip
+
+
+def _planted_scores(
+    design: EvaluationTable, world: World, place: NDArray[np.int64], sun: NDArray[np.int64], rng: Generator
+) -> Floats:
+    u = rng.random((len(design), 6))
+    functions = design.codes("function")
+    for k in range(len(functions.names)):
+        rows = functions.index == k
+        u[rows, :3] = rng.random((place.max() + 1, 3))[place[rows]]
+        u[rows, 3] = rng.random((place.max() + 1, sun.max() + 1))[place[rows], sun[rows]]
+    return np.asarray(world(u))
+
+
+def _with_scores(design: EvaluationTable, scores: Floats) -> EvaluationTable:
+    """Return the table with other scores; all persons are equally large."""
+    tp = np.rint(np.clip(scores, 0, 1) * 10_000).astype(np.int64)
+    columns = {"tp": tp, "fn": 10_000 - tp, "pacc": tp / 10_000}
+    arrow = design.arrow
+    for name, column in columns.items():
+        position = arrow.column_names.index(name)
+        arrow = arrow.set_column(position, name, pa.array(column).cast(arrow.schema.field(name).type))
+    return EvaluationTable(arrow, design.parameters, {run: replace(one) for run, one in design.designs.items()})
+
+
+# First place --------------------------------------------------------------------------------------------------------------
+
+
+def first_place(repetitions: int) -> Iterator[Row]:
+    for noise in (NOISE, 3 * NOISE):
+        for name in ("slope", "hump"):
+            rng = np.random.default_rng(39)
+            first = named = 0
+            for repetition in range(repetitions):
+                contrast = rng.standard_normal(100)
+                decoys = DECOYS * contrast[:, None] + np.sqrt(1 - DECOYS**2) * rng.standard_normal((100, len(DECOYS)))
+                u = ndtr(contrast)
+                curve = 0.2 + 0.6 * (u if name == "slope" else np.exp(-(((u - 0.5) / 0.2) ** 2)))
+                scores = np.clip(curve + noise * rng.standard_normal(100), 0, 1)
+                columns = {"contrast": contrast, **{f"decoy-{k}": decoys[:, k] for k in range(len(DECOYS))}}
+                ranked = measured_importance(scores, np.arange(100), columns, seed=repetition)
+                first += ranked[0].column == "contrast"
+                named += any(one.named and one.column == "contrast" for one in ranked)
+            yield {
+                "contrast": name, "noise": noise, "rows": 100, "first": first / repetitions, "named": named / repetitions,
+                "repetitions": repetitions,
+            }  # fmt: skip
+
+
+#: Part to its rows and the share of the repetitions that it can afford.
+PARTS: Final[dict[str, tuple[Callable[[int], Iterator[Row]], float]]] = {
+    "contrasts": (coverage_of_contrasts, 1),
+    "effects of findings": (effects_of_findings, 0.2),
+    "two runs": (two_runs, 1),
+    "sites and designs": (sites_and_designs, 0.4),
+    "trends": (trends, 0.4),
+    "one point": (one_point, 0.1),
+    "paper-small": (paper_small, 0.04),
+    "first place": (first_place, 0.04),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repetitions", type=int, default=1000)
+    parser.add_argument("--only", choices=PARTS, help="one part; nothing is written")
+    arguments = parser.parse_args()
+    figures: dict[str, Any] = {}
+    for part, (rows, affordable) in PARTS.items():
+        if arguments.only not in {None, part}:
+            continue
+        started, repetitions = time.process_time(), max(round(arguments.repetitions * affordable), 1)
+        print(f"\n{part}, {repetitions} repetitions")
+        figures[part] = {"repetitions": repetitions, "rows": []}
+        for row in rows(repetitions):
+            figures[part]["rows"].append(row)
+            print("  " + ", ".join(f"{key} {_text(value)}" for key, value in row.items()), flush=True)
+        print(f"  {time.process_time() - started:.0f} CPU seconds", flush=True)
+    if arguments.only is None:
+        results.write("effects", figures)
+
+
+def _text(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    main()

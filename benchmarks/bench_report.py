@@ -1,0 +1,64 @@
+"""Measure how long the report of a large run takes to open in Chromium.
+
+``make bench-report``, or ``python -m benchmarks.bench_report [--frames 30720] [--repetitions 5]``: the report of the planted run
+of `benchmarks.bench_analysis`, two functions on 30,720 frames, without pictures of frames. *Loaded* is the time from the
+navigation to the page's load event, with all figures drawn; *shown* is that to the first text on the screen. Both are of a
+fresh browser context and the median of the repetitions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from playwright.sync_api import sync_playwright
+
+from benchmarks import results
+from benchmarks.bench_analysis import paper_table, planted_report
+
+_TIMES = """() => {
+  const [navigation] = performance.getEntriesByType("navigation");
+  const paint = performance.getEntriesByName("first-contentful-paint")[0];
+  return [paint ? paint.startTime : null, navigation.loadEventEnd];
+}"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=30_720)
+    parser.add_argument("--repetitions", type=int, default=5)
+    arguments = parser.parse_args()
+    table = paper_table(arguments.frames)
+    html = planted_report(table)
+    figures: dict[str, Any] = {"rows": len(table), "report, MB": round(len(html.encode()) / 1e6, 1)}
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        page_file = Path(folder, "report.html")
+        page_file.write_text(html, "utf-8")
+        program = shutil.which("chromium") or shutil.which("google-chrome")
+        flags = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=program, args=flags)
+        shown, loaded = [], []
+        for _ in range(arguments.repetitions):
+            page = browser.new_context().new_page()
+            page.goto(page_file.as_uri(), wait_until="load")
+            page.wait_for_function("() => document.querySelectorAll('.plot:not(.drawn)').length === 0")
+            page.wait_for_timeout(100)
+            first, load = page.evaluate(_TIMES)
+            shown.append(first)
+            loaded.append(load)
+            page.context.close()
+        browser.close()
+    figures["shown, s"] = round(median(shown) / 1000, 2)
+    figures["loaded, s"] = round(median(loaded) / 1000, 2)
+    for name, value in figures.items():
+        print(f"{name}: {value:,}")
+    results.write("report", figures)
+
+
+if __name__ == "__main__":
+    main()

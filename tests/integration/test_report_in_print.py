@@ -1,0 +1,79 @@
+"""The report prints completely: provenance and spec too, folded or open, and nothing is cut off at the edge of the page."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.planted_tables import planted_table
+from valerie.analysis.analyze import analyze
+from valerie.analysis.report.model import Provenance, ReportInput
+from valerie.analysis.report.report import build_report
+from valerie.cli.printing import pdf_of
+from valerie.perception.base import FunctionCard
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = [pytest.mark.browser, pytest.mark.processes]
+
+#: Digests and paths have no place to break.
+DIGEST = "0123456789abcdef" * 16
+#: Width of A4 less the page's margins of 14 mm, in CSS pixels.
+WIDTH = round((210 - 28) / 25.4 * 96)
+LAST = ("the-last-fact", "line-199-of-the-spec")
+
+
+def report() -> str:
+    table = planted_table([0.9, 0.4, 0.7, 0.2], range(4))
+    analysis = analyze(table)
+    now = datetime(2026, 11, 25, tzinfo=UTC)
+    card = FunctionCard("net", DIGEST, "a", "fp32", "e", {"weights": DIGEST})
+    more = {"Duration": "3 min 20 s", "Report written on": "the-last-fact"}
+    provenance = Provenance(
+        "run",
+        DIGEST,
+        7,
+        "street",
+        DIGEST,
+        "raster",
+        (960, 540),
+        {"image": "llvmpipe"},
+        (card,),
+        "valerie 0",
+        now,
+        now,
+        more,
+    )
+    document = {"name": "printed", "notes": [f"line-{k}-of-the-spec {DIGEST if k == 199 else ''}" for k in range(200)]}
+    return build_report(
+        ReportInput(document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 4, 4)
+    )
+
+
+@pytest.mark.parametrize("state", ["folded", "open"])
+def test_provenance_and_spec_are_whole_in_print(state: str, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": WIDTH, "height": 1000})
+    page.set_content(report())
+    if state == "open":
+        page.eval_on_selector_all("#provenance details", "all => all.forEach((one) => { one.open = true; })")
+    page.emulate_media(media="print")
+    for word in LAST:
+        box = page.get_by_text(word).last.bounding_box()
+        assert box is not None
+        assert box["height"] > 0
+    # What is wider than its box is cut off on paper, where nothing scrolls.
+    wide = page.eval_on_selector_all(
+        "#provenance *", "all => all.filter((one) => one.scrollWidth > one.clientWidth + 1 && one.clientWidth).length"
+    )
+    assert wide == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH
+    page.close()
+
+
+def test_open_provenance_takes_pages_of_the_pdf() -> None:
+    html = report()
+    short = html.replace(html[html.index('<section id="provenance">') : html.index("</main>")], "")
+    assert pdf_of(html.encode()).count(b"/Type /Page\n") > pdf_of(short.encode()).count(b"/Type /Page\n") + 2
