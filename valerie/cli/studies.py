@@ -334,7 +334,7 @@ def _show(study: Study, *, as_json: bool) -> None:
         return
     from rich.table import Table
 
-    from valerie.local.display import duration
+    from valerie.analysis.wording import duration
 
     out = console()
     out.print(f"{study.name} ({study.id}), {study.goal}: {study.state}" + (f", {study.reason}" if study.reason else ""))
