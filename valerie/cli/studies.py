@@ -78,7 +78,9 @@ def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: Data
 @app.command()
 def run(
     file: StudyFile,
-    by_hand: Annotated[bool, typer.Option("--by-hand", help="Ask before each batch.")] = False,
+    by_hand: Annotated[
+        bool, typer.Option("--by-hand", help="Wait before each batch for `valerie study accept`.")
+    ] = False,
     report: Annotated[
         Path | None,
         typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),

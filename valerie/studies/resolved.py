@@ -20,6 +20,8 @@ from valerie.runs.resolving.where import Where, choices_of, compile_where
 from valerie.runs.study.measure import VariantMeasure, parse_measure
 from valerie.runs.study.study_document import CascadeGoal, Outcomes, StudyDocument
 from valerie.runs.values import Scalar
+from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
+from valerie.sensing.settings import RANDOM
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,14 @@ class ResolvedStudy:
         """The render engine of the study, and the costly one where its goal has one."""
         goal, cheap = self.document.goal, self.document.spec.renderer
         return (cheap, goal.renderer) if isinstance(goal, CascadeGoal) else (cheap,)
+
+    @property
+    def is_random(self) -> bool:
+        """True if pictures depend on the seed of a run: a sensor has a random effect, or may get one."""
+        paths = {*self.run.space.constants[0], *(definition.path for definition in self.domain.definitions)}
+        return any(setting.needs_seed for setting in self.document.spec.sensors) or any(
+            path.removeprefix(f"{SENSOR_ROOT}.") in RANDOM for path in paths
+        )
 
     def spec(self, points: UnitPoints, number: int, *, parent: str | None, seed: int, level: int = 0) -> RunSpec:
         """Return the spec of the run of a batch.

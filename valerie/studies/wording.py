@@ -77,11 +77,13 @@ def _modes(known: Modes, study: ResolvedStudy) -> tuple[str, ...]:
     goal = study.document.goal
     repeated = "failure" if isinstance(goal, FindGoal) and not goal.repeats else "repeated failure"
     unscored = f" Without a score when repeated: {known.unscored}." if known.unscored else ""
+    idle = "Nothing is random here, so every failure repeats: `repeats: 0` saves these variants."
     return (
         f"{counted(len(known.modes), 'mode')} in {counted(known.failures, repeated)}.",
         f"Not placed yet: {counted(known.unplaced, 'failure')}. Not repeated: {known.unrepeated}.{unscored}",
         *(_mode(number, mode, known, study) for number, mode in enumerate(known.modes, 1)),
         "Failures are one mode if the variant halfway fails, so a bent mode may count as several, and touching ones as one.",
+        *((idle,) if isinstance(goal, FindGoal) and goal.repeats and not study.is_random else ()),
         f"A given mode that holds at least {100 * known.smallest:.2g} % of the domain was hit with 95 % probability.",
     )
 

@@ -118,7 +118,7 @@ def test_the_estimate_and_the_split_follow_from_scores_and_prices(
     assert numbers["estimate"] == pytest.approx(y.mean() + beta * (everywhere - x.mean()))
     assert numbers["correlation"] == pytest.approx(np.corrcoef(x, y)[0, 1])
     assert numbers["low"] < numbers["estimate"] < numbers["high"]
-    assert f"mean score by the costly engine is {numbers['estimate']:.4f} (" in study.result.sentences[0]
+    assert f"mean of min(pacc) by the costly engine is {numbers['estimate']:.4f} (" in study.result.sentences[0]
     price = [seconds[engine] / len(scores[engine]) for engine in ("raster", "pyrender")]
     assert numbers["costs"] == pytest.approx(price)
     # A layer costs 0.4 by the one and 30 by the other engine; truth and prediction cost 0.8 with both.

@@ -376,6 +376,10 @@ def test_find_counts_modes_and_shows_a_variant_of_each(pipeline: Pipeline) -> No
     assert result is not None
     assert len(result.numbers["modes"]) == 2  # type: ignore[arg-type]
     assert result.sentences[0] == f"2 modes in {result.numbers['failures']} repeated failures."
+    assert any("every failure repeats" in sentence for sentence in result.sentences)
+    noisy = planted(pipeline, corners, goal="find", sensors=[{"name": "noisy", "noise": {"shot": True}}])[0].result()
+    assert noisy is not None
+    assert not any("every failure repeats" in sentence for sentence in noisy.sentences)
     shown = {words: batches[number].outcomes.scores[index] for number, index, words in known.decisive()}
     assert list(shown) == ["Mode 1", "Mode 2"]
     assert all(score is not None and score < 0.5 for score in shown.values())
