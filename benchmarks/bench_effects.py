@@ -25,7 +25,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -110,7 +110,7 @@ def _effect_of_sun(world: World) -> float:
 
 def _contrast(name: str, world: World, places: int, within: bool, repetitions: int) -> Row:
     rng = np.random.default_rng(31)
-    truth, missed, widths, wide = _effect_of_sun(world), 0, [], 0
+    truth, missed, widths = _effect_of_sun(world), 0, []
     place = np.repeat(np.arange(places), 4)
     camera = np.tile([0, 1, 0, 1], places)
     for _ in range(repetitions):
@@ -122,7 +122,6 @@ def _contrast(name: str, world: World, places: int, within: bool, repetitions: i
         low, high = contrast.interval()
         missed += not low <= truth <= high
         widths.append(min(high, 1.0) - max(low, -1.0))
-        wide += high - low > 1
     rate = missed / repetitions
     return {
         "world": name, "places": places, "sun varies": "within places" if within else "between places",
@@ -204,22 +203,12 @@ def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
 def sites_and_designs(repetitions: int) -> Iterator[Row]:
     for name, world in WORLDS.items():
         for sites in (12, 24):
-            yield _no_effect(
-                f"grid of 4 places x 2 suns on {sites} sites",
-                name,
-                lambda rng, w=world, n=sites: _on_sites(w, n, rng),
-                repetitions,
-            )  # type: ignore[misc]
-        yield _no_effect("halton, 256", name, lambda rng, w=world: _halton(w, 256, rng), repetitions)  # type: ignore[misc]
+            title = f"grid of 4 places x 2 suns on {sites} sites"
+            yield _no_effect(title, name, partial(_on_sites, world, sites), repetitions)
+        yield _no_effect("halton, 256", name, partial(_halton, world, 256), repetitions)
         for reach in (0.0, 4.0, 15.0):
-            title = f"grid 6 x 8, alike over {reach:g} m"
-            yield _no_effect(
-                title,
-                name,
-                lambda rng, w=world, r=reach: crossed(w, GRID, rng, reach_m=r),
-                repetitions,
-                on_one_site=True,
-            )  # type: ignore[misc]
+            alike = partial(crossed, world, GRID, reach_m=reach)
+            yield _no_effect(f"grid 6 x 8, alike over {reach:g} m", name, alike, repetitions, on_one_site=True)
 
 
 def _on_sites(world: World, sites: int, rng: Generator) -> Rows:

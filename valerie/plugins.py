@@ -92,11 +92,11 @@ def look_at_installed() -> tuple[str, ...]:
 
 
 def unknown_name(
-    word: Literal["renderer", "function", "design", "goal"], name: str, known: Iterable[str], *, field: str
+    word: Literal["renderer", "function", "design", "goal"], name: str, names: Iterable[str], *, field: str
 ) -> InvalidInput:
     """Return the error for an unknown name in a spec, with near matches or the switch that would allow it."""
-    known = tuple(known)
-    if word == "renderer" and _PROGRAMS.get(name) in known:
+    names = tuple(names)
+    if word == "renderer" and _PROGRAMS.get(name) in names:
         return InvalidInput(f"unknown renderer {name!r}; did you mean {_PROGRAMS[name]}?", field=field)
     if word == "function" and PurePath(name).suffix in _FUNCTION_FILES:
         return InvalidInput(
@@ -106,7 +106,7 @@ def unknown_name(
             "`valerie function import FILE`",
         )
     kind = next(kind for kind in _KINDS if kind.word == word)
-    return kind.unknown(name, known, field=field)
+    return kind.unknown(name, names, field=field)
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import Final
 
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.labels import NUM_TRAIN_CLASSES
+from valerie.statistics.units import Estimand
 
 DASH: Final = "–"
 #: Largest number of classes that a sentence names one by one.
@@ -45,6 +46,11 @@ def classes_text(judged_by: Sequence[str]) -> str:
         return f"{len(judged_by)} of the {NUM_TRAIN_CLASSES} classes"
     *others, last = judged_by
     return f"{', '.join(others)} and {last}" if others else f"{last} alone"
+
+
+def for_whom(estimand: Estimand | None) -> str:
+    """Return what the interval of a difference is for, `` for places like these on this site``; empty if unknown."""
+    return "" if estimand is None else f" for {estimand.population_of_differences}"
 
 
 def points(difference: float) -> str:

@@ -73,7 +73,7 @@ def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: 
     from rich.padding import Padding
     from rich.text import Text
 
-    from valerie.analysis.claims.claims import ClaimOutcome
+    from valerie.analysis.claims.claims import ClaimOutcome, ledger_notes
 
     styles = {
         ClaimOutcome.REPRODUCED: "bold green",
@@ -90,6 +90,8 @@ def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: 
         console().print(head)
         console().print(Padding(Text(f"“{entry.says}”", style="italic"), (0, 0, 0, 2)))
         console().print(Padding(Text(entry.finding), (0, 0, 0, 2)))
+    for note in ledger_notes(entries):
+        console().print(Text(note, style="dim"))
 
 
 def _content(statements: Claims, entries: Sequence[LedgerEntry], suffix: str) -> bytes:

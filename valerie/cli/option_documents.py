@@ -30,10 +30,10 @@ def takes_documents(command: Callable[P, R]) -> Callable[..., R]:
 
     @wraps(command)
     def call(*positional: P.args, **values: P.kwargs) -> R:
-        given: dict[str, Any] = dict(values)
+        arguments: dict[str, Any] = dict(values)
         for name, document in documents.items():
-            given[name] = document(**{field.name: given.pop(field.name) for field in fields(document)})
-        return command(*positional, **given)
+            arguments[name] = document(**{field.name: arguments.pop(field.name) for field in fields(document)})
+        return command(*positional, **arguments)
 
     call.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     call.__annotations__ = {option.name: option.annotation for option in options}

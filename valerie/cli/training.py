@@ -50,7 +50,7 @@ class WeaknessOptions:
         typer.Option("--function", metavar="NAME", help="One of the run's functions; optional if it has one."),
     ] = None
 
-    def chosen(self, context: typer.Context) -> tuple[str, str] | None:
+    def selection(self, context: typer.Context) -> tuple[str, str] | None:
         """Return run and expression; None if the command has no option at all.
 
         Raises:
@@ -147,11 +147,11 @@ def train(
     """
     if context.invoked_subcommand is not None:
         return
-    chosen = weak.chosen(context)
-    if chosen is None:
+    selection = weak.selection(context)
+    if selection is None:
         typer.echo(context.get_help())
         raise typer.Exit
-    run, where = chosen
+    run, where = selection
     version.require_new_file()
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.retrain import (

@@ -109,12 +109,12 @@ def assemble(frames: Mapping[int, SequenceFrame], camera: JsonObject, descriptio
         camera: `camera_entries` of the camera that took all frames.
     """
     objects: dict[str, JsonObject] = {}
-    seen: dict[str, list[dict[str, int]]] = {}
+    spans_of: dict[str, list[dict[str, int]]] = {}
     intervals: list[dict[str, int]] = []
     for number, frame in frames.items():
         _extend(intervals, number)
         for uid, entry in frame.objects.items():
-            spans = seen.setdefault(uid, [])
+            spans = spans_of.setdefault(uid, [])
             objects.setdefault(
                 uid,
                 {"name": entry["name"], "type": entry["type"], "ontology_uid": "0", "frame_intervals": spans},

@@ -355,7 +355,7 @@ def cpu_seconds(connection: Connection, run_id: str) -> dict[ProductKind, float]
         .where(Product.cpu_seconds.is_not(None))
         .group_by(Product.kind)
     )
-    return {kind: float(seconds) for kind, seconds in rows}
+    return {kind: float(seconds or 0.0) for kind, seconds in rows}
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:

@@ -195,7 +195,11 @@ def find(
 
 
 def named(
-    observations: Observations, *, only: Sequence[tuple[Change, ...]] | None = None, level: float = 0.95
+    observations: Observations,
+    *,
+    only: Sequence[tuple[Change, ...]] | None = None,
+    level: float = 0.95,
+    between: bool = True,
 ) -> tuple[Confirmation, ...]:
     """Return the main effects that are significant over all places, by Holm's procedure; none counts as confirmed.
 
@@ -206,11 +210,16 @@ def named(
         observations: all rows of a run.
         only: as of `search`.
         level: joint confidence.
+        between: as of `confirm`.
 
     Returns:
         The clearest first. Their intervals hold together (Bonferroni).
     """
-    looked_at = contrasts(observations, interactions=False, only=only)
+    looked_at = [
+        item
+        for item in contrasts(observations, interactions=False, only=only)
+        if between or item.matching is not Matching.MODEL
+    ]
     adjusted = holm([item.p_value for item in looked_at])
     each = 1 - (1 - level) / max(len(looked_at), 1)
     chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]

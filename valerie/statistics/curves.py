@@ -118,11 +118,9 @@ def fit_curve(
     Raises:
         InvalidInput: a value lies outside 0…1, or the lengths differ.
     """
-    known = np.asarray(values, np.float64)
-    data, choice = (
-        _sums(x, np.where(rows, known, np.nan), places, seed)
-        for rows in ((True, True) if choosing is None else (~choosing, choosing))
-    )
+    scores = np.asarray(values, np.float64)
+    data = _sums(x, scores if choosing is None else np.where(choosing, np.nan, scores), places, seed)
+    choice = data if choosing is None else _sums(x, np.where(choosing, scores, np.nan), places, seed)
     if data is None or choice is None or min(data.count.shape[1], choice.count.shape[1]) < 2:
         return None
     fits = {shape: data.fit(shape) for shape in Shape}
@@ -224,20 +222,22 @@ def _between_thirds(
     place, occurring = dense(np.asarray(places)[data.used])
     first, last = np.quantile(along, (1 / 3, 2 / 3))
     sides = along <= first, (along >= last) & (along > first)
-    means, residuals, degrees = [], [], []
+    means: list[float] = []
+    residuals: list[NDArray[np.float64]] = []
+    degrees: list[float] = []
     for side in sides:
         count = np.bincount(place[side], minlength=len(occurring)).astype(np.float64)
         total = np.bincount(place[side], scores[side], len(occurring))
         effective = count.sum() ** 2 / (count**2).sum()
-        degrees.append(max(effective - 1, 1e-9))
-        means.append(total.sum() / count.sum())
+        degrees.append(max(float(effective) - 1, 1e-9))
+        means.append(float(total.sum() / count.sum()))
         residuals.append((total - means[-1] * count) / count.sum() * np.sqrt(effective / degrees[-1]))
     own = [float((residual**2).sum()) for residual in residuals]
     error = float(np.sqrt(((residuals[1] - residuals[0]) ** 2).sum()))
     # Welch's degrees of freedom, at most those of the places.
     welch = sum(own) ** 2 / max(sum(one**2 / free for one, free in zip(own, degrees, strict=True)), 1e-300)
     half = -float(stdtrit(min(max(welch, 0.5), len(occurring) - 1), (1 - confidence) / 2)) * error
-    difference = float(means[1] - means[0])
+    difference = means[1] - means[0]
     return difference, difference - half, difference + half
 
 

@@ -193,7 +193,7 @@ class Beside:
                     "function": comparison.function, "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
                     "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
-                    "estimand": part.difference.estimand.value,
+                    "estimand": None if part.difference.estimand is None else part.difference.estimand.value,
                     "lost": part.difference.lost, "gained": part.difference.gained,
                     "judgement": part.difference.judgement, "rank_correlation": comparison.rank_correlation,
                     "same_outcome": comparison.fidelity.share, "kappa": comparison.fidelity.kappa,

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from valerie.analysis.comparison.before_after import VersionComparison
 from valerie.analysis.comparison.wording import change_sentence, numeric_classes_sentence
-from valerie.analysis.wording import classes_text, percent
+from valerie.analysis.wording import classes_text, for_whom, percent
 
 #: Colours of Okabe and Ito (2008), distinguishable with all common forms of colour blindness.
 _COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
@@ -59,10 +59,10 @@ def comparison_renderable(comparison: VersionComparison) -> RenderableType:
     for name, sides in comparison.classes.items():
         classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
     whole = comparison.groups[0].differences[:1] if comparison.groups else ()
-    for_whom = f" for {whole[0].estimand.population_of_differences}" if whole else ""
+    meant = for_whom(whole[0].estimand) if whole else ""
     note = (
         f"In per cent. Differences of pACC are to the first version: the mean over places with its own 95 % interval"
-        f"{for_whom}. Better and worse are judged over all groups together (false discovery rate 2.5 % each). Precision and "
+        f"{meant}. Better and worse are judged over all groups together (false discovery rate 2.5 % each). Precision and "
         "IoU are those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first "
         "version favour every later version (regression to the mean)."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import percent, points
+from valerie.analysis.wording import for_whom, percent, points
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
 
@@ -30,7 +30,7 @@ def span_text(difference: GroupDifference) -> str:
     if difference.low is None or difference.high is None:
         return ""
     ends = f"[{points(difference.low)}, {points(difference.high)}]"
-    return f", 95 % {ends} for {difference.estimand.population_of_differences}"
+    return f", 95 % {ends}{for_whom(difference.estimand)}"
 
 
 def numeric_classes_sentence(comparison: VersionComparison) -> str:
@@ -55,7 +55,8 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     """
     span = ""
     if fidelity.low is not None and fidelity.high is not None:
-        span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}] for {fidelity.estimand.population}"
+        span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
+        span += "" if fidelity.estimand is None else f" for {fidelity.estimand.population}"
     kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "

@@ -67,7 +67,6 @@ class Finding:
         function: the tested function; empty if functions are compared.
         steps: one for a main effect; two for an interaction: the effect of the first depends on the second.
         matching: rule by which the sides are matched.
-        estimand: what the effect and its interval are over.
         confirmed: whether places that had no part in the search confirm it.
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
@@ -79,13 +78,13 @@ class Finding:
         unequal: measured quantities in which the sides differ strongly, so that they may cause the effect.
         picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty if the spec of the run is unknown.
+        estimand: what the effect and its interval are over; None in documents of older releases.
     """
 
     sentence: str
     function: str
     steps: tuple[Step, ...]
     matching: Matching
-    estimand: Estimand
     confirmed: bool
     effect: float
     low: float | None
@@ -97,6 +96,7 @@ class Finding:
     unequal: tuple[Inequality, ...] = ()
     picture_fault: PictureFault | None = None
     spec: str = ""
+    estimand: Estimand | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,7 +78,8 @@ def find_findings(
     families = list(_families(table, precisions or {}))
     clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
     comparisons = searched = confirming = 0
-    positions, without_places = _positions(table), set()
+    positions = _positions(table)
+    without_places: set[str] = set()
     for family in families:
         level = 1 - (1 - LEVEL) / len(families)
         observations, only = family.observations, family.only
@@ -89,7 +90,7 @@ def find_findings(
         others = [item for item in result.items if not item.confirmed]
         comparisons += result.comparisons
         searched, confirming = max(searched, result.places_searched), max(confirming, result.places_confirming)
-        for item in (*confirmed, *named(observations, only=only, level=level), *others):
+        for item in (*confirmed, *named(observations, only=only, level=level, between=not alike), *others):
             if not (item.confirmed or _worth_a_run(item, observations.places)):
                 continue
             # Only the clearest of several changes of the same factors is kept, but every pair of functions.

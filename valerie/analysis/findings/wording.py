@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
-from valerie.analysis.wording import percent
+from valerie.analysis.wording import for_whom, percent
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
 from valerie.statistics.intervals import Interval
@@ -38,7 +38,7 @@ def finding_sentence(finding: Finding) -> str:
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
-        counted.insert(0, f"joint 95 % interval {low} to {high} for {finding.estimand.population_of_differences}")
+        counted.insert(0, f"joint 95 % interval {low} to {high}{for_whom(finding.estimand)}")
     fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
     return f"{fault}{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
 

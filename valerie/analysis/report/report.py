@@ -164,6 +164,7 @@ def _environment() -> jinja2.Environment:
         "classes": wording.classes_text,
         "settled": candidate_text,
         "ledger_notes": ledger_notes,
+        "for_whom": wording.for_whom,
         "shade": _shade,
         "verdict_title": verdict_text.title,
         "verdict_sentence": verdict_text.sentence,

@@ -6,9 +6,9 @@ document and at most one payload file; both are addressed by content and never c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic_core import ErrorDetails
 
 from valerie.document import Document
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -232,7 +233,7 @@ class FunctionDocument(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _default_engine(cls, values: Any) -> Any:
+    def _default_engine(cls, values: object) -> object:
         if isinstance(values, dict) and "engine" not in values and values.get("kind") in ENGINES:
             return {**values, "engine": ENGINES[values["kind"]][0]}
         return values
@@ -311,7 +312,7 @@ def parse_function(source: str | bytes | Mapping[str, Json], **entries: object) 
         raise InvalidInputs([_problem(problem, kind) for problem in error.errors(include_url=False)]) from None
 
 
-def _problem(problem: Any, kind: str) -> InvalidInput:
+def _problem(problem: ErrorDetails, kind: str) -> InvalidInput:
     *parents, last = problem["loc"] or ("",)
     field = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
@@ -319,8 +320,8 @@ def _problem(problem: Any, kind: str) -> InvalidInput:
     return problem_of(problem, field)
 
 
-def _fields(parents: list[Any], kind: str) -> list[str]:
-    parts: dict[Any, type[BaseModel]] = {
+def _fields(parents: Sequence[int | str], kind: str) -> list[str]:
+    parts: dict[int | str, type[BaseModel]] = {
         "payload": Payload,
         "input": InputDocument,
         "output": OutputDocument,

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, overload
+from typing import Final, Literal, overload
 
 import numpy as np
 import zstandard
@@ -200,7 +200,7 @@ class FrameFolder(Frames):
             raise CorruptArtifact(f"{shard.file}: {name} has {len(raw)} bytes instead of {size}")
         return np.frombuffer(raw, np.uint8).reshape(shape)
 
-    def _handle(self, shard: Shard) -> Any:
+    def _handle(self, shard: Shard) -> safe_open:
         handles: dict[str, safe_open] | None = getattr(self._open, "handles", None)
         if handles is None:
             handles = self._open.handles = {}

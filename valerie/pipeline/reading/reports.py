@@ -234,7 +234,8 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
         finished=finished,
         more={
             "Duration": duration((finished - run.created_at).total_seconds()),
-            "CPU time": ", ".join(f"{kind.value} {duration(seconds)}" for kind, seconds in sorted(spent.items())),
+            "CPU time": ", ".join(f"{kind.value} {duration(seconds)}" for kind, seconds in sorted(spent.items()))
+            or "not known",
             "Report written on": f"{own.system} {own.machine}, {own.python}",
             "Parent run": run.parent_run or "none",
             "Iteration": str(run.iteration),

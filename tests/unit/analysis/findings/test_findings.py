@@ -160,6 +160,7 @@ def test_differences_between_places_that_are_alike_stay_candidates(synthetic_tab
     assert not any(finding.matching is Matching.MODEL for finding in findings.items)
     withheld = [finding for finding in findings.candidates if finding.matching is Matching.MODEL]
     assert withheld
+    assert all(finding.low is None for finding in withheld)
     assert findings.notes[0].startswith("a-net: neighbouring places score alike")
 
 

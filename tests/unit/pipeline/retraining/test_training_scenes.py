@@ -119,7 +119,8 @@ def test_half_of_the_frames_are_what_a_run_shows_that_varies_people_and_sun(
     drawn: list[TrainingScene], crowd: SceneAsset
 ) -> None:
     plain = [frame for frame in drawn if frame.sensor == SensorSetting()]
-    assert 0.35 < len(plain) / len(drawn) < 0.65
+    # Four standard deviations of a binomial share.
+    assert abs(len(plain) / len(drawn) - 0.5) < 4 * math.sqrt(0.25 / len(drawn))
     weather = crowd.base.environment
     for frame in plain:
         assert replace(frame.scene.environment, turbidity=weather.turbidity) == weather

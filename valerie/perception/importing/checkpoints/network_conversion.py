@@ -122,27 +122,27 @@ def import_checkpoint(
 
 
 def convert(
-    stored: StoredCheckpoint, *, field: str, architecture: str | None = None, classes: Sequence[str] | None = None
+    checkpoint: StoredCheckpoint, *, field: str, architecture: str | None = None, classes: Sequence[str] | None = None
 ) -> ImportedNetwork:
     """Convert a stored checkpoint; see `import_checkpoint`."""
     if architecture is not None and architecture not in ARCHITECTURES:
         raise UnknownName("architecture", architecture, ARCHITECTURES, field="architecture")
-    if stored.entries.get("format") in (FORMAT, FUNCTION_FORMAT):
-        imported = _own(stored, field)
+    if checkpoint.entries.get("format") in (FORMAT, FUNCTION_FORMAT):
+        imported = _own(checkpoint, field)
         if architecture not in (None, imported.architecture):
             raise InvalidInput(
                 "the file holds another architecture", field=field, value=imported.architecture, limit=architecture
             )
     else:
-        imported = _foreign(stored, field, architecture)
+        imported = _foreign(checkpoint, field, architecture)
     if classes is not None:
         imported = replace(imported, classes=_fitting(tuple(classes), len(imported.classes), field))
     _self_check(imported, field)
     return imported
 
 
-def _own(stored: StoredCheckpoint, field: str) -> ImportedNetwork:
-    entries = {name: str(value) for name, value in stored.entries.items()}
+def _own(checkpoint: StoredCheckpoint, field: str) -> ImportedNetwork:
+    entries = {name: str(value) for name, value in checkpoint.entries.items()}
     reserved = ("format", "architecture", "classes", "mean", "std", "scale", "channel_order", "provenance")
     missing = [name for name in reserved[:5] if name not in entries]
     if missing:
@@ -158,20 +158,20 @@ def _own(stored: StoredCheckpoint, field: str) -> ImportedNetwork:
         raise InvalidInput(f"the header cannot be read ({error})", field=field) from None
     provenance |= {name: text for name, text in entries.items() if name not in reserved}
     architecture = entries["architecture"]
-    require_same_shapes(tensor_shapes(architecture, len(names)), _shapes(stored.tensors), field=field)
+    require_same_shapes(tensor_shapes(architecture, len(names)), _shapes(checkpoint.tensors), field=field)
     provenance = {"layout": "VALERIE", "checked": "own format", "source": field, **provenance}
-    return ImportedNetwork(architecture, names, units, _floating(stored.tensors, field), provenance)
+    return ImportedNetwork(architecture, names, units, _floating(checkpoint.tensors, field), provenance)
 
 
-def _foreign(stored: StoredCheckpoint, field: str, wanted: str | None) -> ImportedNetwork:
-    layout, fitting, count = _recognise(_shapes(stored.tensors), field, wanted)
-    config = config_values(stored.entries)
-    architecture, assumed = _choose(fitting, config, wanted, field)
+def _foreign(checkpoint: StoredCheckpoint, field: str, preference: str | None) -> ImportedNetwork:
+    layout, fitting, count = _recognise(_shapes(checkpoint.tensors), field, preference)
+    config = config_values(checkpoint.entries)
+    architecture, assumed = _choose(fitting, config, preference, field)
     names = {name: layout.name_of(name) for name in tensor_shapes(architecture, count)}
-    theirs = _floating({name: stored.tensors[name] for name in names.values()}, field)
+    theirs = _floating({name: checkpoint.tensors[name] for name in names.values()}, field)
     tensors = layout.reorder({ours: theirs[name] for ours, name in names.items()}, architecture)
-    classes, classes_stated = _classes(stored.entries, count, field)
-    units, units_stated = _units_of(layout, stored, config, field)
+    classes, classes_stated = _classes(checkpoint.entries, count, field)
+    units, units_stated = _units_of(layout, checkpoint, config, field)
     if not classes_stated:
         assumed.append("classes: the 19 of Cityscapes" if classes == _CITYSCAPES else "classes: without names")
     if not units_stated:
@@ -187,11 +187,11 @@ def _foreign(stored: StoredCheckpoint, field: str, wanted: str | None) -> Import
     return ImportedNetwork(architecture, classes, units, tensors, provenance)
 
 
-def _recognise(shapes: Shapes, field: str, wanted: str | None) -> tuple[Layout, list[str], int]:
+def _recognise(shapes: Shapes, field: str, preference: str | None) -> tuple[Layout, list[str], int]:
     """Return the layout, its architectures with exactly these tensors, and the number of classes."""
-    layouts = [layout for layout in LAYOUTS if wanted is None or wanted in layout.architectures]
+    layouts = [layout for layout in LAYOUTS if preference is None or preference in layout.architectures]
     if not layouts:
-        raise InvalidInput("no layout has this architecture", field="architecture", value=wanted)
+        raise InvalidInput("no layout has this architecture", field="architecture", value=preference)
     nearest: list[tuple[int, str, list[str]]] = []
     # Looking for the classifier first avoids building every network for every file.
     for layout in [each for each in layouts if _classifier(each) in shapes] or layouts:
@@ -199,7 +199,7 @@ def _recognise(shapes: Shapes, field: str, wanted: str | None) -> tuple[Layout, 
         shape = shapes.get(_classifier(layout))
         count = shape[0] if shape else len(_CITYSCAPES)
         fitting = []
-        for architecture in layout.architectures if wanted is None else (wanted,):
+        for architecture in layout.architectures if preference is None else (preference,):
             problems = differing_tensors(_their_shapes(layout, architecture, count), weights)
             if not problems:
                 fitting.append(architecture)
@@ -225,10 +225,10 @@ def _their_shapes(layout: Layout, architecture: str, count: int) -> dict[str, tu
     return {layout.name_of(name): shape for name, shape in _shapes_of(architecture, count).items()}
 
 
-def _choose(fitting: list[str], config: JsonObject, wanted: str | None, field: str) -> tuple[str, list[str]]:
+def _choose(fitting: list[str], config: JsonObject, preference: str | None, field: str) -> tuple[str, list[str]]:
     """Return one of several architectures with the same tensors, and the assumptions behind the choice."""
-    if wanted is not None:
-        return wanted, []
+    if preference is not None:
+        return preference, []
     if "model.decode_head.align_corners" in config:
         agreeing = [name for name in fitting if _agree(ARCHITECTURES[name], config)]
         if not agreeing:
@@ -280,7 +280,9 @@ def _fitting(classes: tuple[str, ...], count: int, field: str) -> tuple[str, ...
     return classes
 
 
-def _units_of(layout: Layout, stored: StoredCheckpoint, config: JsonObject, field: str) -> tuple[PictureUnits, bool]:
+def _units_of(
+    layout: Layout, checkpoint: StoredCheckpoint, config: JsonObject, field: str
+) -> tuple[PictureUnits, bool]:
     """Return the units of the layout, updated with those in the file, and whether the file states any."""
     usual = layout.units
     for place, flag in (
@@ -292,9 +294,9 @@ def _units_of(layout: Layout, stored: StoredCheckpoint, config: JsonObject, fiel
             # mmcv reads pictures blue first; False leaves them so.
             order = "bgr" if config.get(f"{place}.{flag}") is False else usual.channel_order
             return _units(config[f"{place}.mean"], config[f"{place}.std"], usual.scale, order, field), True
-    if "pixel_mean" in stored.tensors and "pixel_std" in stored.tensors:
+    if "pixel_mean" in checkpoint.tensors and "pixel_std" in checkpoint.tensors:
         # Converted by their digits: 123.675 as float32 is not 123.675 as float64.
-        mean, std = ([float(str(x)) for x in stored.tensors[f"pixel_{name}"].ravel()] for name in ("mean", "std"))
+        mean, std = ([float(str(x)) for x in checkpoint.tensors[f"pixel_{name}"].ravel()] for name in ("mean", "std"))
         return _units(mean, std, usual.scale, usual.channel_order, field), True
     return usual, False
 
