@@ -238,7 +238,7 @@ def _no_effect(
         observations = rows.observed()
         together = False
         if on_one_site:
-            positions = 3.0 * np.column_stack([rows.factors["x"], rows.factors["y"]])
+            positions = np.asarray(3.0 * np.column_stack([rows.factors["x"], rows.factors["y"]]), np.float64)
             together = places_alike(observations, positions, seed=repetition)
             before += any(item.confirmed for item in find(observations, seed=repetition).items)
         alike += together

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, overload
+from typing import Any, Final, Literal, overload
 
 import numpy as np
 import zstandard
@@ -192,7 +192,7 @@ class FrameFolder(Frames):
     def _array(self, shard: Shard, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         size = int(np.prod(shape))
         try:
-            packed: NDArray[np.uint8] = self._handle(shard).get_tensor(name)
+            packed: NDArray[np.uint8] = self._handle(shard).get_tensor(name)  # type: ignore[no-untyped-call]
             raw = zstandard.ZstdDecompressor().decompress(packed.tobytes(), max_output_size=size)
         except (SafetensorError, zstandard.ZstdError, OSError) as error:
             raise CorruptArtifact(f"{shard.file}: {name} cannot be read ({error})") from error
@@ -200,7 +200,7 @@ class FrameFolder(Frames):
             raise CorruptArtifact(f"{shard.file}: {name} has {len(raw)} bytes instead of {size}")
         return np.frombuffer(raw, np.uint8).reshape(shape)
 
-    def _handle(self, shard: Shard) -> safe_open:
+    def _handle(self, shard: Shard) -> Any:
         handles: dict[str, safe_open] | None = getattr(self._open, "handles", None)
         if handles is None:
             handles = self._open.handles = {}

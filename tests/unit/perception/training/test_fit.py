@@ -56,14 +56,14 @@ def blind_loss(chosen: TrainingSettings, frames: Sequence[TrainingFrame], *, las
 @pytest.mark.parametrize("architecture", ["deeplabv3plus-small", "semantic-fpn-small"])
 def test_a_network_learns_a_few_frames(architecture: str, make_frames) -> None:
     losses: list[float] = []
-    chosen, frames = settings(architecture=architecture, steps=40, batch=4), make_frames(4)
+    chosen, frames = settings(architecture=architecture, steps=30, batch=4), make_frames(4)
     model = train(
         chosen,
         frames,
         held_out=make_frames(2, site_seed=900),
         progress=lambda p: losses.append(p.loss),
     )
-    assert len(losses) == model.steps == 40
+    assert len(losses) == model.steps == 30
     assert sum(losses[-5:]) / 5 < 0.5 * blind_loss(chosen, frames, last=5)
     assert model.figures is not None
     assert model.figures.frames == 2
