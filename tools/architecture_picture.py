@@ -21,6 +21,8 @@ YELLOW, GREY = (AMBER, "#fdf6e7"), ("#9aa5b1", "#f5f7fa")
 INFRASTRUCTURE: Final = frozenset({"broker", "db", "logs", "storage"})
 
 LEFT, WIDTH, TOP, GAP = 52.0, 528.0, 66.0, 8.0
+#: Upper bounds of a letter's mean width in pixels: bold names of packages, and small names of their parts.
+BOLD, SMALL = 8.0, 6.2
 #: Packages whose inner layers are drawn, by the name of their contract.
 DETAILED: Final = ("pipeline", "scene")
 
@@ -98,29 +100,51 @@ def _packages() -> tuple[list[str], float]:
     parts: list[str] = []
     y = TOP
     for number, row in enumerate(layers()):
-        height = 58.0 if set(row) & set(DETAILED) else 32.0
-        width = WIDTH if number else 300.0  # The asset pack stands beside the first row.
-        each = (width - GAP * (len(row) - 1)) / len(row)
-        for place, name in enumerate(row):
-            x = LEFT + place * (each + GAP)
-            colours = GREEN if name in science else VIOLET if name in INFRASTRUCTURE else BLUE
-            parts.append(_rectangle(x, y, each, height, colours))
-            parts.append(_text(x + each / 2, y + 21, name, ' font-weight="bold"'))
-            if name in DETAILED:
-                parts += _chain(layers(name), x + each / 2, y + 29, colours[0])
-        y += height + GAP
+        room = WIDTH if number else 300.0  # The asset pack stands beside the first row.
+        for line in _wrapped(row, [BOLD * len(name) + 12 for name in row], GAP, room):
+            chains = {name: _wrapped_chain(layers(name), room - 16) for name in line if name in DETAILED}
+            height = 32.0 + 28 * max(map(len, chains.values()), default=0)
+            # The room that the names leave is shared.
+            spare = (room - GAP * (len(line) - 1) - sum(BOLD * len(name) for name in line)) / len(line)
+            x = LEFT
+            for name in line:
+                width = BOLD * len(name) + spare
+                colours = GREEN if name in science else VIOLET if name in INFRASTRUCTURE else BLUE
+                parts.append(_rectangle(x, y, width, height, colours))
+                parts.append(_text(x + width / 2, y + 21, name, ' font-weight="bold"'))
+                for place, labels in enumerate(chains.get(name, ())):
+                    parts += _chain(labels, x + width / 2, y + 29 + 28 * place, colours[0], goes_on=place > 0)
+                x += width + GAP
+            y += height + GAP
     parts.append(_rectangle(LEFT + 316, TOP, WIDTH - 316, 32, (GREY[0], "#ffffff"), ' stroke-dasharray="4 3"'))
     parts.append(_text(LEFT + 316 + (WIDTH - 316) / 2, TOP + 21, "urban_street: loaded by name"))
     return parts, y - GAP
 
 
-def _chain(rows: _LAYERS, centre: float, y: float, stroke: str) -> Iterator[str]:
-    """Yield small boxes, from the importing to the imported rows."""
+def _wrapped(names: Sequence[str], widths: Sequence[float], gap: float, room: float) -> list[list[str]]:
+    """Return the names in lines that fit into the room."""
+    lines: list[list[str]] = [[]]
+    used = -gap
+    for name, width in zip(names, widths, strict=True):
+        if lines[-1] and used + gap + width > room:
+            lines.append([])
+            used = -gap
+        lines[-1].append(name)
+        used += gap + width
+    return lines
+
+
+def _wrapped_chain(rows: _LAYERS, room: float) -> list[list[str]]:
     labels = [" · ".join(row) for row in rows]
-    widths = [6.2 * len(label) + 12 for label in labels]
+    return _wrapped(labels, [SMALL * len(label) + 12 for label in labels], 16, room - 16)
+
+
+def _chain(labels: Sequence[str], centre: float, y: float, stroke: str, *, goes_on: bool) -> Iterator[str]:
+    """Yield small boxes, from the importing to the imported rows; a line that goes on has an arrow before its first."""
+    widths = [SMALL * len(label) + 12 for label in labels]
     x = centre - (sum(widths) + 16 * (len(widths) - 1)) / 2
-    for label, width in zip(labels, widths, strict=True):
-        if label != labels[0]:
+    for place, (label, width) in enumerate(zip(labels, widths, strict=True)):
+        if place or goes_on:
             yield _line(f"M{x - 15:g} {y + 11:g}H{x - 1:g}")
         yield _rectangle(x, y, width, 22, (stroke, "#ffffff"))
         yield _text(x + width / 2, y + 15, label, ' font-size="11.5"')

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -136,6 +137,20 @@ def _members(folder: str) -> Iterator[str]:
 
 def test_the_picture_of_the_architecture_shows_the_import_contracts() -> None:
     assert PICTURE.read_text("utf-8") == picture(), "run: python -m tools.architecture_picture"
+
+
+def test_no_box_of_the_picture_leaves_the_box_around_it() -> None:
+    boxes = [
+        tuple(float(rect.attrib[name]) for name in ("x", "y", "width", "height"))
+        for rect in ElementTree.fromstring(picture()).iter("{http://www.w3.org/2000/svg}rect")
+        if "x" in rect.attrib
+    ]
+    for x, y, width, height in boxes:
+        for left, top, across, down in boxes:
+            apart = x + width <= left or left + across <= x or y + height <= top or top + down <= y
+            inside = left <= x and x + width <= left + across and top <= y and y + height <= top + down
+            around = x <= left and left + across <= x + width and y <= top and top + down <= y + height
+            assert apart or inside or around
 
 
 def test_the_import_contract_places_every_package_of_the_tree() -> None:
