@@ -192,7 +192,7 @@ class FrameFolder(Frames):
     def _array(self, shard: Shard, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         size = int(np.prod(shape))
         try:
-            packed: NDArray[np.uint8] = self._handle(shard).get_tensor(name)  # type: ignore[no-untyped-call]
+            packed: NDArray[np.uint8] = self._handle(shard).get_tensor(name)
             raw = zstandard.ZstdDecompressor().decompress(packed.tobytes(), max_output_size=size)
         except (SafetensorError, zstandard.ZstdError, OSError) as error:
             raise CorruptArtifact(f"{shard.file}: {name} cannot be read ({error})") from error
