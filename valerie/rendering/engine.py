@@ -23,7 +23,8 @@ class Ability(StrEnum):
     CAR_LAMPS = "car_lamps"
     #: Scenes with the sun below the horizon.
     NIGHT = "night"
-    #: Textures with holes, such as leaves and fences. An engine without this ability draws the holes as solid.
+    #: Textures with holes, such as leaves and fences, in pictures and shadows. An engine without this ability may draw the
+    #: shadows solid.
     CUT_OUTS = "cut-outs"
 
 

@@ -1,4 +1,4 @@
-"""The declaration of the engine ``pyrender``: clear weather by day, and no holes in textures."""
+"""The declaration of the engine ``pyrender``: clear weather by day, and solid shadows of textures with holes."""
 
 from __future__ import annotations
 

@@ -99,8 +99,8 @@ def oversights(
     spec, manifest = vocabulary.spec, vocabulary.manifest
     if not vocabulary.renders(Ability.CUT_OUTS) and (manifest.files or manifest.placed_files):
         yield (
-            f"renderer {spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
-            "fences), its images do not match the ground truth"
+            f"renderer {spec.engine}: the shadows of cut-out textures have no holes; where the asset's files have such "
+            "textures (leaves, fences), their shadows are too dark"
         )
     yield from _about_exposure(spec, space, manifest)
     if not spec.functions:

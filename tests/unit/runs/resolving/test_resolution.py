@@ -220,7 +220,7 @@ def test_what_is_probably_not_meant_is_warned_of(street: Manifest, given: dict[s
 
 
 @pytest.mark.parametrize(("engine", "warned"), [("pyrender", True), ("raster", False)])
-def test_cut_outs_of_files_that_an_engine_draws_whole_are_warned_of(
+def test_solid_shadows_of_cut_outs_are_warned_of(
     street: Manifest, engine: str, warned: bool
 ) -> None:
     from_files = street.model_copy(update={"files": ("street.glb",)})
