@@ -220,9 +220,7 @@ def test_what_is_probably_not_meant_is_warned_of(street: Manifest, given: dict[s
 
 
 @pytest.mark.parametrize(("engine", "warned"), [("pyrender", True), ("raster", False)])
-def test_solid_shadows_of_cut_outs_are_warned_of(
-    street: Manifest, engine: str, warned: bool
-) -> None:
+def test_solid_shadows_of_cut_outs_are_warned_of(street: Manifest, engine: str, warned: bool) -> None:
     from_files = street.model_copy(update={"files": ("street.glb",)})
     assert any("cut-out" in text for text in resolved(from_files, renderer=engine).warnings) is warned
     assert not any("cut-out" in text for text in resolved(street, renderer=engine).warnings)
