@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import subprocess
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
 from typing import Final, NamedTuple
@@ -91,6 +92,8 @@ class Previews:
         """
         self._context, self._command, self._seconds = context, command, seconds
         self._child: subprocess.Popen[bytes] | None = None
+        # Linux reports the end of the thread that started a child as the parent's end; threads of requests end when idle.
+        self._starter = ThreadPoolExecutor(1, "previews")
         self._lock = Lock()
 
     def render(
@@ -139,9 +142,10 @@ class Previews:
         )
 
     def close(self) -> None:
-        """End the child."""
+        """End the child; no preview can be rendered afterwards."""
         with self._lock:
             self._end()
+            self._starter.shutdown()
 
     def _rendered(self, job: PreviewJob) -> _Rendered:
         if not job.frames:
@@ -176,13 +180,7 @@ class Previews:
         message = job.model_dump_json().encode()
         if self._child is None or self._child.poll() is not None:
             self._end()
-            self._child = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=self._environment(),
-            )
+            self._child = self._starter.submit(self._started).result()
         assert self._child.stdin is not None
         wire = Wire(self._child.stdin, self._child.stdout, lambda: None, self._seconds)
         try:
@@ -194,6 +192,15 @@ class Previews:
         except (EOFError, ValidationError):
             self._end()
             raise TransientError("the process that renders previews ended; try again") from None
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=self._environment(),
+        )
 
     def _environment(self) -> dict[str, str]:
         """Return the child's environment: without secrets, but with what engines need to know of the settings."""

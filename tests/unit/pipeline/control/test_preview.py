@@ -8,6 +8,7 @@ import struct
 import sys
 from contextlib import closing
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -54,6 +55,19 @@ def test_a_child_that_ends_or_talks_nonsense_is_replaced(tmp_path: Path, program
     for _ in range(2):
         with pytest.raises(TransientError, match="ended"):
             ending.render(parse(spec("n")), [0])
+
+
+def test_the_child_outlives_the_thread_whose_request_started_it(tmp_path: Path) -> None:
+    """Linux tells a child of its parent's end when the *thread* ends that started it, and servers end idle threads."""
+    pictures = ({"pictures": [base64.b64encode(name).decode()]} for name in (b"first", b"second"))
+    tied = f"from valerie.parent import end_with_parent; end_with_parent(); {answering(*pictures)}"
+    with closing(previews(tmp_path, tied)) as rendering:
+        shown: list[bytes | None] = []
+        for _ in range(2):
+            thread = Thread(target=lambda: shown.append(rendering.render(parse(spec("n")), [0]).variants[0].picture))
+            thread.start()
+            thread.join()
+    assert shown == [b"first", b"second"]
 
 
 def test_a_machine_without_an_engine_refuses_politely(tmp_path: Path) -> None:
