@@ -21,7 +21,6 @@ first place            How often is the one cause first among measured columns, 
 from __future__ import annotations
 
 import argparse
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -36,7 +35,7 @@ from scipy.special import betaincinv, ndtr, ndtri
 from scipy.stats import qmc
 
 from benchmarks import results
-from benchmarks.bench_findings import CURVES, DECOYS, GRID, NOISE, PAPER_SMALL, Rows, _pass_or_fail, crossed
+from benchmarks.bench_findings import CURVES, DECOYS, GRID, NOISE, PAPER_SMALL, Rows, crossed, pass_or_fail
 from benchmarks.planted import World
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.table import EvaluationTable
@@ -294,7 +293,7 @@ def one_point(repetitions: int) -> Iterator[Row]:
             outcomes: Counter[Outcome] = Counter()
             ends = []
             for _ in range(repetitions):
-                scores = _pass_or_fail(truth, most, 1, rng).ravel()
+                scores = pass_or_fail(truth, most, 1, rng).ravel()
                 verdict = judge_sample(scores, np.arange(most), at_least=bound)
                 outcomes[verdict.outcome] += 1
                 ends.append(verdict.decided_after or most)
@@ -436,19 +435,11 @@ def main() -> None:
     for part, (rows, affordable) in PARTS.items():
         if arguments.only not in {None, part}:
             continue
-        started, repetitions = time.process_time(), max(round(arguments.repetitions * affordable), 1)
+        repetitions = max(round(arguments.repetitions * affordable), 1)
         print(f"\n{part}, {repetitions} repetitions")
-        figures[part] = {"repetitions": repetitions, "rows": []}
-        for row in rows(repetitions):
-            figures[part]["rows"].append(row)
-            print("  " + ", ".join(f"{key} {_text(value)}" for key, value in row.items()), flush=True)
-        print(f"  {time.process_time() - started:.0f} CPU seconds", flush=True)
+        figures[part] = {"repetitions": repetitions, "rows": results.print_rows(rows(repetitions))}
     if arguments.only is None:
         results.write("effects", figures)
-
-
-def _text(value: object) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

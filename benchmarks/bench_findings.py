@@ -9,7 +9,6 @@ procedure over all main effects and all places at once: the result without confi
 from __future__ import annotations
 
 import argparse
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -253,14 +252,14 @@ MOST_UNITS: Final = 3000
 
 def verdicts(repetitions: int) -> Iterator[Row]:
     for truth in SHARES:
-        yield _verdicts("independent units", truth, repetitions, _pass_or_fail, 1)
+        yield _verdicts("independent units", truth, repetitions, pass_or_fail, 1)
     for truth in (BOUND - 1e-9, BOUND):
-        yield _verdicts("independent units", truth, repetitions, _pass_or_fail, 1)
+        yield _verdicts("independent units", truth, repetitions, pass_or_fail, 1)
         yield _verdicts("24 rows a place, alike", truth, repetitions, _alike, 24)
         yield _verdicts("places of two kinds", truth, repetitions, _two_kinds, 6)
 
 
-def _pass_or_fail(truth: float, units: int, rows: int, rng: Generator) -> Floats:
+def pass_or_fail(truth: float, units: int, rows: int, rng: Generator) -> Floats:
     return (rng.random((units, rows)) < truth).astype(float)
 
 
@@ -580,19 +579,10 @@ def main() -> None:
     for part, rows in PARTS.items():
         if arguments.only not in {None, part}:
             continue
-        started = time.process_time()
         print(f"\n{part}")
-        figures[part] = []
-        for row in rows(arguments.repetitions):
-            figures[part].append(row)
-            print("  " + ", ".join(f"{key} {_text(value)}" for key, value in row.items()), flush=True)
-        print(f"  {time.process_time() - started:.0f} CPU seconds")
+        figures[part] = results.print_rows(rows(arguments.repetitions))
     if arguments.only is None:
         results.write("findings", figures)
-
-
-def _text(value: object) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

@@ -5,8 +5,23 @@ from __future__ import annotations
 import json
 import os
 import platform
+import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+from valerie.plain import JsonObject
+
+
+def print_rows(rows: Iterable[JsonObject]) -> list[JsonObject]:
+    """Print each row as soon as it is there, then the CPU seconds that all took; return the rows."""
+    started = time.process_time()
+    printed: list[JsonObject] = []
+    for row in rows:
+        printed.append(row)
+        print("  " + ", ".join(f"{key} {_text(value)}" for key, value in row.items()), flush=True)
+    print(f"  {time.process_time() - started:.0f} CPU seconds", flush=True)
+    return printed
 
 
 def write(name: str, figures: dict[str, Any]) -> None:
@@ -17,3 +32,7 @@ def write(name: str, figures: dict[str, Any]) -> None:
     path = folder / f"{name}.json"
     path.write_text(json.dumps({"machine": machine, **figures}, indent=2) + "\n")
     print(f"written: {path}")
+
+
+def _text(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)

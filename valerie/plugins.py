@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 TESTING_ENGINE: Final = "blank"
 #: Engines that are built in; all others come from packages.
 RENDERERS: Final = ("raster", "pyrender", "cycles")
+#: Goals of studies whose strategies are built in.
+GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
 
 _RENDERERS: Final = PluginKind(
     "renderer",
@@ -52,12 +54,7 @@ _TRUTH_PASSES: Final = PluginKind(
 _FUNCTIONS: Final = PluginKind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
 _SAMPLERS: Final = PluginKind("design", "valerie.samplers")
 _STRATEGIES: Final = PluginKind(
-    "goal",
-    "valerie.strategies",
-    {
-        name: f"valerie.guided.{name}:{name.capitalize()}"
-        for name in ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
-    },
+    "goal", "valerie.strategies", {name: f"valerie.guided.{name}:{name.capitalize()}" for name in GOALS}
 )
 
 #: Program to the engine that runs in it.

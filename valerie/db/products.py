@@ -351,7 +351,7 @@ _JOB_OF_KIND: Final = {
     ProductKind.EVALUATION: _evaluation_job(Evaluation.scores),
 }
 _EMPTY_JOB: Final = _evaluation_job(Evaluation.empty)
-#: Kinds of products whose jobs have a `EvaluationLink`.
+#: Kinds of products whose jobs have an `EvaluationLink`.
 _LOOKS: Final = frozenset({ProductKind.PREDICTION, ProductKind.EVALUATION})
 
 

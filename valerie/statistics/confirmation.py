@@ -150,11 +150,8 @@ def confirm(
     if not 0 < level < 1:
         raise InvalidInput("has to lie between 0 and 1", field="level", value=level)
     chosen = candidates.candidates
-    shown = {
-        item.changes: item
-        for item in contrasts(observations, only=[item.changes for item in chosen])
-        if between or item.matching is not Matching.MODEL
-    }
+    looked_at = _evident(contrasts(observations, only=[item.changes for item in chosen]), between=between)
+    shown = {item.changes: item for item in looked_at}
     tested = [shown.get(item.changes) for item in chosen]
     adjusted = holm([1.0 if item is None else item.p_value for item in tested])
     agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
@@ -215,11 +212,7 @@ def named(
     Returns:
         The clearest first. Their intervals hold together (Bonferroni).
     """
-    looked_at = [
-        item
-        for item in contrasts(observations, interactions=False, only=only)
-        if between or item.matching is not Matching.MODEL
-    ]
+    looked_at = _evident(contrasts(observations, interactions=False, only=only), between=between)
     adjusted = holm([item.p_value for item in looked_at])
     each = 1 - (1 - level) / max(len(looked_at), 1)
     chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]
@@ -235,6 +228,11 @@ def named(
         )
         for item, p_value in ((looked_at[k], float(adjusted[k])) for k in chosen)
     )
+
+
+def _evident(items: Sequence[Contrast], *, between: bool) -> list[Contrast]:
+    """Return the contrasts that places give evidence of; without ``between``, those within places only."""
+    return [item for item in items if between or item.matching is not Matching.MODEL]
 
 
 def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:

@@ -20,6 +20,7 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.plain import Json, JsonObject
+from valerie.plugins import GOALS
 from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.moments import Moment
 from valerie.runs.resolving.spec import parse
@@ -186,8 +187,6 @@ class PluginGoal(GoalDocument):
     options: dict[str, Scalar] = Field(default_factory=dict)
 
 
-#: Names of the built-in goals.
-GOALS: Final = ("estimate", "find", "map", "explain", "verify", "compare", "rank", "cascade")
 _PLUGIN: Final = "plug-in"
 
 
