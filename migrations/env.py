@@ -8,7 +8,7 @@ from alembic import context
 from alembic.autogenerate.api import AutogenContext
 from sqlalchemy import Enum
 
-from valerie.db.column_types import JsonDocument
+from valerie.db.column_types import JsonDocument, UtcMoment
 from valerie.db.engine import open_database
 from valerie.db.models import Base
 
@@ -43,6 +43,8 @@ def _render(kind: str, item: object, autogen_context: AutogenContext) -> str | L
     if kind == "type" and isinstance(item, JsonDocument):
         autogen_context.imports.add("from sqlalchemy.dialects import postgresql")
         return 'sa.JSON().with_variant(postgresql.JSONB(), "postgresql")'
+    if kind == "type" and isinstance(item, UtcMoment):
+        return "sa.DateTime(timezone=True)"
     if kind == "type" and isinstance(item, Enum):
         return f"sa.String(length={item.length})"
     return False

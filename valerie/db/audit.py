@@ -10,7 +10,6 @@ from sqlalchemy import Connection, insert, select
 
 from valerie.access import Role
 from valerie.db.models import AuditEntry
-from valerie.runs.moments import in_utc
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,5 +38,5 @@ def entries(connection: Connection, *, after: int = 0, limit: int | None = None)
     table = AuditEntry.__table__
     query = select(table).where(table.c.id > after).order_by(table.c.id).limit(limit)
     for row in connection.execution_options(yield_per=1_000).execute(query).mappings():
-        values = {**row, "at": in_utc(row["at"])}
+        values = dict(row)
         yield values.pop("id"), Entry(**values)

@@ -1,15 +1,18 @@
-"""Column types: frozen documents as JSON, enums as their values."""
+"""Column types: frozen documents as JSON, enums as their values, moments in UTC."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from enum import StrEnum
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 from pydantic import TypeAdapter
-from sqlalchemy import JSON, Dialect, Enum, TypeDecorator
+from sqlalchemy import JSON, DateTime, Dialect, Enum, TypeDecorator
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import TypeEngine
+
+from valerie.runs.moments import in_utc
 
 D = TypeVar("D")
 
@@ -45,6 +48,21 @@ class JsonDocument(TypeDecorator[D], Generic[D]):
     def process_result_value(self, value: Any, dialect: Dialect) -> D | None:  # noqa: ARG002
         """Return the document in a JSON text."""
         return None if value is None else self._adapter.validate_json(value)
+
+
+class UtcMoment(TypeDecorator[datetime]):
+    """A moment in UTC; SQLite stores no time zone."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Return the moment in UTC."""
+        return None if value is None else in_utc(value)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Return the moment in UTC, with its time zone."""
+        return None if value is None else in_utc(value)
 
 
 def words(enum: type[StrEnum], length: int) -> Enum:

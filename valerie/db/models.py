@@ -13,7 +13,6 @@ from typing import Any, Final, TypeVar
 
 from sqlalchemy import (
     BigInteger,
-    DateTime,
     Float,
     ForeignKey,
     ForeignKeyConstraint,
@@ -30,7 +29,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeEngine
 
 from valerie.access import Role
-from valerie.db.column_types import JsonDocument, words
+from valerie.db.column_types import JsonDocument, UtcMoment, words
 from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
@@ -75,7 +74,7 @@ _Table = TypeVar("_Table", bound="Base")
 class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=NAMING)
     type_annotation_map = {  # noqa: RUF012
-        datetime: DateTime(timezone=True),
+        datetime: UtcMoment(),
         RunState: words(RunState, 32),
         Priority: words(Priority, 16),
         ProductState: words(ProductState, 16),

@@ -14,7 +14,6 @@ from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.runs import links_of
 from valerie.db.statements import Seen, insert_ignoring, newest_first
 from valerie.errors import NotFound
-from valerie.runs.moments import in_utc
 from valerie.runs.study.study_document import Outcomes, StudyDocument, StudyResult, StudyState
 
 
@@ -186,7 +185,7 @@ def end(connection: Connection, study_id: str, number: int, outcomes: Outcomes) 
     if row is not None and row.run_id is not None and row.accepted_at is not None:
         links = links_of(row.run_id)
         query = select(func.coalesce(func.sum(Product.cpu_seconds), 0.0)).join(links, links.c[0] == Product.digest)
-        spent = float(connection.scalar(query.where(Product.finished_at >= in_utc(row.accepted_at).timestamp())) or 0.0)
+        spent = float(connection.scalar(query.where(Product.finished_at >= row.accepted_at.timestamp())) or 0.0)
     connection.execute(
         _of(study_id, number).where(StudyBatch.outcomes.is_(None)).values(outcomes=outcomes, cpu_seconds=spent)
     )

@@ -12,7 +12,6 @@ from sqlalchemy.exc import IntegrityError
 from valerie.access import Role
 from valerie.db.models import Token
 from valerie.errors import Conflict, NotFound
-from valerie.runs.moments import in_utc
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +87,8 @@ def _token(row: Row[Any]) -> TokenRow:
         name=row.name,
         owner=row.owner,
         role=row.role,
-        created_at=in_utc(row.created_at),
-        expires_at=in_utc(row.expires_at),
-        revoked_at=in_utc(row.revoked_at) if row.revoked_at else None,
-        used_at=in_utc(row.used_at) if row.used_at else None,
+        created_at=row.created_at,
+        expires_at=row.expires_at,
+        revoked_at=row.revoked_at,
+        used_at=row.used_at,
     )

@@ -21,7 +21,7 @@ from valerie.db.models import Product
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import commands
-from valerie.runs.moments import in_utc, moment_text
+from valerie.runs.moments import moment_text
 from valerie.runs.study.study_document import parse_study
 from valerie.storage import ArtifactStore
 from valerie.storage.keys import product_key
@@ -138,7 +138,7 @@ def test_the_times_of_a_run_are_the_databases_so_that_its_end_is_told(apart: Pip
     lifecycle.cancel(apart.context, run_id)
     row = apart.row(run_id)
     assert row.finished_at is not None
-    assert (in_utc(row.created_at), in_utc(row.finished_at)) == (now, now)
+    assert (row.created_at, row.finished_at) == (now, now)
     with reading(apart.context.engine) as connection:
         # As webhooks ask: endings of the last day.
         endings = deliveries.due(connection, "r", since=now - timedelta(days=1), now=clock.now, limit=9)

@@ -23,7 +23,7 @@ from valerie.db.engine import database_time, reading, writing
 from valerie.errors import InvalidInput, NoAnswer
 from valerie.outbound import post
 from valerie.pipeline.base.context import Context
-from valerie.runs.moments import Moment, in_utc
+from valerie.runs.moments import Moment
 from valerie.runs.products.states import RunState
 from valerie.settings import Settings
 
@@ -101,7 +101,7 @@ def signature_headers(key: bytes, message_id: str, sent_at: int, body: bytes) ->
 
 def _tell(settings: Settings, url: str, ending: RunEnding) -> str | None:
     """Send one message; return why it was not accepted, if it was not."""
-    ended_at = in_utc(ending.finished_at)
+    ended_at = ending.finished_at
     data = _Ended(run=ending.id, name=ending.name, state=ending.state, reason=ending.reason, owner=ending.owner)
     body = _Message(timestamp=ended_at, data=data).model_dump_json().encode()
     message_id = hashlib.sha256(f"{ending.id} {ended_at.isoformat()} {url}".encode()).hexdigest()[:32]

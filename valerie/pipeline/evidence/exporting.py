@@ -55,7 +55,6 @@ from valerie.pipeline.reading.painting import png
 from valerie.pipeline.reading.reports import read_odd
 from valerie.pipeline.reading.selection import function_index, sensor_index
 from valerie.plain import typed
-from valerie.runs.moments import in_utc
 
 #: Bytes per pixel of a picture and of a painted class map, as PNG; rounded up.
 _PICTURE_BYTES, _MAP_BYTES = 2.5, 0.3
@@ -237,9 +236,9 @@ def _facts(run: RunRow, folder: Path, *, table: str, verdicts: object) -> RunFac
         asset_digest=run.asset_digest,
         parent_run=run.parent_run,
         iteration=run.iteration,
-        created_at=in_utc(run.created_at),
-        started_at=None if run.started_at is None else in_utc(run.started_at),
-        finished_at=None if run.finished_at is None else in_utc(run.finished_at),
+        created_at=run.created_at,
+        started_at=run.started_at,
+        finished_at=run.finished_at,
         results=results,
     )
 

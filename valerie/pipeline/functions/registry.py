@@ -23,7 +23,6 @@ from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, Un
 from valerie.perception.documents.class_maps import require_person
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.base.context import Context
-from valerie.runs.moments import in_utc
 from valerie.storage.keys import function_key
 
 _PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
@@ -233,4 +232,4 @@ def _require_digest(sha256: str, document: FunctionDocument) -> None:
 
 
 def _registered(row: functions.FunctionRow) -> Registered:
-    return Registered(row.document, row.version, in_utc(row.created_at))
+    return Registered(row.document, row.version, row.created_at)

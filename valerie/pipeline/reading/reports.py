@@ -36,7 +36,6 @@ from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.plain import JsonObject
-from valerie.runs.moments import in_utc
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
@@ -217,7 +216,7 @@ def _report_input(context: Context, results: RunResults) -> ReportInput:
     with reading(context.engine) as connection:
         rejected, now = runs.rejections(connection, run.id), database_moment(connection)
         spent = runs.cpu_seconds(connection, run.id)
-    submitted, finished, own = in_utc(run.created_at), in_utc(run.finished_at or now), environment()
+    submitted, finished, own = run.created_at, run.finished_at or now, environment()
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(

@@ -29,7 +29,6 @@ from valerie.pipeline.control.studies import commands
 from valerie.pipeline.control.studies.resolving import resolve_document
 from valerie.pipeline.retraining.retrain import TrainingResources, Watcher, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import Weakness, find_weakness
-from valerie.runs.moments import in_utc
 from valerie.runs.study.measure import parse_measure
 from valerie.runs.study.study_document import Budget, FindGoal, Goal, StudyDocument, StudyState, VerifyGoal
 from valerie.statistics.verdicts import Outcome
@@ -276,7 +275,7 @@ def _spent(context: Context, flow: Flow) -> bool:
     budget = flow.document.budget
     with reading(context.engine) as connection:
         now = database_moment(connection)
-    if budget.deadline is not None and now >= in_utc(budget.deadline):
+    if budget.deadline is not None and now >= budget.deadline:
         return True
     return budget.cpu_hours is not None and _cpu_hours(flow) >= budget.cpu_hours
 

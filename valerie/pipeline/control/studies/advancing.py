@@ -26,7 +26,7 @@ from valerie.pipeline.control import lifecycle
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.control.submit import submit
 from valerie.pipeline.reading.selection import evaluated_persons
-from valerie.runs.moments import in_utc, moment_text
+from valerie.runs.moments import moment_text
 from valerie.runs.products.states import RunState
 from valerie.runs.study.study_document import StudyState
 from valerie.studies.pursuit import LAG, Pursuit
@@ -213,7 +213,7 @@ class StudyKeeper:
         hours = sum(batch.cpu_seconds or 0.0 for batch in basis) / 3600
         if budget.cpu_hours is not None and hours >= budget.cpu_hours:
             return f"the budget of {budget.cpu_hours:g} CPU hours is spent"
-        if budget.deadline is not None and self._now() >= in_utc(budget.deadline):
+        if budget.deadline is not None and self._now() >= budget.deadline:
             return f"the deadline has passed: {moment_text(budget.deadline)}"
         return None
 
