@@ -16,11 +16,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtr, ndtr, stdtr, stdtrit
+from scipy.special import bdtr, ndtr, stdtr
 
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import MIN_UNITS
 from valerie.statistics.observations import dense
 from valerie.statistics.power import places_needed
+from valerie.statistics.unseen import Figures, reach
 
 #: Up to this many places the signed-rank test enumerates all signs; above, it uses the normal approximation.
 _EXACT: Final = 25
@@ -39,8 +41,8 @@ class SliceComparison:
     Attributes:
         name: of the slice.
         difference: mean over places of the mean difference of their rows.
-        low, high: its 95 % interval by Student's t over places, not adjusted for other slices; infinite with fewer than
-            two.
+        low, high: its 95 % interval by place, with an unseen place (`valerie.statistics.unseen`), not adjusted for other
+            slices; infinite with too few places.
         places: number of places with rows in the slice.
         pairs: number of rows.
         lost, gained: rows that passed and now fail; rows that failed and now pass.
@@ -145,7 +147,10 @@ def compare_versions(
             signed_rank_test(differences),
             flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
         )
-        low, high, deviation = _interval(differences)
+        low, high = -float("inf"), float("inf")
+        if len(differences) >= MIN_UNITS:
+            own = reach(np.concatenate([before[rows], after[rows]]))
+            low, high = Figures.around(differences, own).interval(0.025)
         furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
         compared.append(
             SliceComparison(
@@ -164,9 +169,11 @@ def compare_versions(
                 adjusted_p=1.0,
                 worse=False,
                 flips=tuple(furthest[change[furthest] < 0].tolist()),
-                places_needed=None
-                if np.isnan(deviation)
-                else places_for_gate(effect, deviation, len(masks), false_discoveries=false_discoveries),
+                places_needed=places_for_gate(
+                    effect, float(differences.std(ddof=1)), len(masks), false_discoveries=false_discoveries
+                )
+                if len(differences) > 1
+                else None,
             )
         )
     adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []
@@ -249,12 +256,3 @@ def combine(p_values: ArrayLike) -> float:
     # tan((½ − p) π) = 1 / tan(p π), without loss for small p.
     mean = float(np.mean(1 / np.tan(np.pi * np.maximum(p, 1e-300))))
     return float(np.arctan2(1.0, mean) / np.pi)
-
-
-def _interval(differences: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the ends of the 95 % interval of the mean, and the standard deviation (NaN with fewer than two)."""
-    if len(differences) < 2:
-        return -float("inf"), float("inf"), float("nan")
-    mean, deviation = float(differences.mean()), float(differences.std(ddof=1))
-    half = -float(stdtrit(len(differences) - 1, 0.025)) * deviation / float(np.sqrt(len(differences)))
-    return mean - half, mean + half, deviation
