@@ -190,6 +190,8 @@ def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
         other = u.copy()
         other[:, 5] = rng.random(len(u))
         (slice_,) = compare_versions(world(u), _with_sun(world, other, np.ones(len(u), np.bool_)), place, whole).slices
+        assert slice_.low is not None, "there are enough places"
+        assert slice_.high is not None, "there are enough places"
         missed += not slice_.low <= truth <= slice_.high
         widths.append(slice_.high - slice_.low)
     rate = missed / repetitions

@@ -42,7 +42,7 @@ class SliceComparison:
         name: of the slice.
         difference: mean over places of the mean difference of their rows.
         low, high: its 95 % interval by place, with an unseen place (`valerie.statistics.unseen`), not adjusted for other
-            slices; infinite with too few places.
+            slices; None from fewer than `MIN_UNITS` places.
         places: number of places with rows in the slice.
         pairs: number of rows.
         lost, gained: rows that passed and now fail; rows that failed and now pass.
@@ -57,8 +57,8 @@ class SliceComparison:
 
     name: str
     difference: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     places: int
     pairs: int
     lost: int
@@ -147,10 +147,7 @@ def compare_versions(
             signed_rank_test(differences),
             flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
         )
-        low, high = -float("inf"), float("inf")
-        if len(differences) >= MIN_UNITS:
-            own = reach(np.concatenate([before[rows], after[rows]]))
-            low, high = Figures.around(differences, own).interval(0.025)
+        low, high = _interval(differences, np.concatenate([before[rows], after[rows]]))
         furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
         compared.append(
             SliceComparison(
@@ -256,3 +253,10 @@ def combine(p_values: ArrayLike) -> float:
     # tan((½ − p) π) = 1 / tan(p π), without loss for small p.
     mean = float(np.mean(1 / np.tan(np.pi * np.maximum(p, 1e-300))))
     return float(np.arctan2(1.0, mean) / np.pi)
+
+
+def _interval(differences: NDArray[np.float64], scores: NDArray[np.float64]) -> tuple[float, float] | tuple[None, None]:
+    """Return the 95 % interval of the mean of (G,) differences of places; None from too few."""
+    if len(differences) < MIN_UNITS:
+        return None, None
+    return Figures.around(differences, reach(scores)).interval(0.025)
