@@ -127,8 +127,7 @@ def mean_interval(
     if refusal is not None:
         return refusal
     tail, count = 0.5 - level / 2, len(per_unit.sums)
-    at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
-    guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
+    guarded = weighted or is_piled(scores) or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
     # The unseen one of unequal units may be a large one.
     of_equal = (
         count if not weighted else per_unit.worth if per_unit.deviation >= _WIDE else sqrt(count * per_unit.worth)
@@ -156,6 +155,11 @@ def mean_interval(
     estimate = min(max(per_unit.mean, 0.0), 1.0)
     low, high = min(max(low, 0.0), estimate), max(min(high, 1.0), estimate)
     return Interval(low, high, estimate, level, count, method, units.estimand)
+
+
+def is_piled(scores: NDArray[np.float64]) -> bool:
+    """Return True if at least half of (N,) scores lie near 0 or 1; those drawn then say little about rare others."""
+    return bool(np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) >= _PILED * len(scores))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
