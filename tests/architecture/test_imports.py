@@ -1,4 +1,4 @@
-"""Who imports whom: the rules of .importlinter, and what really gets loaded."""
+"""The rules of .importlinter, and the modules that processes really load."""
 
 import ast
 import re

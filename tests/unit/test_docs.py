@@ -1,4 +1,4 @@
-"""What the documents say is so: links lead somewhere, settings, commands and targets exist, examples can be used."""
+"""Statements of the documents: links resolve, settings, commands and targets exist, examples work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What release 0.1.0 stored and sent, read with today's code; `tests.fixtures.write_release` wrote it."""
+"""Rows, documents and messages of release 0.1.0, read with today's code; `tests.fixtures.write_release` wrote it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every engine's cost and labels are compared with: the network in torch alone, given the same frames."""
+"""The reference of every engine's cost and labels: the network in torch alone, on the same frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is searched in one half of the places and confirmed in the other."""
+"""Search in one half of the places, confirmation in the other."""
 
 from __future__ import annotations
 

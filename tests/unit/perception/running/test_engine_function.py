@@ -86,7 +86,7 @@ def bands(length: int) -> NDArray[np.uint8]:
 
 
 def pools(way: str) -> int:
-    """How coarse the network's answer may be for bands to come back exactly.
+    """Return the coarsest stride of the network's answer from which bands come back exactly.
 
     Interpolated between the means of cells, a straight edge moves by at most 0.086 cells: by less than half a pixel where cells
     are smaller than 5.8.
