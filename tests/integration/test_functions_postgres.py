@@ -12,10 +12,10 @@ from valerie.db.engine import reading
 from valerie.db.migrate import migrate
 from valerie.errors import NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions import registry
 from valerie.settings import load_settings
-from valerie.testing.onnx_function import small_onnx
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 

@@ -17,7 +17,7 @@ from valerie.cli.main import app
 from valerie.cli.registering import functions_named, register_file
 from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 
 @pytest.fixture

@@ -20,12 +20,12 @@ from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.opening import open_function
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import bounded, registry
 from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
-from valerie.testing.onnx_function import small_onnx
 
 #: Far more than the process of the tests needs.
 MANY_MB = 300_000

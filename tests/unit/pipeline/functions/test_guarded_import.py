@@ -11,12 +11,12 @@ import pytest
 
 from valerie.errors import InvalidInput
 from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import function_path
 from valerie.pipeline.functions import guarded_import
 from valerie.pipeline.functions.guarded_import import ImportedFunction, ImportRequest, import_function
 from valerie.pipeline.functions.import_job import Trial
 from valerie.settings import Settings, load_settings
-from valerie.testing.onnx_function import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 

@@ -16,7 +16,7 @@ from tests.world.drawn import DrawnRuns, DrawnWorld
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.perception.running.label_png import encode_png
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 
