@@ -138,6 +138,8 @@ def test_a_page_is_accessible_and_fits(browser: Browser, addresses: dict[str, st
     result = Axe().run(page)
     width = page.evaluate("() => document.scrollingElement.scrollWidth - innerWidth")
     context.close()
-    serious = [one["id"] for one in result.response["violations"] if one["impact"] in ("serious", "critical")]
+    serious = [
+        violation["id"] for violation in result.response["violations"] if violation["impact"] in ("serious", "critical")
+    ]
     assert serious == [], result.generate_report()
     assert width <= 0

@@ -148,10 +148,10 @@ def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
     observations = _run(np.random.default_rng(6), places=8, effect=0.2)
     (finding, *_) = named(observations)
     looked_at = contrasts(observations, interactions=False)
-    (contrast,) = [one for one in looked_at if one.changes == (Change("sun", 0, 1),)]
+    (contrast,) = [candidate for candidate in looked_at if candidate.changes == (Change("sun", 0, 1),)]
     assert finding.contrast == contrast
     assert (finding.low, finding.high) == contrast.interval(1 - 0.05 / len(looked_at))
-    assert finding.adjusted_p == holm([one.p_value for one in looked_at])[looked_at.index(contrast)] <= 0.05
+    assert finding.adjusted_p == holm([candidate.p_value for candidate in looked_at])[looked_at.index(contrast)] <= 0.05
     assert not finding.confirmed
 
 

@@ -92,14 +92,14 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: VersionCompariso
 
 def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: VersionComparison) -> None:
     changes = comparison.changes(1)
-    better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
+    better, worse = ([change_sentence(change) for change in changes if sign * change.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
     assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (−20.0 points" in line for line in worse)
     assert any("class road: pooled IoU" in line for line in worse)
     assert any("person precision, pooled: 85.7 → " in line for line in worse)
-    assert [abs(one.step) for one in changes] == sorted((abs(one.step) for one in changes), reverse=True)
+    assert [abs(change.step) for change in changes] == sorted((abs(change.step) for change in changes), reverse=True)
     (document,) = comparison.as_document()["changes"].values()
-    assert [one["step"] for one in document] == [one.step for one in changes]
+    assert [one["step"] for one in document] == [change.step for change in changes]
 
 
 def test_rows_are_matched_by_frame_and_person() -> None:

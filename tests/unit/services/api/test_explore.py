@@ -86,7 +86,7 @@ def test_a_confusion_matrix_counts_the_pixels_of_the_selected_frames_and_names_t
     matrix = answer["confusion"]
     assert matrix["evaluations"] == len(frames) > 3
     np.testing.assert_array_equal(matrix["counts"], expected)
-    listed = [(answer["rows"][str(one["row"])]["frame_id"], one["pixels"]) for one in matrix["frames"]]
+    listed = [(answer["rows"][str(frame["row"])]["frame_id"], frame["pixels"]) for frame in matrix["frames"]]
     assert dict(listed) == {frame: pixels for frame, pixels in of_cell.items() if pixels}
     assert [pixels for _, pixels in listed] == sorted((pixels for _, pixels in listed), reverse=True)
     for wrong in ({"truth": "person"}, {"truth": "persn", "predicted": "void"}, {"function": "nobody"}):
