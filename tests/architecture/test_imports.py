@@ -1,4 +1,4 @@
-"""Who imports whom: the rules of .importlinter, and what really gets loaded."""
+"""The rules of .importlinter, and the modules that processes really load."""
 
 import ast
 import re
@@ -105,5 +105,5 @@ def _imports(file: Path) -> set[str]:
     """First parts of all that a module imports, wherever in it; a dot for what stands beside it."""
     nodes = list(ast.walk(ast.parse(file.read_text("utf-8"))))
     plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    found = plain | {"." * node.level or node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-    return {name.partition(".")[0] or name for name in found}
+    imports = plain | {"." * node.level or node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    return {name.partition(".")[0] or name for name in imports}

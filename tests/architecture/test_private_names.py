@@ -50,5 +50,5 @@ def test_a_private_name_is_found(source: str, name: str) -> None:
 
 
 def test_no_test_knows_private_names() -> None:
-    found = {str(path.relative_to(TESTS)): list(private_names(path.read_text())) for path in TESTS.rglob("*.py")}
-    assert {path: names for path, names in found.items() if names} == {}
+    uses = {str(path.relative_to(TESTS)): list(private_names(path.read_text())) for path in TESTS.rglob("*.py")}
+    assert {path: names for path, names in uses.items() if names} == {}

@@ -60,8 +60,8 @@ class Stack:
     def containers(self) -> list[dict[str, Any]]:
         """Return the running containers by ``docker compose ps``."""
         lines = self.compose("ps", "--format", "json").splitlines()
-        found = [json.loads(line) for line in lines if line.strip()]
-        return [one for entry in found for one in (entry if isinstance(entry, list) else [entry])]
+        events = [json.loads(line) for line in lines if line.strip()]
+        return [one for entry in events for one in (entry if isinstance(entry, list) else [entry])]
 
     def take_down(self) -> None:
         """No container, volume or image of this project is left: each build is gigabytes that nothing else would free."""
@@ -162,8 +162,8 @@ def test_no_service_runs_as_root(stack: Stack, service: str) -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_even_root_cannot_write_to_a_container_outside_its_volumes(stack: Stack, service: str) -> None:
-    written = stack.compose("exec", "-T", "--user", "0", service, "touch", "/etc/planted", check=False)
-    assert "Read-only file system" in written
+    touch = stack.compose("exec", "-T", "--user", "0", service, "touch", "/etc/planted", check=False)
+    assert "Read-only file system" in touch
 
 
 @pytest.mark.parametrize("service", SERVICES)

@@ -135,9 +135,9 @@ def test_a_page_is_accessible_and_fits(browser: Browser, addresses: dict[str, st
     page.wait_for_selector(drawn)
     if go is not None:
         go(page)
-    found = Axe().run(page)
+    result = Axe().run(page)
     width = page.evaluate("() => document.scrollingElement.scrollWidth - innerWidth")
     context.close()
-    serious = [one["id"] for one in found.response["violations"] if one["impact"] in ("serious", "critical")]
-    assert serious == [], found.generate_report()
+    serious = [one["id"] for one in result.response["violations"] if one["impact"] in ("serious", "critical")]
+    assert serious == [], result.generate_report()
     assert width <= 0

@@ -59,9 +59,9 @@ class Command:
     def running(self) -> running.Running:
         """The note of the running system, once it is there."""
         assert _until(lambda: self.process.poll() is not None or running.find(self.data_dir) is not None)
-        found = running.find(self.data_dir)
-        assert found is not None, self.output()
-        return found
+        state = running.find(self.data_dir)
+        assert state is not None, self.output()
+        return state
 
     def workers(self) -> list[dict[str, Any]]:
         """The workers that the API knows, once there is one per stage."""

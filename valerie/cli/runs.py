@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import DataDir, EndWithParent, Exit, Json, RunId, Stopped, Url, say
+from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -40,7 +40,7 @@ def run(
         Path | None,
         typer.Option("--claims", metavar="FILE", help="Also test these claims, and include them in the report."),
     ] = None,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     data_dir: DataDir = None,
     end_with_parent: EndWithParent = False,
 ) -> None:
@@ -111,7 +111,7 @@ def submit(
     priority: Annotated[
         Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
     ] = Priority.NORMAL,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -138,7 +138,7 @@ def status(
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
     tag: Annotated[str | None, typer.Option("--tag", help="Only runs with this tag.")] = None,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -268,7 +268,7 @@ def compare(
             "differences as FILE.csv, .parquet or .json.",
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Compare two ended runs on their shared scenes, or two functions of one run.
@@ -374,7 +374,7 @@ def mark(
     tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
     untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
     note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:

@@ -121,9 +121,9 @@ def test_a_frame_whose_annotation_failed_is_counted_with_what_helps(
     pipeline.makers["render"].before = refuse
     run = pipeline.submit(spec(xs=2, ys=1, cameras=["camera-1"], annotations=["boxes"]))
     pipeline.run(run)
-    told = export(run, str(tmp_path / "out"))
-    assert "1 frame written" in told
-    assert f"1 without all annotations (boxes failed for good; `valerie retry {run}` tries again)" in told
+    output = export(run, str(tmp_path / "out"))
+    assert "1 frame written" in output
+    assert f"1 without all annotations (boxes failed for good; `valerie retry {run}` tries again)" in output
     pipeline.makers["render"].before = lambda _: None
     lifecycle.retry(pipeline.context, run)
     pipeline.run(run)

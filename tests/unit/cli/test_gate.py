@@ -50,15 +50,15 @@ def deployed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str, 
 
 
 def gated(deployed: tuple[Path, str, str, str], *arguments: str, code: int) -> str:
-    given = ["gate", *arguments, "--data-dir", str(deployed[0])]
-    result = CliRunner().invoke(app, given, catch_exceptions=False)
+    command = ["gate", *arguments, "--data-dir", str(deployed[0])]
+    result = CliRunner().invoke(app, command, catch_exceptions=False)
     assert result.exit_code == code, result.output
     return result.stdout
 
 
 def findings(deployed: tuple[Path, str, str, str]) -> str:
-    given = ["findings", deployed[1], "--data-dir", str(deployed[0])]
-    return CliRunner().invoke(app, given, catch_exceptions=False).stdout
+    command = ["findings", deployed[1], "--data-dir", str(deployed[0])]
+    return CliRunner().invoke(app, command, catch_exceptions=False).stdout
 
 
 def test_requirements_decide_and_are_written_for_people_ci_and_tables(

@@ -93,9 +93,9 @@ def test_a_run_that_waits_for_a_server_says_how_to_continue_it(tmp_path: Path, i
 
 def test_cancelling_prints_the_command_that_continues_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("valerie.client.Client.cancel", lambda *_: Run.model_validate({**RUN, "state": "cancelled"}))
-    told = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
-    assert "run r1ng32vh7ygq5 is cancelled\n" in told
-    assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in told
+    message = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
+    assert "run r1ng32vh7ygq5 is cancelled\n" in message
+    assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in message
 
 
 @pytest.mark.parametrize("command", [["submit", "-"], ["plan", "-"]])

@@ -32,12 +32,12 @@ def document(*numbers: int) -> dict[str, Any]:
 
 
 def test_a_document_fits_the_schema_and_a_wrong_one_does_not() -> None:
-    made = document(0, 1, 3)
+    label = document(0, 1, 3)
     jsonschema.Draft7Validator.check_schema(openlabel_schema)
-    jsonschema.Draft7Validator(openlabel_schema).validate(made)
-    del made["openlabel"]["frames"]["0"]["objects"]["24001"]["object_data"]["bbox"][0]["val"]
+    jsonschema.Draft7Validator(openlabel_schema).validate(label)
+    del label["openlabel"]["frames"]["0"]["objects"]["24001"]["object_data"]["bbox"][0]["val"]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.Draft7Validator(openlabel_schema).validate(made)
+        jsonschema.Draft7Validator(openlabel_schema).validate(label)
 
 
 def test_boxes_masks_and_measures_are_those_of_the_frame() -> None:

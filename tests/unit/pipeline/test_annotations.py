@@ -232,9 +232,9 @@ class TestLight:
         pipeline.run(pipeline.submit(self.LIT))
         pipeline.made()
         pipeline.run(pipeline.submit({**self.LIT, "constants": {"sun-1.azimuth": 77.0}}))
-        made = pipeline.made()
-        assert made["light"] == FRAMES
-        assert "truth" not in made
+        products = pipeline.made()
+        assert products["light"] == FRAMES
+        assert "truth" not in products
 
     def test_it_is_replayed_and_freed_like_the_rest(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(self.LIT)

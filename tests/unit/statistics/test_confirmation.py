@@ -1,4 +1,4 @@
-"""What is searched in one half of the places and confirmed in the other."""
+"""Search in one half of the places, confirmation in the other."""
 
 from __future__ import annotations
 
@@ -125,8 +125,8 @@ def test_places_needed_are_those_of_the_published_tables(effect: float, wanted: 
 def test_the_power_is_that_of_simulated_t_tests() -> None:
     rng = np.random.default_rng(9)
     data = rng.normal(0.6, 1.0, (20_000, 12))
-    found = (stats.ttest_1samp(data, 0, axis=1, alternative="greater").pvalue <= 0.025).mean()
-    assert power(12, 0.6, 1.0, alpha=0.025) == pytest.approx(found, abs=0.012)
+    rejected_share = (stats.ttest_1samp(data, 0, axis=1, alternative="greater").pvalue <= 0.025).mean()
+    assert power(12, 0.6, 1.0, alpha=0.025) == pytest.approx(rejected_share, abs=0.012)
 
 
 def test_no_affordable_number_of_places_is_none() -> None:

@@ -22,7 +22,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     findings = len(source.findings.items)
     sentences = [_counted("Requirements", [verdict.outcome.value for verdict in source.verdicts])]
     sentences += [
-        f"{labels[row.function, row.sensor]} sees {percent(row.pacc_mean)} % of a person's visible pixels in the mean, and "
+        f"{labels[row.function, row.sensor]} sees {percent(row.pacc_mean)} % of a person's visible pixels on average, and "
         f"misses {row.defined - row.detected:,} of {row.defined:,} persons (pACC < {summary.threshold:g})."
         for row in together
         if row.defined

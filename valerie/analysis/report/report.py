@@ -232,7 +232,7 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
     """Yield the persons in whom two runs differ most: title and (caption, data URL) of both.
 
-    A comparison that was made apart from this run has no pictures here.
+    A comparison of another run has no pictures here.
     """
     if beside is None or beside.run_here != source.provenance.run_id:
         return

@@ -72,12 +72,12 @@ def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pip
     persons = [row for row in rows if row["pixel_area"]]
     assert len({row["frame_id"] for row in rows}) == 24
     assert len(persons) == 24
-    one = next(row for row in persons if row["frame_id"] == f"{run_id}.5.1.0")
-    assert one["pixel_area_amodal"] >= one["pixel_area"] == 32 * 18
-    assert one["distance_m"] > 0
-    assert -3.0 <= one["scene.person-1.pos.x"] <= -2.7
-    assert (tmp_path / "set" / one["picture"]).is_file()
-    assert (tmp_path / "set" / one["label_ids"]).is_file()
+    person = next(row for row in persons if row["frame_id"] == f"{run_id}.5.1.0")
+    assert person["pixel_area_amodal"] >= person["pixel_area"] == 32 * 18
+    assert person["distance_m"] > 0
+    assert -3.0 <= person["scene.person-1.pos.x"] <= -2.7
+    assert (tmp_path / "set" / person["picture"]).is_file()
+    assert (tmp_path / "set" / person["label_ids"]).is_file()
     assert not (tmp_path / "set/coco").exists()
 
 

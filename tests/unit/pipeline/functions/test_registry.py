@@ -16,6 +16,7 @@ from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.running.engine_function import EngineFunction
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.catalog import function as catalogued
@@ -26,7 +27,6 @@ from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pins import AnyOffer
 from valerie.storage.keys import FUNCTIONS, function_key
-from valerie.testing.onnx_function import small_onnx
 
 CLASS = "onnxruntime/fp32"
 

@@ -34,14 +34,14 @@ def with_function(pins: Pins, name: str, **changes: Any) -> Pins:
 
 
 def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
-    found = {
+    digests = {
         name
         for name in ("background", "layer", "truth")
         if getattr(before.products, name) != getattr(after.products, name)
     }
     pairs = list(zip(before.evaluations, after.evaluations, strict=False))
-    found |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
-    return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
+    digests |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
+    return digests | {"evaluation" for a, b in pairs if a.scores != b.scores}
 
 
 def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, pins: Pins) -> None:
@@ -178,9 +178,9 @@ def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_defa
 
 
 def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: Pins) -> None:
-    found = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
-    assert [(one.sensor_index, one.function_index) for one in found] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    assert len({one.prediction for one in found} | {one.scores for one in found}) == 8
+    evaluations = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
+    assert [(one.sensor_index, one.function_index) for one in evaluations] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert len({one.prediction for one in evaluations} | {one.scores for one in evaluations}) == 8
 
 
 def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
@@ -190,13 +190,13 @@ def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
 
 
 def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: Pins) -> None:
-    found = frame(street, pins, {})
-    assert found.evaluations[0].scores == digest(
-        1, "evaluation", EVALUATION_REVISION, found.evaluations[0].prediction, found.products.truth
+    products = frame(street, pins, {})
+    assert products.evaluations[0].scores == digest(
+        1, "evaluation", EVALUATION_REVISION, products.evaluations[0].prediction, products.products.truth
     )
     inputs = split({}, street, "camera-1")
     engine = {"name": "raster", "revision": 1, "numeric_class": pins.engine.numeric_class}
-    assert found.products.layer == digest(1, "layer", engine, found.products.background, inputs.layer)
+    assert products.products.layer == digest(1, "layer", engine, products.products.background, inputs.layer)
 
 
 @pytest.mark.parametrize(

@@ -169,11 +169,11 @@ def test_meshes_that_nodes_share_are_shared_again(tmp_path: Path) -> None:
 
 def test_another_program_reads_the_same_triangles_with_y_up(written: Path) -> None:
     other = trimesh.load_scene(written)
-    found = [
+    differences = [
         trimesh.transform_points(other.geometry[name].vertices, transform)
         for name, transform in ((other.graph[n][1], other.graph[n][0]) for n in other.graph.nodes_geometry)
     ]
-    theirs = np.vstack(found)
+    theirs = np.vstack(differences)
     base = simple_asset().base
     ours = np.vstack(
         [

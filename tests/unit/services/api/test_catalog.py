@@ -117,10 +117,10 @@ def test_metrics_say_that_the_database_does_not_answer(tmp_path: Path, monkeypat
 def test_readiness_does_not_wait_for_a_store_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world = DrawnWorld(settings_of(tmp_path))
     released = threading.Event()
-    asked = []
+    requests = []
 
     def hang(_: object) -> None:
-        asked.append(1)
+        requests.append(1)
         released.wait(60)
 
     monkeypatch.setattr(type(world.context.store), "check", hang)
@@ -130,7 +130,7 @@ def test_readiness_does_not_wait_for_a_store_that_hangs(tmp_path: Path, monkeypa
             answers = monitoring.check(world.context)
             assert (answers["database"], answers["broker"]) == ("ok", "ok")
             assert "does not answer" in answers["artifacts"]
-        assert len(asked) == 1, "one thread waits, however often the probe comes"
+        assert len(requests) == 1, "one thread waits, however often the probe comes"
     finally:
         released.set()
 

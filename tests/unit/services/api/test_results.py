@@ -154,12 +154,12 @@ def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, d
 
 def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
     rows = api.get(f"/v1/runs/{drawn.finished}/summary").json()["summary"]["rows"]
-    one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "red-coat"))
+    row = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "red-coat"))
     values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "red-coat"]
     defined = [value for value in values if value is not None]
-    assert one["persons"] == len(values)
-    assert one["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
-    assert (one["pacc_min"], one["pacc_max"]) == (min(defined), max(defined))
+    assert row["persons"] == len(values)
+    assert row["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
+    assert (row["pacc_min"], row["pacc_max"]) == (min(defined), max(defined))
 
 
 def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns) -> None:
