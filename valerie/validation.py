@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import TYPE_CHECKING, Final
 
@@ -60,9 +61,37 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind in _OF_A_FEW and isinstance(value, str):
         return UnknownName("value", value, re.findall(r"'([^']*)'", str(context["expected"])), field=field)
-    limit = next((f"{sign} {context[key]}" for key, sign in _BOUNDS.items() if key in context), None)
+    if kind in _OF_A_FEW:
+        return InvalidInput("not an accepted value", field=field, value=_shown(value), limit=context["expected"])
+    limit = next(
+        (f"{sign} {context[key]}{_counted(kind, context[key])}" for key, sign in _BOUNDS.items() if key in context),
+        None,
+    )
+    if kind == "tuple_type":
+        limit = _listed(value)
+    elif kind == "string_type" and isinstance(value, bool | int | float):
+        limit = f"{json.dumps(value)!r} in quotes"
     text = detail["msg"].removeprefix("Value error, ")
     # The messages of VALERIE's own validators (value_error) stay unchanged.
     message = _MESSAGES.get(kind, text if kind == "value_error" else text[:1].lower() + text[1:])
-    # A mapping is too long to show. For a missing field, pydantic's input is the mapping around it.
-    return InvalidInput(message, field=field, value=None if isinstance(value, dict) else value, limit=limit)
+    return InvalidInput(message, field=field, value=_shown(value), limit=limit)
+
+
+def _shown(value: object) -> object:
+    """Return None for a mapping, which is too long to show; for a missing field, pydantic's input is the one around it."""
+    return None if isinstance(value, dict) else value
+
+
+def _counted(kind: str, number: int) -> str:
+    """Return the noun that a bound counts; empty if it is not of a length."""
+    if not kind.endswith(("too_short", "too_long")):
+        return ""
+    nouns = ("character", "characters") if kind.startswith("string") else ("entry", "entries")
+    return f" {nouns[number != 1]}"
+
+
+def _listed(value: object) -> str | None:
+    """Return a value as a list of one; None for no value."""
+    if isinstance(value, dict):
+        return f"[{{{next(iter(value))}: …}}]" if value else None
+    return None if value is None else f"[{value}]"

@@ -242,9 +242,7 @@ def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, li
             *(("rose", pair) for pair in comparison.rose[:1]),
         )
         for word, pair in pairs:
-            title = (
-                f"{comparison.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
-            )
+            title = f"{comparison.title}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
             here = _picture(source, pair.frame_here, pair.sensor, pair.function, pair.instance_id)
             there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there, pair.instance_id)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]
