@@ -107,11 +107,10 @@ def _kernels(rows: int, columns: int) -> _Kernels:
     radii = [ghost.radius / abs(ghost.magnification) * columns for ghost in GHOSTS]
     reach = int(np.ceil(max(radii))) + 2
     high, wide = (fft.next_fast_len(side + max(side, 2 * reach), real=True) for side in (rows, columns))
-    y = (np.fft.fftfreq(high) * high)[:, None]
-    x = (np.fft.fftfreq(wide) * wide)[None, :]
-    kernels = np.stack([_star(x, y), *(_aperture(x, y, radius) for radius in radii)])
+    y, x = (np.fft.fftfreq(side, 1.0 / side).astype(np.float64) for side in (high, wide))
+    kernels = np.stack([_star(x, y[:, None]), *(_aperture(x, y[:, None], radius) for radius in radii)])
     kernels /= kernels.sum(axis=(1, 2), keepdims=True)
-    return _Kernels(fft.rfft2(kernels.astype(np.float32)), (high, wide), reach)
+    return _Kernels(fft.rfft2(kernels).astype(np.complex64), (high, wide), reach)
 
 
 def _star(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from valerie.sensing.flare import GHOSTS, STAR, flared
+from valerie.sensing.flare import GHOSTS, STAR, Ghost, flared
 
 WIDTH, HEIGHT = 960, 540
 SHARE = 0.02
@@ -39,25 +39,19 @@ def test_light_is_moved_and_not_made() -> None:
 
 
 @pytest.mark.parametrize("ghost", GHOSTS, ids=lambda ghost: f"{ghost.magnification}")
-def test_a_ghost_is_an_image_of_the_aperture_on_the_line_through_the_centre(ghost) -> None:
+def test_a_ghost_is_an_image_of_the_aperture_on_the_line_through_the_centre(ghost: Ghost) -> None:
     flare = flared(sun(), SHARE)
     at = (HEIGHT // 2 + round(DOWN * ghost.magnification), WIDTH // 2 + round(RIGHT * ghost.magnification))
     radius = ghost.radius * WIDTH
-    # The area of a regular hexagon; flux over area, where no other ghost lies.
+    # The flux over the area of a regular hexagon. The star adds less than a tenth, no other ghost comes as near.
     density = 1e4 * SHARE * np.array(ghost.color) / (1.5 * np.sqrt(3) * radius**2)
     middle = flare[at[0] - 2 : at[0] + 3, at[1] - 2 : at[1] + 3].mean(axis=(0, 1))
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    covered = np.zeros_like(density)
-    for other in GHOSTS:
-        off = np.hypot(
-            *(np.array(at) - (HEIGHT // 2 + DOWN * other.magnification, WIDTH // 2 + RIGHT * other.magnification))
-        )
-        if off < 0.8 * other.radius * WIDTH:
-            covered += 1e4 * SHARE * np.array(other.color) / (1.5 * np.sqrt(3) * (other.radius * WIDTH) ** 2)
-    assert (covered >= density).all()
-    np.testing.assert_allclose(middle, covered, rtol=0.1)
-    inside = np.hypot(y - at[0], x - at[1])
-    assert flare[(inside > 1.3 * radius) & (inside < 1.5 * radius)].min() < 0.05 * density.min()
+    np.testing.assert_allclose(middle, density, rtol=0.1)
+    distance = np.hypot(*(np.mgrid[:HEIGHT, :WIDTH] - np.reshape(at, (2, 1, 1))))
+    # Edges are as soft as the cells, 4 pixels, and the source, 8.
+    inside, outside = distance < 0.86 * radius - 6, (distance > radius + 6) & (distance < radius + 9)
+    assert (flare[inside] > 0.8 * density).all()
+    assert np.median(flare[outside][:, 1]) < 0.1 * density[1]
 
 
 def diffraction(side: int = 2048, radius: float = 500.0) -> NDArray[np.float64]:

@@ -108,7 +108,7 @@ _ROWS: Final = (
     ),
     SensorParameter(
         "lens.flare", _FLOAT, "", 0, 0.5, 0.0,
-        "share of the light that becomes ghosts and stars: of the sun and of lamps in the picture", usual=(0, 0.1),
+        "share of the light that becomes ghosts and stars: of the sun and of lamps in the picture", usual=(0, 0.02),
     ),
     SensorParameter(
         "lens.chromatic_aberration", _FLOAT, "", -0.02, 0.02, 0.0,
