@@ -88,8 +88,7 @@ def coverage_of_contrasts(repetitions: int) -> Iterator[Row]:
     for name, world in WORLDS.items():
         for places in PLACES:
             for within in (True, False):
-                if within or places > 6:
-                    yield _contrast(name, world, places, within, repetitions)
+                yield _contrast(name, world, places, within, repetitions)
 
 
 def _with_sun(world: World, u: Floats, after: NDArray[np.bool_]) -> Floats:
@@ -141,15 +140,18 @@ def effects_of_findings(repetitions: int) -> Iterator[Row]:
 def _effects(size: str, shape: tuple[int, ...], name: str, world: World, points: float, repetitions: int) -> Row:
     """Lower all scores of the last sun by the same number of points; nothing else has an effect."""
     rng = np.random.default_rng(32)
-    shares, confirmed, exaggerated = [], 0, []
+    shares, confirmed, sized, exaggerated = [], 0, 0, []
     for repetition in range(repetitions):
         rows = crossed(world, shape, rng)
         last = rows.factors["sun"].max()
         values = points + (1 - points) * rows.values - points * (rows.factors["sun"] == last)
         items = find(Rows(values, rows.places, rows.factors).observed(), seed=repetition).items
-        misses, total = 0, 0
+        misses, total, confirmed_here = 0, 0, False
         for item in items:
             if not item.confirmed or item.contrast is None:
+                continue
+            confirmed_here = True
+            if np.isinf(item.low):
                 continue
             (first, *further) = item.contrast.changes
             truth = -points if first.factor == "sun" and first.after == last and not further else 0.0
@@ -158,11 +160,12 @@ def _effects(size: str, shape: tuple[int, ...], name: str, world: World, points:
             if truth:
                 exaggerated.append(item.contrast.estimate / truth)
         shares.append(misses / max(total, 1))
-        confirmed += total > 0
+        confirmed += confirmed_here
+        sized += total > 0
     rate = float(np.mean(shares))
     return {
         "grid": size, "world": name, "points of a sun": 100 * points, "runs with a confirmed finding": confirmed / repetitions,
-        "share of intervals that miss": rate, "holds": _holds(rate, repetitions),
+        "runs with an interval": sized / repetitions, "share of intervals that miss": rate, "holds": _holds(rate, repetitions),
         "mean estimate / truth": float(np.mean(exaggerated)) if exaggerated else None,
     }  # fmt: skip
 
@@ -187,6 +190,8 @@ def _two_runs(name: str, world: World, places: int, repetitions: int) -> Row:
         other = u.copy()
         other[:, 5] = rng.random(len(u))
         (slice_,) = compare_versions(world(u), _with_sun(world, other, np.ones(len(u), np.bool_)), place, whole).slices
+        assert slice_.low is not None, "there are enough places"
+        assert slice_.high is not None, "there are enough places"
         missed += not slice_.low <= truth <= slice_.high
         widths.append(slice_.high - slice_.low)
     rate = missed / repetitions

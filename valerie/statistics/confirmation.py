@@ -54,7 +54,10 @@ class Confirmation:
         adjusted_p: p-value with all candidates accounted for (Holm).
         low, high: interval of the difference on the places that confirm. On average at most 1 − level of the intervals of
             confirmed findings miss the truth (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
-            them contains 0. Infinite where the places give no estimate of the error.
+            them contains 0: where few places confirm a difference but not its size, the interval is infinite, as it is where
+            they give no estimate of the error.
+        places_for_size: number of places like those that confirm with which a confirmed finding without interval has one; None
+            for all others, or if no affordable number suffices.
         places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
             with all candidates accounted for; None if no affordable number suffices.
     """
@@ -66,6 +69,7 @@ class Confirmation:
     low: float
     high: float
     places_needed: int | None
+    places_for_size: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +160,23 @@ def confirm(
     adjusted = holm([1.0 if item is None else item.p_value for item in tested])
     agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
     confirmed = [agree and p_value <= 1 - level for agree, p_value in zip(agrees, adjusted.tolist(), strict=True)]
-    alpha = (1 - level) * max(sum(confirmed), 1) / max(len(chosen), 1)
+    each = 1 - (1 - level) / max(len(chosen), 1)
+    enough = [None if new is None else new.places_for_interval(each) for new in tested]
+    sized = [
+        holds and new is not None and places is not None and places <= new.places
+        for new, holds, places in zip(tested, confirmed, enough, strict=True)
+    ]
+    selected = 1 - (1 - each) * max(sum(sized), 1)
     findings = []
-    for candidate, contrast, holds, p_value in zip(chosen, tested, confirmed, adjusted.tolist(), strict=True):
-        low, high = (-float("inf"), float("inf")) if contrast is None else contrast.interval(1 - alpha)
-        needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
-        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed))
+    for k, (candidate, contrast) in enumerate(zip(chosen, tested, strict=True)):
+        without_size = confirmed[k] and not sized[k]
+        unknown = -float("inf"), float("inf")
+        low, high = unknown if contrast is None or without_size else contrast.interval(selected)
+        needed = fresh_places(candidate, candidate.estimate / 2, level=each)
+        for_size = enough[k] if without_size else None
+        findings.append(
+            Confirmation(candidate, contrast, confirmed[k], float(adjusted[k]), low, high, needed, for_size)
+        )
     findings.sort(key=lambda finding: not finding.confirmed)
     return Confirmations(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 

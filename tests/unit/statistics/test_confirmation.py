@@ -87,7 +87,20 @@ def test_a_confirmed_interval_never_holds_zero() -> None:
     rng = np.random.default_rng(6)
     for seed in range(60):
         for item in find(_run(rng, effect=0.08), seed=seed).items:
-            assert not (item.confirmed and item.low <= 0 <= item.high)
+            assert not (item.confirmed and item.places_for_size is None and item.low <= 0 <= item.high)
+
+
+def test_few_places_confirm_a_difference_but_not_its_size() -> None:
+    rng = np.random.default_rng(11)
+    (finding, *_) = find(_run(rng, places=12, effect=0.2, spread=0.02), seed=1).items
+    assert finding.confirmed
+    assert finding.contrast is not None
+    assert (finding.low, finding.high) == (-np.inf, np.inf)
+    assert finding.places_for_size is not None
+    assert finding.places_for_size > finding.contrast.places
+    (larger, *_) = find(_run(rng, places=2 * finding.places_for_size, effect=0.2, spread=0.02), seed=1).items
+    assert larger.places_for_size is None
+    assert larger.low < -0.2 < larger.high < 0
 
 
 def test_halves_take_one_of_each_two_neighbours() -> None:

@@ -203,6 +203,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         ),
         picture_fault=_picture_fault(table, family, contrast),
         spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
+        places_for_size=item.places_for_size,
     )
     return replace(finding, sentence=finding_sentence(finding))
 
