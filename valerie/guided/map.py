@@ -10,8 +10,10 @@ forest of the classes pass, fail and undefined knows jumps, and a logistic regre
 weighs them (stacking: Wolpert 1992, doi:10.1016/S0893-6080(05)80023-1). *Held-out* is leave-one-out for the process, out of
 bag for the forest, so no point is predicted from its own score.
 
-The map gives a verdict from the largest probability down to where, of the n exploring points so far, w would be called
-wrongly with (w + 1) / (n + 1) = `WRONG` (Angelopoulos and others 2024, arXiv:2208.02814); elsewhere it says "not known".
+The map gives a verdict from the largest probability of a call down to where at most a share `WRONG` of the calls is wrong, by
+the upper bound (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404) of the held-out calls of exploring points, which are
+spread like the domain (selection with guaranteed risk: Geifman and El-Yaniv 2017, arXiv:1705.08500). Elsewhere it says "not
+known".
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import betaincinv
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -38,8 +41,9 @@ Floats = NDArray[np.float64]
 EXPLORING: Final = 0.25
 #: Exploring points before the first fit.
 FIRST: Final = 64
-#: Largest share of wrong calls where the map gives a verdict.
+#: Largest share of wrong calls where the map gives a verdict, and the confidence in it.
 WRONG: Final = 0.05
+CONFIDENCE: Final = 0.9
 #: Most points for a fit of the length scales.
 FITTED: Final = 300
 _POOL: Final = 2_000
@@ -281,9 +285,11 @@ def _inputs(confidence: Floats, votes: Floats) -> Floats:
 
 def _least(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
     """Return the least probability of a call at which at most a share `WRONG` is wrong; infinite if there is none."""
-    likely, wrong = probabilities.max(axis=1), probabilities.argmax(axis=1) != numbers
-    allowed = [p for p in np.unique(likely) if (wrong[likely >= p].sum() + 1) / ((likely >= p).sum() + 1) <= WRONG]
-    return float(min(allowed, default=np.inf))
+    order = np.argsort(-probabilities.max(axis=1), kind="stable")
+    likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
+    called, errors = np.arange(1, len(order) + 1), np.cumsum(wrong)
+    bound = np.where(errors < called, betaincinv(errors + 1, np.maximum(called - errors, 1), CONFIDENCE), 1.0)
+    return float(likely[bound <= WRONG].min(initial=np.inf))
 
 
 def _share(of: NDArray[np.bool_]) -> float:
