@@ -49,7 +49,7 @@ FITTED: Final = 300
 _POOL: Final = 2_000
 _DOUBTFUL: Final = 400
 _REFERENCE: Final = 4_096
-_TREES: Final = 300
+_TREES: Final = 200
 #: Largest |μ| / σ that the regression distinguishes.
 _SUREST: Final = 4.0
 
@@ -234,15 +234,15 @@ class _Verdicts:
         explored: NDArray[np.bool_],
         at_least: float,
     ) -> None:
-        from sklearn.ensemble import ExtraTreesClassifier
+        from sklearn.ensemble import RandomForestClassifier
         from sklearn.linear_model import LogisticRegression
 
         self._domain, self._process = domain, process
         lacking = np.isnan(scores)
         numbers = np.where(lacking, 2, scores < at_least).astype(np.int64)
         self.truth = _CLASSES[numbers]
-        self._forest = ExtraTreesClassifier(
-            _TREES, min_samples_leaf=2, max_features=None, bootstrap=True, oob_score=True, random_state=0
+        self._forest = RandomForestClassifier(
+            _TREES, min_samples_leaf=2, max_features=None, oob_score=True, random_state=0
         ).fit(domain.features(points), numbers)
         votes = self._votes(self._forest.oob_decision_function_)
         confidence = np.zeros(len(points))

@@ -12,7 +12,7 @@ from valerie.guided.domain import shown
 from valerie.guided.estimate import MOST_UNKNOWN, FailureRate
 from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
-from valerie.guided.map import WRONG, Boundary, Call
+from valerie.guided.map import CONFIDENCE, WRONG, Boundary, Call
 from valerie.guided.rank import FEWEST, Effect, Ranking
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
@@ -110,9 +110,9 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
     sentences = [
         f"{calls} of the operational domain, by the calls of the map.",
         f"Of {known.tested} exploring points where it gives a verdict, {100 * known.wrong:.1f} % would have been called wrongly "
-        f"without their own scores; at most {100 * WRONG:g} % are allowed."
+        f"without their own scores; by a bound of {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of the calls are wrong."
         if known.tested
-        else f"No verdict anywhere: more than {100 * WRONG:g} % would be wrong.",
+        else f"No verdict anywhere: more than {100 * WRONG:g} % might be wrong.",
         "A region without points gets the verdict of its surroundings, so an island of failures there stays unseen.",
     ]
     if isfinite(known.failing_unknown):
