@@ -240,7 +240,7 @@ export async function exploreView({ main, parameters, signal }) {
   // What a selection can be compared with: the rest, and saved selections of these runs.
   const offerBeside = async () => {
     const saved = (await get("/v1/selections", { signal })).filter((one) => one.runs.every((id) => runs.includes(id)));
-    const of = (one) => [one.runs.length < runs.length ? `(${one.runs.map((id) => `run_id == '${id}'`).join(" or ")})` : "", one.expression && `(${one.expression})`].filter(Boolean).join(" and ");
+    const of = ({ runs: own, expression }) => (own.length === runs.length ? expression : [`(${own.map((id) => `run_id == '${id}'`).join(" or ")})`, expression && `(${expression})`].filter(Boolean).join(" and "));
     const others = new Map(saved.map((one) => [of(one), one.name]));
     if (state.beside !== null && !others.has(state.beside)) others.set(state.beside, state.beside || "all rows");
     beside.replaceChildren(h("option", {}, "the rest"), ...[...others].map(([expression, name]) => h("option", { value: expression, selected: expression === state.beside }, name)));
