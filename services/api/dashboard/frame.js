@@ -5,7 +5,7 @@ import { fixed, heading, percent, short, shown, value, words } from "./format.js
 import { marksOf } from "./marks.js";
 import { player } from "./player.js";
 
-const VIEWS = { all: "All layers", picture: "Picture", truth: "Ground truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
+const VIEWS = { all: "All", picture: "Picture", truth: "Truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
 const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // only in runs that asked for them
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // opaque pictures of their own
@@ -42,10 +42,11 @@ export async function frameView({ main, key, parameters, signal }) {
   const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, offered.map((name) =>
     h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, VIEWS[name])));
   const boxes = toggle("Boxes", "boxes", () => update());
-  const near = toggle("Zoom to person", "near", () => { SETTINGS.zoom = null; update(); });
   const magnify = (factor) => moved(zoomed(currentZoom(frame), factor, 0.5, 0.5));
-  const whole = () => { SETTINGS.near = near.querySelector("input").checked = false; moved(null); };
-  const zoom = h("div", { class: "segments", role: "group", "aria-label": "Zoom" }, [["−", "Zoom out", () => magnify(1 / 1.5)], ["+", "Zoom in", () => magnify(1.5)], ["Whole", "Show the whole frame", whole]].map(([text, label, click]) => h("button", { type: "button", "aria-label": label, on: { click } }, text)));
+  const show = (near) => { SETTINGS.near = near; SETTINGS.zoom = null; update(); };
+  const zoomTo = [["Whole", false], ["Person", true]].map(([text, near]) => h("button", { type: "button", on: { click: () => show(near) } }, text));
+  const zoom = h("div", { class: "segments", role: "group", "aria-label": "Zoom" },
+    h("button", { type: "button", "aria-label": "Zoom out", on: { click: () => magnify(1 / 1.5) } }, "−"), h("button", { type: "button", "aria-label": "Zoom in", on: { click: () => magnify(1.5) } }, "+"), zoomTo);
   const reading = h("p", { class: "small soft number reading" });
   const title = `Variant ${frame.variant_index}, ${frame.camera}${frame.sequence || frame.time_s ? `, ${fixed(frame.time_s, 2)} s` : ""}`;
   let moment = key; // the frame of the sequence whose pictures are shown
@@ -65,16 +66,18 @@ export async function frameView({ main, key, parameters, signal }) {
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame"))),
       marks.place("frame", frame.id.slice(frame.run_id.length + 1), "this frame")),
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
-    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes, zoom), panes, reading, sequence, legend),
+    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, boxes, zoom), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
   ].filter(Boolean));
 
   const shownPanes = new Map();
   const visible = () => [...shownPanes.values()].filter((one) => one.element.isConnected);
+  const pressed = () => zoomTo.forEach((button, near) => button.setAttribute("aria-pressed", String(!SETTINGS.zoom && SETTINGS.near === Boolean(near))));
   // All panes share one zoom.
   const moved = (zoom) => {
     SETTINGS.zoom = zoom;
+    pressed();
     visible().forEach((one) => one.place());
   };
   // What the pointer is on. The server reads one pixel at a time; the newest place comes next.
@@ -102,6 +105,7 @@ export async function frameView({ main, key, parameters, signal }) {
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
     history.replaceState(null, "", `#/frames/${key}?${parts}`);
     for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
+    pressed();
     slide.hidden = view === "picture" || view === "all" || WHOLE.has(view);
     const wanted = layers(view).map((one) => ({ ...one, key: [one.view, one.evaluation?.function, one.evaluation?.sensor].join(" ") }));
     put(panes, wanted.map((one) => one.key), wanted.map((one) => {
@@ -119,8 +123,8 @@ export async function frameView({ main, key, parameters, signal }) {
     if (event.key === "ArrowLeft" && frame.previous) location.hash = `#/frames/${frame.previous}`;
     else if (event.key === "ArrowRight" && frame.next) location.hash = `#/frames/${frame.next}`;
     else if (event.key === "+" || event.key === "-") magnify(event.key === "+" ? 1.5 : 1 / 1.5);
-    else if (event.key === "0") whole();
-    else if (event.key === "z") { SETTINGS.zoom = null; SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
+    else if (event.key === "0") show(false);
+    else if (event.key === "z") show(!SETTINGS.near);
   }, { signal });
   prefetch(frame, signal);
   marks.load().catch(() => {});
