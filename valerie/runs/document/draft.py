@@ -132,7 +132,7 @@ def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -
 
 def draft_of(spec: RunSpec) -> str:
     """Return a spec as the text that somebody would write: reads back as an equal spec, in the mapping notation."""
-    document = spec.model_dump(mode="json", exclude_defaults=True)
+    document = spec.short()
     blocks = document.pop("blocks", [])
     if len(blocks) == 1 and not blocks[0].get("constants") and blocks[0]:
         document |= _block(blocks[0])

@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.world.drawn import DrawnRuns
 from tests.world.world import settings_of
-from valerie.labels import PERSON, colorize
+from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, colorize
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import open_context
 from valerie.storage import codecs
@@ -58,6 +58,36 @@ def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, drawn: D
     assert [detail["previous"] for detail in details] == [None, *whole[:-1]]
 
 
+def test_neighbours_in_a_parameter_differ_in_nothing_else_and_rejected_variants_are_skipped(
+    api: httpx.Client, drawn: DrawnRuns
+) -> None:
+    listed = api.get(f"/v1/runs/{drawn.finished}/frames", params={"limit": 1000}).json()["items"]
+    frames = {one["id"]: api.get(f"/v1/frames/{one['id']}").json() for one in listed}
+    seen = 0
+    for frame in frames.values():
+        for near in frame["neighbours"]:
+            here = {**frame["assignment"], "camera": frame["camera"]}
+            same = sorted(
+                ({**one["assignment"], "camera": one["camera"]} for one in frames.values()),
+                key=lambda values: (values[near["parameter"]] != "red-coat", values[near["parameter"]]),
+            )
+            line = [
+                values[near["parameter"]]
+                for values in same
+                if all(values[k] == here[k] for k in here if k != near["parameter"])
+            ]
+            place = line.index(here[near["parameter"]])
+            expected = (line[place - 1] if place else None, line[place + 1] if place + 1 < len(line) else None)
+            assert tuple(side and side["value"] for side in (near["before"], near["after"])) == expected
+            for side in filter(None, (near["before"], near["after"])):
+                other = frames[side["frame"]]
+                assert {**other["assignment"], "camera": other["camera"]} == {**here, near["parameter"]: side["value"]}
+                seen += 1
+    assert seen > 100
+    parameters = {near["parameter"].removeprefix("scene.person-1.") for near in frame["neighbours"]}
+    assert parameters == {"camera", "pos.x", "pos.y", "character"}
+
+
 def test_visibility_and_scores_agree_with_the_stored_products(
     api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
@@ -84,6 +114,40 @@ def test_visibility_and_scores_agree_with_the_stored_products(
         "deeplabv3plus-small",
         "semantic-fpn-small",
     ]
+
+
+def test_a_pixel_names_what_the_stored_products_hold_there(
+    api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
+) -> None:
+    store = open_context(settings_of(drawn.folder)).store
+    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    predictions = {
+        one["function"]: codecs.decode_prediction(store.get(product_key("prediction", one["prediction"])))
+        for one in frame["evaluations"]
+    }
+    person = tuple(np.argwhere(truth.instance_map == frame["persons"][0]["instance_id"])[0])
+    sky = tuple(np.argwhere(~np.isfinite(truth.depth))[0])
+    for y, x in (person, sky, (frame["height"] - 1, frame["width"] - 1)):
+        (seen,) = api.get(f"/v1/frames/{frame['id']}/pixel", params={"x": int(x), "y": int(y)}).json()
+        depth = float(truth.depth[y, x])
+        assert seen == {
+            "sensor": "default",
+            "label": next(one.name for one in CITYSCAPES if one.id == truth.class_map[y, x]),
+            "instance_id": int(truth.instance_map[y, x]) or None,
+            "depth_m": depth if np.isfinite(depth) else None,
+            "predictions": {
+                name: next((one.name for one in TRAIN_LABELS if one.train_id == labels[y, x]), "void")
+                for name, labels in predictions.items()
+            },
+        }
+    outside = api.get(f"/v1/frames/{frame['id']}/pixel", params={"x": frame["width"], "y": 0})
+    assert outside.status_code == 422
+    assert outside.json()["errors"][0] == {
+        "field": "x",
+        "message": "outside the frame",
+        "value": frame["width"],
+        "limit": f"0 … {frame['width'] - 1}",
+    }
 
 
 def test_every_address_of_a_frame_shows_a_picture_of_its_size(api: httpx.Client, frame: dict[str, Any]) -> None:
