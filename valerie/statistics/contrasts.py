@@ -109,16 +109,16 @@ class Contrast:
             return -float("inf"), float("inf")
         return self._interval(level, 1.0)
 
+    def excludes_0(self, level: float, times: float = 1.0) -> bool:
+        """Return True if the interval, of ``times`` as many places, does not contain 0."""
+        if self.places * times < MIN_UNITS or not self.degrees:
+            return False
+        low, high = self._interval(level, times)
+        return low > 0 or high < 0
+
     def places_for_interval(self, level: float) -> int | None:
         """Return the number of places like these with which the interval excludes 0; None above `MAX_PLACES`."""
-        if not self.degrees:
-            return None
-
-        def enough(places: int) -> bool:
-            low, high = self._interval(level, places / self.places)
-            return low > 0 or high < 0
-
-        return smallest(enough, MIN_UNITS)
+        return smallest(lambda places: self.excludes_0(level, places / self.places), MIN_UNITS)
 
     def _interval(self, level: float, times: float) -> tuple[float, float]:
         """Return the interval with the places repeated."""

@@ -33,6 +33,8 @@ from valerie.statistics.unseen import LEAST, beta_quantile
 
 #: Fewer units than this give no interval.
 MIN_UNITS: Final = 6
+#: Nor do fewer than this whose rows have weights.
+MIN_WEIGHTED: Final = 10
 #: Nor do unequal units that are worth fewer than this many of equal size.
 MIN_WORTH: Final = 4.0
 #: A score this near to 0 or 1 lies at an end of the range.
@@ -41,6 +43,8 @@ _END: Final = 0.1
 _PILED: Final = 0.5
 #: Units with a standard deviation below this hardly differ.
 _NARROW: Final = 0.1
+#: Units with weighted rows and at least this standard deviation are piled at both ends.
+_WIDE: Final = 0.25
 #: Units with a skewness beyond this are too skewed for Student's t.
 _SKEWED: Final = 2.0
 #: Part of the error of one side that goes to the other where the mean is 0 or 1.
@@ -118,14 +122,17 @@ def mean_interval(
     """
     scores, sizes = _checked(values, units, weights, level)
     per_unit = _Sums.of(scores, sizes, units.index, units.count)
-    refusal = _refusal(per_unit, units.estimand)
+    weighted = bool(len(sizes)) and np.ptp(sizes) > 0
+    refusal = _refusal(per_unit, units.estimand, MIN_WEIGHTED if weighted else MIN_UNITS)
     if refusal is not None:
         return refusal
     tail, count = 0.5 - level / 2, len(per_unit.sums)
-    weighted = np.ptp(sizes) > 0
-    at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
-    guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
-    unseen = per_unit.total / (per_unit.worth if weighted else count)
+    guarded = weighted or is_piled(scores) or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
+    # The unseen one of unequal units may be a large one.
+    of_equal = (
+        count if not weighted else per_unit.worth if per_unit.deviation >= _WIDE else sqrt(count * per_unit.worth)
+    )
+    unseen = per_unit.total / of_equal
     by_replicate = _replicates(scores, sizes, units)
     replicates = 0 if by_replicate is None else len(by_replicate.sums)
     if guarded:
@@ -148,6 +155,11 @@ def mean_interval(
     estimate = min(max(per_unit.mean, 0.0), 1.0)
     low, high = min(max(low, 0.0), estimate), max(min(high, 1.0), estimate)
     return Interval(low, high, estimate, level, count, method, units.estimand)
+
+
+def is_piled(scores: NDArray[np.float64]) -> bool:
+    """Return True if at least half of (N,) scores lie near 0 or 1; those drawn then say little about rare others."""
+    return bool(np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) >= _PILED * len(scores))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,13 +281,13 @@ def _single(units: Units) -> bool:
     return units.replicate is not None and len(np.unique(units.replicate)) == units.count
 
 
-def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
+def _refusal(sums: _Sums, estimand: Estimand, fewest: int) -> Refusal | None:
     count = len(sums.sums)
     worth = sums.worth if count else 0.0
     if estimand is Estimand.LISTED_GRID:
-        reason, missing = Shortfall.LISTED, MIN_UNITS - 1
-    elif count < MIN_UNITS:
-        reason, missing = Shortfall.FEW, MIN_UNITS - count
+        reason, missing = Shortfall.LISTED, fewest - 1
+    elif count < fewest:
+        reason, missing = Shortfall.FEW, fewest - count
     elif worth < MIN_WORTH:
         reason, missing = Shortfall.UNEQUAL, ceil(count * MIN_WORTH / worth) - count
     else:

@@ -55,12 +55,11 @@ def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
     )
 
 
-def test_a_confirmed_effect_without_interval_says_how_many_places_would_show_its_size() -> None:
+def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -> None:
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234)).endswith(
         "(6 places, 36 pairs). They show that it is lower, not by how much; about 1,234 places would."
     )
-    assert finding_sentence(finding(0.2, SUN)).endswith("They show that it is higher, not by how much.")
-    assert finding_sentence(finding(-0.2, SUN, confirmed=False)).endswith("(6 places, 36 pairs).")
+    assert finding_sentence(finding(-0.2, SUN)).endswith("(6 places, 36 pairs).")
 
 
 def test_an_interaction_is_an_effect_that_differs() -> None:

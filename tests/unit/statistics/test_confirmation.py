@@ -158,7 +158,7 @@ def test_fresh_places_follow_from_how_much_places_differ() -> None:
 
 
 def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
-    observations = _run(np.random.default_rng(6), places=8, effect=0.2)
+    observations = _run(np.random.default_rng(6), places=20, effect=0.4)
     (finding, *_) = named(observations)
     looked_at = contrasts(observations, interactions=False)
     (contrast,) = [candidate for candidate in looked_at if candidate.changes == (Change("sun", 0, 1),)]
@@ -166,6 +166,10 @@ def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
     assert (finding.low, finding.high) == contrast.interval(1 - 0.05 / len(looked_at))
     assert finding.adjusted_p == holm([candidate.p_value for candidate in looked_at])[looked_at.index(contrast)] <= 0.05
     assert not finding.confirmed
+    (few, *_) = named(_run(np.random.default_rng(6), places=8, effect=0.2))
+    assert (few.low, few.high) == (-np.inf, np.inf)
+    assert few.places_for_size is not None
+    assert few.places_for_size > 8
 
 
 def test_few_runs_without_effect_are_named() -> None:

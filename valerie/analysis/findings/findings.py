@@ -71,7 +71,7 @@ class Finding:
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
         low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown, as where few places
-            confirm the effect but not its size.
+            show the effect but not its size.
         places, pairs: numbers of places and of pairs of rows behind the effect.
         places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
             number suffices.
@@ -80,8 +80,8 @@ class Finding:
         picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty if the spec of the run is unknown.
         estimand: what the effect and its interval are over; None in documents of older releases.
-        places_for_size: places that would give a confirmed effect without interval one; None: it has one, or no affordable
-            number suffices.
+        places_for_size: places that would show the size of an effect without interval; None: these do, the effect is not
+            shown either, or no affordable number suffices.
     """
 
     sentence: str

@@ -44,12 +44,11 @@ def finding_sentence(finding: Finding) -> str:
 
 
 def _size_sentence(finding: Finding) -> str:
-    """Return how many places would show the size of a confirmed effect; empty if these do."""
-    if not finding.confirmed or finding.low is not None:
+    """Return how many places would show the size of an effect; empty if these do."""
+    if finding.places_for_size is None:
         return ""
     higher = "higher" if finding.effect > 0 or not finding.function else "lower"
-    more = "" if finding.places_for_size is None else f"; about {finding.places_for_size:,} places would"
-    return f" They show that it is {higher}, not by how much{more}."
+    return f" They show that it is {higher}, not by how much; about {finding.places_for_size:,} places would."
 
 
 def picture_fault_sentence(fault: PictureFault) -> str:
