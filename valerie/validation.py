@@ -39,7 +39,13 @@ _MESSAGES: Final = {
     "bool_parsing": "true or false is needed here",
     "tuple_type": "a list is needed here",
     "dict_type": "a mapping is needed here",
+    "model_type": "a mapping is needed here",
     "union_tag_not_found": "a distribution is needed here",
+    "extra_forbidden": "this field is unknown",
+    **dict.fromkeys(
+        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing", "datetime_object_invalid"),
+        "a moment is needed here",
+    ),
 }
 #: Errors for a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
@@ -69,6 +75,8 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     )
     if kind == "tuple_type":
         limit = _listed(value)
+    elif kind.startswith("datetime"):
+        limit = "as 2027-01-31T18:00"
     elif kind == "string_type" and isinstance(value, bool | int | float):
         limit = f"{json.dumps(value)!r} in quotes"
     text = detail["msg"].removeprefix("Value error, ")

@@ -75,7 +75,7 @@ def run(
             show_ledger(statements, answered.ledger, as_json=json_lines)
             save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            _show_next(system, spec, text, functions=functions, data_dir=data_dir)
+            show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
         raise typer.Exit(code)
 
@@ -478,15 +478,15 @@ def _stop_following(system: System, run_id: str, stopped: Stopped, command: str,
         say(f"\nrun {run_id} is cancelled; continue where it stopped with: {command}")
 
 
-def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
+def show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
+    """Print the address of the dashboard, or the command that serves it, and a suggestion for the next run."""
     from rich.table import Table
     from rich.text import Text
 
-    dashboard = f"{system.client.url}/dashboard/"
+    # The server of this command ends with it, and the next one may listen at another port.
+    up = f"{_command_line('up', data_dir=data_dir)}  prints its address"
     table = Table.grid(padding=(0, 1))
-    table.add_row(
-        "Dashboard", Text(f"{_command_line('up', data_dir=data_dir)}  then {dashboard}" if system.owned else dashboard)
-    )
+    table.add_row("Dashboard", Text(up if system.owned else f"{system.client.url}/dashboard/"))
     if str(spec) != "-":
         table.add_row("Try next", Text(next_step(spec, text, functions=functions, data_dir=data_dir)))
     console().print(table)

@@ -131,6 +131,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
     table.add_column(max_width=_BAR)  # the only column that shrinks with the terminal
     for _ in range(4):
         table.add_column(justify="right", no_wrap=True)
+    ended = RunState(progress.state).is_final
     for name, unit in STAGES.items():
         stage = progress.stages.get(name)
         if stage is None:
@@ -142,7 +143,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
             Bar(max(stage.total, 1), 0, stage.done, color="green" if complete else "cyan"),
             f"{stage.done:,} / {stage.total:,} {unit}",
             f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
-            "done" if complete else remaining(stage),
+            "done" if complete else "" if ended else remaining(stage),
             failed,
         )
     parts: list[RenderableType] = [head, table]
@@ -162,7 +163,7 @@ def progress_line(title: str, progress: Progress) -> str:
             text += f" {stage.rate_per_s:.1f}/s"
         parts.append(text)
     left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
-    if left:
+    if left and not RunState(progress.state).is_final:
         parts.append(f"about {_duration(max(left))} left")
     if progress.reason:
         parts.append(progress.reason)

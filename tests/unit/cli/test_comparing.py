@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
@@ -36,11 +37,12 @@ def called(run: tuple[Path, str], command: str, *arguments: str) -> Result:
     return result
 
 
-def pacc_of(run: tuple[Path, str], function: str) -> np.ndarray:
+def pacc_of(run: tuple[Path, str], function: str) -> NDArray[np.float64]:
     """Return the pACC of the rows of a function in their order, NaN where undefined."""
     table = pyarrow.csv.read_csv(io.BytesIO(called(run, "rows").stdout_bytes))
-    of_function = np.array(table["function"].to_pylist()) == function
-    return table["pacc"].to_numpy(zero_copy_only=False)[of_function]
+    of_function: NDArray[np.bool_] = np.array(table["function"].to_pylist()) == function
+    pacc: NDArray[np.float64] = np.array(table["pacc"].to_pylist(), np.float64)
+    return pacc[of_function]
 
 
 def test_two_functions_of_a_run_are_compared_person_by_person(run: tuple[Path, str]) -> None:

@@ -75,6 +75,13 @@ def test_a_line_says_the_same() -> None:
     )
 
 
+def test_a_run_that_ended_has_no_remaining_time() -> None:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(progress_table("first", _progress(state="cancelled")))
+    assert "left" not in capture.get() + progress_line("first", _progress(state="cancelled"))
+
+
 def test_lines_come_with_a_change_of_state_not_with_every_frame(capsys: pytest.CaptureFixture[str]) -> None:
     display = LineDisplay("first")
     for done in (1, 2, 3):
