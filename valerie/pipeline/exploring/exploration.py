@@ -151,20 +151,22 @@ class Exploration:
             InvalidInput: it violates the grammar, compares different types or takes too long.
             UnknownName: it names an unknown column, or an unknown name of one.
         """
+        # The views of a page ask for the same selection at once; one of them computes it.
         with self._caching:
-            if where in self._selections:
-                return self._selections[where]
-        if where.strip():
-            constraint = compile_constraint(where, self._operands, field=field, word="column")
-            sql, scored = constraint.sql, not constraint.paths.isdisjoint(_SCORES)
-            answer = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
-            rows = answer["selected"].to_numpy()
-        else:
-            sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
-        selection = Selection(where, rows, int(np.count_nonzero(rows)), sql, scored)
-        with self._caching:
-            self._selections[where] = selection
-        return selection
+            if where not in self._selections:
+                self._selections[where] = self._selected(where, field)
+            return self._selections[where]
+
+    def _selected(self, where: str, field: str) -> Selection:
+        if not where.strip():
+            return Selection(where, np.ones(len(self), np.bool_), len(self), Sql("TRUE"), scored=False)
+        constraint = compile_constraint(where, self._operands, field=field, word="column")
+        answer = self.query(
+            Sql(f"SELECT coalesce({constraint.sql.text}, false) AS selected FROM rows", constraint.sql.values)
+        )
+        rows = answer["selected"].to_numpy()
+        scored = not constraint.paths.isdisjoint(_SCORES)
+        return Selection(where, rows, int(np.count_nonzero(rows)), constraint.sql, scored)
 
     def bins(self, column: str, count: int) -> Bins:
         """Return the bins of a column; errors as in `column_bins`."""
