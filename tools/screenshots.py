@@ -62,9 +62,13 @@ def _lower(page: Page) -> None:
 
 FAR: Final = "dashboard/#/explore?runs={run}&where=distance_m+%3E+25+and+pacc+%3C+0.5"
 SCREENSHOTS: Final = (
-    Screenshot("dashboard", "dashboard/#/frames/{run}.5.0.0?view=errors&near=1", ".viewer img[src]", 900, _read_a_pixel),
+    Screenshot(
+        "dashboard", "dashboard/#/frames/{run}.5.0.0?view=errors&near=1", ".viewer img[src]", 900, _read_a_pixel
+    ),
     Screenshot("explore", FAR, ".thumbnail:not(.waiting)", 1750),
-    Screenshot("comparison", "dashboard/#/explore?runs={run}&tab=compare", ".pair .thumbnail:not(.waiting)", 900, _lower),
+    Screenshot(
+        "comparison", "dashboard/#/explore?runs={run}&tab=compare", ".pair .thumbnail:not(.waiting)", 900, _lower
+    ),
     Screenshot(
         "confusion",
         "dashboard/#/explore?runs={run}&tab=confusion&cell=person~building",
@@ -81,7 +85,10 @@ def finished_run(url: str) -> str:
     """Submit the spec, or find its run, and wait for its end."""
     text = SPEC.read_bytes()
     with httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
-        headers = {"Content-Type": "application/yaml", "Idempotency-Key": f"screenshots-{blake2b(text).hexdigest()[:32]}"}
+        headers = {
+            "Content-Type": "application/yaml",
+            "Idempotency-Key": f"screenshots-{blake2b(text).hexdigest()[:32]}",
+        }
         run_id = str(client.post("/v1/runs", content=text, headers=headers).raise_for_status().json()["id"])
         while not (run := client.get(f"/v1/runs/{run_id}").raise_for_status().json())["finished_at"]:
             time.sleep(0.5)
