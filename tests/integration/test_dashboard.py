@@ -18,8 +18,8 @@ from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.measures import Source, measures_from
 from valerie.perception.documents.cards import card_rows
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import registry
-from valerie.testing.onnx_function import small_onnx
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

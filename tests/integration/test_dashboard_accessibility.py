@@ -212,7 +212,11 @@ def require_accessible(page: Page) -> None:
         page.set_viewport_size({"width": width, "height": height})
         answer = Axe().run(page)
         wider = page.evaluate("() => document.scrollingElement.scrollWidth - innerWidth")
-        serious = [one["id"] for one in answer.response["violations"] if one["impact"] in ("serious", "critical")]
+        serious = [
+            violation["id"]
+            for violation in answer.response["violations"]
+            if violation["impact"] in ("serious", "critical")
+        ]
         assert serious == [], f"{look}: {answer.generate_report()}"
         assert wider <= 0, look
 

@@ -14,7 +14,6 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.wording import duration
 from valerie.client import Progress, StageProgress
 from valerie.local.terminal import console
 from valerie.runs.products.states import RunState
@@ -132,6 +131,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
     table.add_column(max_width=_BAR)  # the only column that shrinks with the terminal
     for _ in range(4):
         table.add_column(justify="right", no_wrap=True)
+    ended = RunState(progress.state).is_final
     for name, unit in STAGES.items():
         stage = progress.stages.get(name)
         if stage is None:
@@ -143,7 +143,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
             Bar(max(stage.total, 1), 0, stage.done, color="green" if complete else "cyan"),
             f"{stage.done:,} / {stage.total:,} {unit}",
             f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
-            "done" if complete else remaining(stage),
+            "done" if complete else "" if ended else remaining(stage),
             failed,
         )
     parts: list[RenderableType] = [head, table]
@@ -163,8 +163,8 @@ def progress_line(title: str, progress: Progress) -> str:
             text += f" {stage.rate_per_s:.1f}/s"
         parts.append(text)
     left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
-    if left:
-        parts.append(f"about {duration(max(left))} left")
+    if left and not RunState(progress.state).is_final:
+        parts.append(f"about {_duration(max(left))} left")
     if progress.reason:
         parts.append(progress.reason)
     return ", ".join(parts)
@@ -174,7 +174,13 @@ def remaining(stage: StageProgress) -> str:
     """Return the remaining time of a stage as text: empty if it is done, ``…`` if unknown."""
     if stage.done + stage.failed >= stage.total:
         return ""
-    return f"{duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
+    return f"{_duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
+
+
+def _duration(seconds: float) -> str:
+    from valerie.analysis.wording import duration  # with numpy and pyarrow, without which commands start
+
+    return duration(seconds)
 
 
 def _variants(progress: Progress) -> str:

@@ -63,8 +63,8 @@ def test_every_other_entry_is_part_of_the_digest(change: dict[str, Any]) -> None
 
 
 def test_defaults_that_are_written_out_change_no_digest() -> None:
-    written = document(engine="openvino", precision="fp32", input={"scale": 1 / 255}, output={"classes": "cityscapes"})
-    assert written.digest == document().digest
+    text = document(engine="openvino", precision="fp32", input={"scale": 1 / 255}, output={"classes": "cityscapes"})
+    assert text.digest == document().digest
 
 
 def test_the_digest_covers_what_a_document_says_and_no_default() -> None:
@@ -158,10 +158,10 @@ def test_the_card_shows_the_classes_that_judge_the_function() -> None:
 
 
 def test_options_that_are_written_out_and_left_out_are_one_function() -> None:
-    written = document(options={"output": ""})
-    assert written == document()
-    assert written.digest == document().digest
-    assert written.digest != document(options={"output": "logits"}).digest
+    text = document(options={"output": ""})
+    assert text == document()
+    assert text.digest == document().digest
+    assert text.digest != document(options={"output": "logits"}).digest
 
 
 def test_options_survive_a_trip_through_json() -> None:

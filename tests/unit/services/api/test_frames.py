@@ -38,7 +38,7 @@ def image(client: httpx.Client, address: str) -> np.ndarray[Any, Any]:
 def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client, drawn: DrawnRuns) -> None:
     path = f"/v1/runs/{drawn.finished}/frames"
     whole = api.get(path).json()["items"]
-    places = [(one["variant_index"], one["camera"]) for one in whole]
+    places = [(run["variant_index"], run["camera"]) for run in whole]
     assert places == sorted(places)
     frames: list[Any] = []
     cursor: dict[str, str] = {}
@@ -52,10 +52,10 @@ def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client
 
 
 def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, drawn: DrawnRuns) -> None:
-    whole = [one["id"] for one in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]]
-    details = [api.get(f"/v1/frames/{one}").json() for one in whole]
-    assert [one["next"] for one in details] == [*whole[1:], None]
-    assert [one["previous"] for one in details] == [None, *whole[:-1]]
+    whole = [item["id"] for item in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]]
+    details = [api.get(f"/v1/frames/{run}").json() for run in whole]
+    assert [detail["next"] for detail in details] == [*whole[1:], None]
+    assert [detail["previous"] for detail in details] == [None, *whole[:-1]]
 
 
 def test_neighbours_in_a_parameter_differ_in_nothing_else_and_rejected_variants_are_skipped(
@@ -110,7 +110,10 @@ def test_visibility_and_scores_agree_with_the_stored_products(
             "pacc_empty": 0.0,  # the drawn functions see nobody where nobody stands
         }
         assert scored.items() >= expected.items()
-    assert [one["function"] for one in frame["evaluations"]] == ["deeplabv3plus-small", "semantic-fpn-small"]
+    assert [evaluation["function"] for evaluation in frame["evaluations"]] == [
+        "deeplabv3plus-small",
+        "semantic-fpn-small",
+    ]
 
 
 def test_a_pixel_names_what_the_stored_products_hold_there(
@@ -148,9 +151,9 @@ def test_a_pixel_names_what_the_stored_products_hold_there(
 
 
 def test_every_address_of_a_frame_shows_a_picture_of_its_size(api: httpx.Client, frame: dict[str, Any]) -> None:
-    addresses = [*frame["images"].values(), *(one for e in frame["evaluations"] for one in e["images"].values())]
+    addresses = [*frame["images"].values(), *(value for e in frame["evaluations"] for value in e["images"].values())]
     assert len(addresses) == 5 + 2 * 4
-    assert {image(api, one).shape for one in addresses} == {(frame["height"], frame["width"], 3)}
+    assert {image(api, address).shape for address in addresses} == {(frame["height"], frame["width"], 3)}
 
 
 def test_truth_and_prediction_are_painted_in_the_colours_of_their_classes(
@@ -187,7 +190,7 @@ def test_different_pictures_have_different_tags(api: httpx.Client, frame: dict[s
         *frame["images"].values(),
         *(e["images"][k] for e in frame["evaluations"] for k in ("prediction", "errors")),
     ]
-    assert len({api.get(one).headers["ETag"] for one in addresses}) == len(addresses)
+    assert len({api.get(address).headers["ETag"] for address in addresses}) == len(addresses)
 
 
 @pytest.mark.parametrize(
@@ -243,7 +246,7 @@ def test_an_artifact_is_the_stored_object(api: httpx.Client, drawn: DrawnRuns, f
 def test_a_failed_frame_has_its_state_and_the_pictures_that_exist(api: httpx.Client, drawn: DrawnRuns) -> None:
     detail = api.get(f"/v1/frames/{drawn.failed}.4.0.0").json()
     assert detail["state"] == "failed"
-    assert {one["state"] for one in detail["evaluations"]} == {"failed"}
+    assert {evaluation["state"] for evaluation in detail["evaluations"]} == {"failed"}
     assert api.get(detail["images"]["truth"]).status_code == 200
     answer = api.get(detail["images"]["picture"])
     assert answer.status_code == 409
