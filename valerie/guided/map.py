@@ -1,6 +1,6 @@
 """A map of the boundary between pass and fail: pass, fail, undefined, or not known.
 
-A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. A quarter of each batch explores
+A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. Half of each batch explores
 with scrambled Sobol' points. The others are the points of a pool where the process is least sure of the verdict, with the
 largest 1.96 σ − |μ| (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18);
 each choice lowers σ around it before the next.
@@ -38,7 +38,7 @@ from valerie.parameters.samplers import UnitPoints
 Floats = NDArray[np.float64]
 
 #: Share of a batch that explores.
-EXPLORING: Final = 0.25
+EXPLORING: Final = 0.5
 #: Exploring points before the first fit.
 FIRST: Final = 64
 #: Largest share of wrong calls where the map gives a verdict, and the confidence in it.
