@@ -289,7 +289,8 @@ def _least(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
     likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
     called, errors = np.arange(1, len(order) + 1), np.cumsum(wrong)
     bound = np.where(errors < called, betaincinv(errors + 1, np.maximum(called - errors, 1), CONFIDENCE), 1.0)
-    return float(likely[bound <= WRONG].min(initial=np.inf))
+    complete = np.append(likely[1:] < likely[:-1], True)  # calls of equal probability count together
+    return float(likely[complete & (bound <= WRONG)].min(initial=np.inf))
 
 
 def _share(of: NDArray[np.bool_]) -> float:
