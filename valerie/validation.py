@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import TYPE_CHECKING, Final
 
@@ -38,7 +39,13 @@ _MESSAGES: Final = {
     "bool_parsing": "true or false is needed here",
     "tuple_type": "a list is needed here",
     "dict_type": "a mapping is needed here",
+    "model_type": "a mapping is needed here",
     "union_tag_not_found": "a distribution is needed here",
+    "extra_forbidden": "this field is unknown",
+    **dict.fromkeys(
+        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing", "datetime_object_invalid"),
+        "a moment is needed here",
+    ),
 }
 #: Errors for a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
@@ -60,9 +67,39 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind in _OF_A_FEW and isinstance(value, str):
         return UnknownName("value", value, re.findall(r"'([^']*)'", str(context["expected"])), field=field)
-    limit = next((f"{sign} {context[key]}" for key, sign in _BOUNDS.items() if key in context), None)
+    if kind in _OF_A_FEW:
+        return InvalidInput("not an accepted value", field=field, value=_shown(value), limit=context["expected"])
+    limit = next(
+        (f"{sign} {context[key]}{_counted(kind, context[key])}" for key, sign in _BOUNDS.items() if key in context),
+        None,
+    )
+    if kind == "tuple_type":
+        limit = _listed(value)
+    elif kind.startswith("datetime"):
+        limit = "as 2027-01-31T18:00"
+    elif kind == "string_type" and isinstance(value, bool | int | float):
+        limit = f"{json.dumps(value)!r} in quotes"
     text = detail["msg"].removeprefix("Value error, ")
     # The messages of VALERIE's own validators (value_error) stay unchanged.
     message = _MESSAGES.get(kind, text if kind == "value_error" else text[:1].lower() + text[1:])
-    # A mapping is too long to show. For a missing field, pydantic's input is the mapping around it.
-    return InvalidInput(message, field=field, value=None if isinstance(value, dict) else value, limit=limit)
+    return InvalidInput(message, field=field, value=_shown(value), limit=limit)
+
+
+def _shown(value: object) -> object:
+    """Return None for a mapping, which is too long to show; for a missing field, pydantic's input is the one around it."""
+    return None if isinstance(value, dict) else value
+
+
+def _counted(kind: str, number: int) -> str:
+    """Return the noun that a bound counts; empty if it is not of a length."""
+    if not kind.endswith(("too_short", "too_long")):
+        return ""
+    nouns = ("character", "characters") if kind.startswith("string") else ("entry", "entries")
+    return f" {nouns[number != 1]}"
+
+
+def _listed(value: object) -> str | None:
+    """Return a value as a list of one; None for no value."""
+    if isinstance(value, dict):
+        return f"[{{{next(iter(value))}: …}}]" if value else None
+    return None if value is None else f"[{value}]"

@@ -15,7 +15,7 @@ import pytest
 from tests.acceptance.system import System
 from tests.world.boxes import spec, write_box_street
 from valerie.perception.running.label_png import encode_png
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]

@@ -80,7 +80,7 @@ const ramp = Array.from({ length: 64 }, (_, k) => {
 export function scatterPlot({ brushed, opened }) {
   let data = null, frame = null, chosen = -1, places = [];
   const tip = h("div", { class: "tip", hidden: true });
-  const view = surface((context, width, height) => draw(context, width, height), { class: "scatter-canvas", tabindex: "0", role: "img" });
+  const view = surface((context, width, height) => draw(context, width, height), { class: "scatter-canvas", tabindex: "0", role: "img", "aria-label": "Scatter plot" });
   const { canvas } = view;
   const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
   const element = h("div", { class: "plot" }, canvas, tip, live);
@@ -347,7 +347,7 @@ export function histogramPlot(column, { brushed, removed }) {
 export function parallelPlot({ brushed }) {
   let data = null;
   const side = 60, head = 30, band = 26, foot = 22;
-  const view = surface((context, width, height) => draw(context, width, height), { class: "parallel-canvas", tabindex: "0", role: "img" });
+  const view = surface((context, width, height) => draw(context, width, height), { class: "parallel-canvas", tabindex: "0", role: "img", "aria-label": "Parallel coordinates" });
   const { canvas } = view;
   let drag = null;
 

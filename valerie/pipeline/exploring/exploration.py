@@ -144,8 +144,8 @@ class Exploration:
         ]  # fmt: skip
         return tuple(column for column in described if column.undefined < len(self) or not len(self))
 
-    def select(self, where: str = "") -> Selection:
-        """Return the rows that an expression selects; all of them if it is empty.
+    def select(self, where: str = "", *, field: str = "where") -> Selection:
+        """Return the rows that an expression selects; all of them if it is empty. ``field`` names it in errors.
 
         Raises:
             InvalidInput: it violates the grammar, compares different types or takes too long.
@@ -155,7 +155,7 @@ class Exploration:
             if where in self._selections:
                 return self._selections[where]
         if where.strip():
-            constraint = compile_constraint(where, self._operands, field="where", word="column")
+            constraint = compile_constraint(where, self._operands, field=field, word="column")
             sql, scored = constraint.sql, not constraint.paths.isdisjoint(_SCORES)
             answer = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
             rows = answer["selected"].to_numpy()

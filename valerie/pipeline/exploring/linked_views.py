@@ -214,26 +214,28 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class GroupRates:
-    """Rates of the selected rows of a group, and of its other rows.
+    """Rates of the selected rows of a group, and of those to compare with.
 
     Attributes:
         run, function, sensor: names of the group.
-        selected, rest: rates of both parts.
+        selected, beside: rates of both.
     """
 
     run: str
     function: str
     sensor: str
     selected: Rates
-    rest: Rates
+    beside: Rates
 
 
-def rates(exploration: Exploration, selection: Selection, threshold: float) -> list[GroupRates]:
-    """Return the rates of a selection and of the rest, by run, function and sensor.
+def rates(
+    exploration: Exploration, selected: NDArray[np.bool_], beside: NDArray[np.bool_], threshold: float
+) -> list[GroupRates]:
+    """Return the rates of two sets of rows, by run, function and sensor.
 
     Args:
         exploration: the rows.
-        selection: the selected rows.
+        selected, beside: (N,) bool; a row may be in both.
         threshold: t of the detection rate.
     """
     table = exploration.table
@@ -249,8 +251,8 @@ def rates(exploration: Exploration, selection: Selection, threshold: float) -> l
                 names[0].names[run],
                 names[1].names[function],
                 names[2].names[sensor],
-                _rates(exploration, of & selection.rows, threshold),
-                _rates(exploration, of & ~selection.rows, threshold),
+                _rates(exploration, of & selected, threshold),
+                _rates(exploration, of & beside, threshold),
             )
         )
     return answer

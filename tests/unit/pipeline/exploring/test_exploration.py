@@ -141,11 +141,12 @@ def test_the_connection_reads_no_file(explored: Exploration) -> None:
 
 
 def test_rates_of_selection_and_rest_are_the_means_of_their_rows(explored: Exploration) -> None:
-    groups = linked_views.rates(explored, explored.select("distance_m > 20"), 0.5)
+    far_rows = explored.select("distance_m > 20").rows
+    groups = linked_views.rates(explored, far_rows, ~far_rows, 0.5)
     rows = explored.table.arrow.to_pylist()
     assert [group.function for group in groups] == ["net", "other"]
     for group in groups:
-        for side, far in ((group.selected, True), (group.rest, False)):
+        for side, far in ((group.selected, True), (group.beside, False)):
             own = [row for row in rows if row["function"] == group.function and (row["distance_m"] > 20) is far]
             known = [row["pacc"] for row in own if row["pacc"] is not None]
             assert side.persons == len(known)

@@ -20,12 +20,12 @@ from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.opening import open_function
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import bounded, registry
 from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
-from valerie.testing.onnx_function import small_onnx
 
 #: Far more than the process of the tests needs.
 MANY_MB = 300_000
@@ -173,4 +173,6 @@ def test_a_bounded_function_answers_as_the_function_itself() -> None:
     assert (function.card, function.numeric_class, function.revision) == (inner.card, inner.numeric_class, 1)
     pictures: Sequence[NDArray[np.uint8]] = np.random.default_rng(0).integers(0, 256, (2, 8, 8, 3), np.uint8)
     np.testing.assert_array_equal(function.predict(pictures[0]), inner.predict(pictures[0]))
-    np.testing.assert_array_equal(function.predict_many(list(pictures)), [inner.predict(one) for one in pictures])
+    np.testing.assert_array_equal(
+        function.predict_many(list(pictures)), [inner.predict(picture) for picture in pictures]
+    )

@@ -7,16 +7,18 @@ import pickle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import onnx
 import pytest
 
 from valerie.errors import InvalidInput
 from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import function_path
 from valerie.pipeline.functions import guarded_import
 from valerie.pipeline.functions.guarded_import import ImportedFunction, ImportRequest, import_function
 from valerie.pipeline.functions.import_job import Trial
 from valerie.settings import Settings, load_settings
-from valerie.testing.onnx_function import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 
@@ -54,6 +56,46 @@ def test_an_onnx_file_is_taken_unchanged_and_tried_out(tmp_path: Path, work: Pat
     assert (imported.document.name, imported.document.kind) == ("small", "onnx")
     assert imported.trial.picture == (256, 128)
     assert imported.document.provenance["source"] == "small.onnx"
+
+
+def saved_network(path: Path, shape: list[int | str], channels: int, **metadata: str) -> Path:
+    """Write a network that answers ``channels`` maps of its first input channel, in the layout of ``shape``."""
+    axis = 1 if shape[1] == 3 else 3
+    answer = [*shape]
+    answer[axis] = channels
+    indices = onnx.numpy_helper.from_array(np.zeros(channels, np.int64), "indices")
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("Gather", ["x", "indices"], ["y"], axis=axis)],
+        "gathered",
+        [onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, shape)],
+        [onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, answer)],
+        [indices],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8)
+    onnx.helper.set_model_props(model, metadata)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_size_layout_and_classes_come_from_the_onnx_file(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = saved_network(tmp_path / "net.onnx", [1, 64, 96, 3], 3, names="{0: 'road', 1: 'person', 2: 'car'}")
+    found = bring(path, work, settings, "").document
+    assert (found.input.layout, found.input.mode, found.input.size) == ("nhwc", "resize", (96, 64))
+    assert found.output.classes == ("road", "person", "car")
+    own = bring(
+        path, work, settings, "input: {mode: tile, size: [96, 64]}\noutput: {classes: [sky, person, car]}"
+    ).document
+    assert (own.input.mode, own.output.classes) == ("tile", ("sky", "person", "car"))
+    free = bring(saved_network(tmp_path / "free.onnx", [1, 3, "h", "w"], 34), work, settings, "").document
+    assert (free.input.mode, free.input.size, free.output.classes[24]) == ("pad", None, "person")
+
+
+def test_an_onnx_file_without_names_of_its_classes_asks_for_them(
+    tmp_path: Path, work: Path, settings: Settings
+) -> None:
+    path = saved_network(tmp_path / "net.onnx", [1, 3, "h", "w"], 5)
+    with pytest.raises(InvalidInput, match=r"output\.classes: neither .* got 5 channels; limit: output: \{classes: "):
+        bring(path, work, settings, "")
 
 
 def test_a_checkpoint_becomes_a_document_with_a_file_of_our_format(

@@ -231,6 +231,32 @@ def test_bad_input_is_named_by_its_field(given: dict[str, Any], field: str) -> N
     assert field in problems(spec(**given))
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"functions": "f"}, "functions: a list is needed here; got f; limit: [f]"),
+        ({"sensors": {"name": "a", "gamma": 2}}, "sensors: a list is needed here; limit: [{name: …}]"),
+        ({"vary": None}, "vary: entries are needed here, indented; limit: p1: {homogeneous: {from: …, to: …, step: …}}"),
+        ({"vary": ["p1", "CONSTANT", 1]}, "vary: brackets around each entry are missing; got ['p1', 'CONSTANT', 1]; limit: [["),
+        ({"vary": {"p1": [1, 2]}}, "limit: p1: {choice: [1, 2]}"),
+        ({"vary": {"p1": "3 m"}}, "limit: p1: {constant: 3 m}"),
+        ({"vary": {"p1": {"choice": 3}}}, "vary.p1.choice: a list is needed here; got 3; limit: [3]"),
+        ({"vary": {"p1": {"choice": []}}}, "vary.p1.choice: out of bounds; got []; limit: at least 1 entry"),
+        ({"vary": {"p1": {"normal": {"mean": 1, "sigma": 2}}}}, "unknown distribution 'normal'; did you mean gaussian?"),
+        ({"vary": {"p1": {"uniform": {"from": [1], "to": 2}}}}, "vary.p1.from: a number is needed here; got [1]"),
+        ({"constants": {"p1": [1]}}, "constants.p1: a single value is needed here; got [1]"),
+        ({"p1.pos.x": {"constant": 1}}, "p1.pos.x: unknown field 'p1.pos.x'; limit: a parameter stands below vary"),
+        ({"name": 12}, "name: text is needed here; got 12; limit: '12' in quotes"),
+        ({"name": True}, "name: text is needed here; got True; limit: 'true' in quotes"),
+        ({"name": ""}, "limit: at least 1 character"),
+        ({"cameras": []}, "limit: at least 1 entry"),
+        ({"schema_version": 2}, "schema_version: not an accepted value; got 2; limit: 1"),
+    ],
+)  # fmt: skip
+def test_an_error_says_what_is_right(given: dict[str, Any], expected: str) -> None:
+    assert expected in "\n".join(problems(spec(**given)).values())
+
+
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
