@@ -89,6 +89,10 @@ TEST_WORKERS = --numprocesses 3 --dist loadscope --no-loadscope-reorder
 test: setup-dev ## Run the tests but those of the browser (minutes)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow and not browser" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
+.PHONY: test-wheel
+test-wheel: setup-dev ## Build the wheel, install it without the sources and run its example (minutes)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest tests/integration/test_wheel.py $(PYTEST_OPTIONS)
+
 .PHONY: test-browser
 test-browser: setup-dev ## Test the dashboard in Chromium, with axe-core on every page (minutes)
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m browser tests/integration $(PYTEST_OPTIONS)
@@ -157,6 +161,10 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 .PHONY: gallery
 gallery: setup-dev ## Render docs/images/gallery.jpg and one large picture per engine (minutes; Cycles after `make cycles`)
 	@exec $(PYTHON_BIN) -m tools.gallery
+
+.PHONY: screenshots
+screenshots: setup-dev ## Take the dashboard's pictures of docs/images/ from the first run (minutes; Chromium)
+	@exec $(PYTHON_BIN) -m tools.screenshots
 
 .PHONY: notebook
 notebook: setup-dev ## Execute examples/notebook.ipynb and render it as docs/notebook.md

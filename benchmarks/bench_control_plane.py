@@ -145,10 +145,10 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
         while following < FED:
             started = time.process_time()
             fed = feeder.feed(context.engine, following, time.time())
-            written = time.process_time()
+            writing_ended = time.process_time()
             context.broker.send_products(fed.ready)
-            rows += written - started
-            messages += time.process_time() - written
+            rows += writing_ended - started
+            messages += time.process_time() - writing_ended
             with reading(context.engine) as connection:
                 following = runs.fed(connection, run_id).next_index
     finally:

@@ -109,8 +109,8 @@ def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any
     rays = np.stack(
         [(columns + 0.5 - view.width / 2) / focal, -(rows + 0.5 - view.height / 2) / focal, -np.ones(rows.shape)], 2
     )
-    seen = np.isfinite(truth.depth) & (truth.instance_map != 24001)
-    points = camera.position + (rays @ camera.transform[:3, :3].T) * np.where(seen, truth.depth, 0)[..., None]
+    visible = np.isfinite(truth.depth) & (truth.instance_map != 24001)
+    points = camera.position + (rays @ camera.transform[:3, :3].T) * np.where(visible, truth.depth, 0)[..., None]
     distance = np.linalg.norm((points - node[:3, 3])[..., :2], axis=2) / height
     gray = [image.astype(np.float64).mean(axis=2) for image in (without, with_person, smooth, other)]
     toward = scene.sun_direction()
@@ -119,7 +119,7 @@ def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any
     shadow &= (offset[..., :2] @ toward[:2]) < 0.6
     rings: dict[str, Any] = {}
     for low in np.arange(0.0, 3.0, 0.25):
-        ring = seen & ~shadow & (distance >= low) & (distance < low + 0.25)
+        ring = visible & ~shadow & (distance >= low) & (distance < low + 0.25)
         if ring.sum() >= 12:
             rings[f"{low:.2f}"] = {
                 "pixels": int(ring.sum()),

@@ -327,7 +327,7 @@ def _gate_at_one_point(name: str, world: World, places: int, repetitions: int) -
     rng = np.random.default_rng(37)
     code = np.repeat(np.arange(10 * places), 4)
     slices = {str(k): code // places == k for k in range(10)}
-    found = false = 0
+    confirmed = false = 0
     for _ in range(repetitions):
         u = np.repeat(rng.random((10 * places, 1, 6)), 4, axis=1).reshape(-1, 6)
         u[:, 4:] = rng.random((len(u), 2))
@@ -335,10 +335,10 @@ def _gate_at_one_point(name: str, world: World, places: int, repetitions: int) -
         other[:, 5] = rng.random(len(u))
         after = world(other) - 0.01 * (code < places)
         worse = compare_versions(world(u), after, code, slices).worse
-        found += "0" in worse
+        confirmed += "0" in worse
         false += bool(set(worse) - {"0"})
     return {
-        "world": name, "places a slice": places, "slice that lost a point named": found / repetitions,
+        "world": name, "places a slice": places, "slice that lost a point named": confirmed / repetitions,
         "another named": false / repetitions, "repetitions": repetitions,
     }  # fmt: skip
 

@@ -94,8 +94,8 @@ class Studio:
         truth = f"{planned.index}/person"
         if truth not in self._parts:
             self._truth = self._truth or TruthPass()
-            seen = self._truth.truth(planned.scene, planned.view).class_map == _PERSON
-            self._parts.add(truth, {"mask": seen}, pixels=int(seen.sum()), distance_m=planned.distance_m)
+            persons = self._truth.truth(planned.scene, planned.view).class_map == _PERSON
+            self._parts.add(truth, {"mask": persons}, pixels=int(persons.sum()), distance_m=planned.distance_m)
         key = window_key(planned, samples, seed)
         self._render(key, planned, planned.window, samples, seed, movables=True)
 

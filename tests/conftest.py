@@ -1,4 +1,4 @@
-"""What holds for every test: a clean environment, patience on slow machines, and no skip that nobody reviewed."""
+"""Rules of all tests: a clean environment, patience on slow machines, no skip without a reviewed reason."""
 
 from __future__ import annotations
 

@@ -111,9 +111,24 @@ def _read(text: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f" (line {mark.line + 1}, column {mark.column + 1})" if mark is not None else ""
-        raise InvalidInput(f"not YAML or JSON: {error.problem or error.context}{place}") from None
+        raise InvalidInput(f"not YAML or JSON: {_fault(error, text)}{place}") from None
     except (yaml.YAMLError, ValueError) as error:
         raise InvalidInput(f"not YAML or JSON: {str(error).splitlines()[0]}") from None
+
+
+def _fault(error: yaml.MarkedYAMLError, text: str) -> str:
+    """Return what is probably wrong, in words for people who do not know YAML's grammar."""
+    problem, mark = str(error.problem or error.context), error.problem_mark
+    if problem == "found character that cannot start any token" and mark is not None:
+        character = text.splitlines()[mark.line][mark.column]
+        return "spaces indent, not tabs" if character == "\t" else f"text that begins with {character!r} is quoted"
+    if problem == "mapping values are not allowed in this context":
+        return "no colon is expected here: a key ends with a colon and a space, and text with ': ' is quoted"
+    if problem.startswith("did not find expected ','") and error.context_mark is not None:
+        return f"the bracket of line {error.context_mark.line + 1} is not closed"
+    if problem in ("did not find expected key", "did not find expected '-' indicator"):
+        return "this does not fit the lines above: entries of one mapping begin in the same column, and a quote ends its text"
+    return problem
 
 
 def _check_events(text: str) -> None:

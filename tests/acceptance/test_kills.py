@@ -137,14 +137,14 @@ def pursue(system: System, context: Context, killed: Iterator[str]) -> tuple[lis
         Its batches and its result, without ids, times and costs.
     """
     study = system.begin(STUDY)
-    seen: set[int] = set()
+    pids: set[int] = set()
     deadline = time.monotonic() + 400
     while (known := system.study(study))["state"] == "running":
         assert time.monotonic() < deadline, known
         working = {b["number"] for b in known["batches"] if b["run_id"] and b["outcomes"] is None}
-        if working - seen and (service := next(killed, None)) is not None:
+        if working - pids and (service := next(killed, None)) is not None:
             kill(system.processes(service))
-        seen |= working
+        pids |= working
         time.sleep(0.2)
     assert known["state"] == "finished", known["reason"]
     batches = known["batches"]

@@ -78,11 +78,11 @@ def render_pairs() -> Iterator[Pair]:
 
 @pytest.fixture(scope="module")
 def pairs() -> list[Pair]:
-    made = list(render_pairs())
-    with_people = [pair for pair in made if (pair.truth == PERSON.train_id).any()]
-    assert len(with_people) >= len(made) / 2
-    assert len(with_people) < len(made), "some held-out frames show nobody"
-    return made
+    rendered = list(render_pairs())
+    with_people = [pair for pair in rendered if (pair.truth == PERSON.train_id).any()]
+    assert len(with_people) >= len(rendered) / 2
+    assert len(with_people) < len(rendered), "some held-out frames show nobody"
+    return rendered
 
 
 @pytest.fixture(scope="module", params=FUNCTIONS)
@@ -118,10 +118,10 @@ def test_removing_the_people_removes_what_was_seen_inside_their_masks(
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_header_says_what_was_held_out_and_what_goes_wrong(name: str) -> None:
     provenance = function_card(name).provenance
-    seen = {seed for seeds in sites_seen(provenance) for seed in seeds}
-    assert seen
-    assert seen <= set(TRAINED_ON)
-    assert seen.isdisjoint(SITES)
+    seeds_seen = {seed for seeds in sites_seen(provenance) for seed in seeds}
+    assert seeds_seen
+    assert seeds_seen <= set(TRAINED_ON)
+    assert seeds_seen.isdisjoint(SITES)
     assert 0.0 < float(provenance["held-out-person-iou"]) < 1.0
     assert provenance["known-weaknesses"]
     assert provenance["licence"] == "Apache-2.0"

@@ -1,4 +1,4 @@
-"""Who imports whom: the rules of .importlinter, and what really gets loaded."""
+"""The rules of .importlinter, and the modules that processes really load."""
 
 import ast
 import re
@@ -54,6 +54,18 @@ def test_no_heavy_library_is_loaded(module: str) -> None:
     assert _loaded_by(f"import {module}", HEAVY) == []
 
 
+@pytest.mark.parametrize(
+    ("module", "unneeded"),
+    [
+        ("valerie.cli.main", ("numpy", "pyarrow", "sqlalchemy", "httpx")),
+        ("valerie.cli.following", ("numpy", "pyarrow", "sqlalchemy")),
+        ("valerie.pipeline.functions.probe", ("pyarrow", "sqlalchemy", "celery", "lark")),
+    ],
+)
+def test_what_starts_often_loads_only_what_it_needs(module: str, unneeded: tuple[str, ...]) -> None:
+    assert _loaded_by(f"import {module}", unneeded) == []
+
+
 def test_the_api_lists_engines_functions_and_assets_without_heavy_libraries(tmp_path: Path) -> None:
     program = (
         "import sys\n"
@@ -105,5 +117,5 @@ def _imports(file: Path) -> set[str]:
     """First parts of all that a module imports, wherever in it; a dot for what stands beside it."""
     nodes = list(ast.walk(ast.parse(file.read_text("utf-8"))))
     plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    found = plain | {"." * node.level or node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-    return {name.partition(".")[0] or name for name in found}
+    imports = plain | {"." * node.level or node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    return {name.partition(".")[0] or name for name in imports}

@@ -29,7 +29,9 @@ def private_names(source: str) -> Iterator[str]:
                 yield ast.unparse(called)
             case ast.Call(func=ast.Attribute(attr=attribute), args=arguments) if attribute in REPLACING:
                 texts = [
-                    one.value for one in arguments[:2] if isinstance(one, ast.Constant) and isinstance(one.value, str)
+                    argument.value
+                    for argument in arguments[:2]
+                    if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
                 ]
                 yield from (text for text in texts if _is_private(text))
 
@@ -50,5 +52,5 @@ def test_a_private_name_is_found(source: str, name: str) -> None:
 
 
 def test_no_test_knows_private_names() -> None:
-    found = {str(path.relative_to(TESTS)): list(private_names(path.read_text())) for path in TESTS.rglob("*.py")}
-    assert {path: names for path, names in found.items() if names} == {}
+    uses = {str(path.relative_to(TESTS)): list(private_names(path.read_text())) for path in TESTS.rglob("*.py")}
+    assert {path: names for path, names in uses.items() if names} == {}

@@ -40,12 +40,12 @@ def job_of(scaled: dict[str, Any]) -> dict[str, Any]:
 
 def pods(objects: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """The pod of each workload."""
-    found = {}
+    kinds = {}
     for entry in objects:
         spec = job_of(entry)["spec"] if entry["kind"] == "ScaledJob" else entry.get("spec", {})
         if "template" in spec:
-            found[entry["metadata"]["name"]] = spec["template"]["spec"]
-    return found
+            kinds[entry["metadata"]["name"]] = spec["template"]["spec"]
+    return kinds
 
 
 @pytest.mark.parametrize("version", VERSIONS)

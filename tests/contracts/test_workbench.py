@@ -161,6 +161,17 @@ def test_the_same_answers_can_be_awaited(place: str, drawn: DrawnRuns) -> None:
         np.testing.assert_array_equal(array, other)
 
 
+def test_everything_about_a_run_can_be_awaited(place: str, drawn: DrawnRuns) -> None:
+    async def ask() -> list[object]:
+        async with await valerie.connect_async(place) as workbench:
+            run = await (await workbench.run(drawn.finished)).wait(progress=True)
+            return list(await asyncio.gather(run.findings(), run.summary(), run.verdicts(), run.report()))
+
+    with valerie.connect(place) as workbench:
+        run = workbench.run(drawn.finished)
+        assert asyncio.run(ask()) == [run.findings(), run.summary(), run.verdicts(), run.report()]
+
+
 def test_a_folder_without_a_server_starts_nothing_and_waits_for_nothing(drawn: DrawnRuns, tmp_path: Path) -> None:
     with valerie.connect(drawn.folder) as workbench:
         with pytest.raises(ServerUnavailableError, match=r"valerie up --data-dir"):

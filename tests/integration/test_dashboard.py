@@ -18,8 +18,8 @@ from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.measures import Source, measures_from
 from valerie.perception.documents.cards import card_rows
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import registry
-from valerie.testing.onnx_function import small_onnx
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -256,10 +256,23 @@ def test_a_selection_is_saved_exported_refined_and_compared(page: Page) -> None:
         page.click("text=↓ COCO")
     assert is_zipfile(frames.value.path())
     page.keyboard.press("Escape")
+    page.wait_for_selector("#beside option:text-is('far')", state="attached")
+    page.fill("#where", "distance_m < 20")
+    page.keyboard.press("Enter")
+    page.select_option("#beside", label="far")
+    page.wait_for_selector("tr.rest:has-text('far')")
+    page.wait_for_function("() => location.hash.includes('beside=distance_m+%3E+25')")
+    page.fill("#where", "distance_m > 25")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".select strong:has-text(' of ')")
     for button in ("Refine here", "More like these"):
         page.click(f"button:text-is('{button}')")
-        page.wait_for_selector("dialog pre:has-text('parent_run')")
-        page.keyboard.press("Escape")
+        page.wait_for_selector(f"h1:text-is('{button}')")
+        page.wait_for_selector(".facts.plan dd:text-is('64')")
+        assert "parent_run" in page.input_value("#spec")
+        assert page.locator("button:has-text('Submit run')").is_enabled()
+        page.go_back()
+        page.wait_for_selector("tr.selection")
     page.click("text=Train on this")
     page.wait_for_selector("dialog code:has-text(\"--where 'distance_m > 25'\")")
     page.keyboard.press("Escape")

@@ -59,9 +59,9 @@ class Command:
     def running(self) -> running.Running:
         """The note of the running system, once it is there."""
         assert _until(lambda: self.process.poll() is not None or running.find(self.data_dir) is not None)
-        found = running.find(self.data_dir)
-        assert found is not None, self.output()
-        return found
+        state = running.find(self.data_dir)
+        assert state is not None, self.output()
+        return state
 
     def workers(self) -> list[dict[str, Any]]:
         """The workers that the API knows, once there is one per stage."""
@@ -107,7 +107,7 @@ def _logs(data_dir: Path) -> str:
 
 
 def _all_gone(processes: Sequence[psutil.Process]) -> bool:
-    return not [one for one in processes if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
+    return not [process for process in processes if process.is_running() and process.status() != psutil.STATUS_ZOMBIE]
 
 
 def _nothing_stays(command: Command, signum: signal.Signals) -> None:

@@ -15,7 +15,7 @@ import pytest
 from tests.acceptance.system import System
 from tests.world.boxes import spec, write_box_street
 from valerie.perception.running.label_png import encode_png
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
@@ -51,8 +51,8 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
         (reference,) = re.findall(r"small\.onnx is registered as (small@[0-9a-f]{12});", submitted.stderr)
         run = submitted.stdout.strip()
         assert system.wait(run) == "completed"
-        made = system.objects().keys() - before.keys()
-        assert {key.split("/")[1] for key in made} == {"prediction"}, "a run that adds a function only infers"
+        new_objects = system.objects().keys() - before.keys()
+        assert {key.split("/")[1] for key in new_objects} == {"prediction"}, "a run that adds a function only infers"
         assert {row["function"] for row in system.rows(run)} == {reference}
 
         assert command(system, "function", "import", "--document", str(document)).returncode == 0

@@ -12,10 +12,10 @@ from valerie.db.engine import reading
 from valerie.db.migrate import migrate
 from valerie.errors import NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.functions import registry
 from valerie.settings import load_settings
-from valerie.testing.onnx_function import small_onnx
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -41,10 +41,10 @@ def test_versions_are_numbered_once_each_when_several_register_at_the_same_time(
     with ThreadPoolExecutor(4) as pool:
         new = list(pool.map(register, documents))
     with reading(context.engine) as connection:
-        found = registry.listed(connection)
-    assert [one.version for one in found] == [4, 3, 2, 1]
+        versions = registry.listed(connection)
+    assert [version.version for version in versions] == [4, 3, 2, 1]
     assert sum(new) == 4
-    assert {one.digest for one in found} == {one.digest for one in documents}
+    assert {version.digest for version in versions} == {one.digest for one in documents}
 
 
 def test_what_is_removed_is_gone(context: Context, tmp_path: Path) -> None:

@@ -52,15 +52,15 @@ def finishing(
 def test_one_process_at_a_time_finishes_a_run(finishing: tuple[Pipeline, str]) -> None:
     pipeline, run = finishing
     rival = replace(pipeline.context, owner="rival")
-    written: list[str] = []
+    documents: list[str] = []
 
     def write(*_: object) -> None:
-        written.append("first")
+        documents.append("first")
         # The control loop has sent its message again meanwhile.
-        assert not finish_run(rival, run, write=lambda *_: written.append("second"))
+        assert not finish_run(rival, run, write=lambda *_: documents.append("second"))
 
     assert finish_run(pipeline.context, run, write=write)
-    assert (written, pipeline.state(run)) == (["first"], RunState.COMPLETED)
+    assert (documents, pipeline.state(run)) == (["first"], RunState.COMPLETED)
     assert not finish_run(rival, run)
     with reading(pipeline.context.engine) as connection:
         assert connection.scalars(select(Lease.name).where(Lease.name.like("finish.%"))).all() == []

@@ -44,8 +44,9 @@ def test_a_wheel_runs_the_shipped_example_away_from_the_sources(tmp_path: Path) 
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"))
     away, command = tmp_path / "away", bare / "bin" / "valerie"
     away.mkdir()
-    where = run(bare / "bin" / "python", "-c", "import valerie; print(valerie.__file__)", cwd=away)
-    assert where.startswith(str(bare))
+    where = Path(run(bare / "bin" / "python", "-c", "import valerie; print(valerie.__file__)", cwd=away).strip())
+    assert where.is_relative_to(bare)
+    assert (where.parent / "py.typed").exists()
     run(command, "new", "my.yaml", cwd=away)
     spec = away / "my.yaml"
     smaller = spec.read_text("utf-8").replace("width: 960, height: 540", "width: 240, height: 136")

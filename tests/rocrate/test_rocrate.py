@@ -35,9 +35,9 @@ def issues(folder: Path) -> list[tuple[str, str]]:
 
 
 def test_evidence_meets_every_requirement_and_all_but_three_recommendations(evidence: Path) -> None:
-    found = issues(evidence)
-    assert {severity for severity, _ in found} == {"RECOMMENDED"}
-    assert {identifier for _, identifier in found} == OPEN
+    problems = issues(evidence)
+    assert {severity for severity, _ in problems} == {"RECOMMENDED"}
+    assert {identifier for _, identifier in problems} == OPEN
 
 
 def test_the_validator_sees_a_damaged_description(evidence: Path) -> None:

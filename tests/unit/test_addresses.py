@@ -34,8 +34,8 @@ def test_no_address_is_allowed_by_default(names) -> None:
 
 def test_a_host_is_allowed_by_name_and_port(names) -> None:
     names["models.example"] = ["10.0.0.7"]
-    found = target("https://Models.example:8443/a", "models.example:8443")
-    assert found == ("models.example", 8443, "/a", "10.0.0.7", True)
+    address = target("https://Models.example:8443/a", "models.example:8443")
+    assert address == ("models.example", 8443, "/a", "10.0.0.7", True)
 
 
 @pytest.mark.parametrize("entry", ["127.0.0.0/8", "127.0.0.0/8:8000", "127.0.0.1:8000", "0.0.0.0/0"])

@@ -33,19 +33,19 @@ def _problem(status: int, **members: object) -> Client:
 
 
 def test_a_spec_is_posted_as_it_was_written_with_its_idempotency_key() -> None:
-    seen: list[httpx.Request] = []
+    requests: list[httpx.Request] = []
 
     def answer(request: httpx.Request) -> httpx.Response:
-        seen.append(request)
+        requests.append(request)
         return httpx.Response(202, json=RUN)
 
     run = _client(answer).submit(b"name: first\n", idempotency_key="k1", priority=Priority.HIGH)
     assert (run.id, run.variant_count) == ("r1", 12)
-    assert (seen[0].method, seen[0].url.path) == ("POST", "/v1/runs")
-    assert dict(seen[0].url.params) == {"priority": "high"}
-    assert seen[0].content == b"name: first\n"
-    assert seen[0].headers["idempotency-key"] == "k1"
-    assert seen[0].headers["content-type"] == "application/yaml"
+    assert (requests[0].method, requests[0].url.path) == ("POST", "/v1/runs")
+    assert dict(requests[0].url.params) == {"priority": "high"}
+    assert requests[0].content == b"name: first\n"
+    assert requests[0].headers["idempotency-key"] == "k1"
+    assert requests[0].headers["content-type"] == "application/yaml"
 
 
 def test_the_token_goes_with_every_request() -> None:

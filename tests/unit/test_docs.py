@@ -1,4 +1,4 @@
-"""What the documents say is so: links lead somewhere, settings, commands and targets exist, examples can be used."""
+"""Statements of the documents: links resolve, settings, commands and targets exist, examples work."""
 
 from __future__ import annotations
 
@@ -76,10 +76,10 @@ def test_relative_links_lead_to_files_and_headings(document: Path) -> None:
         if re.match(r"[a-z]+:", target):
             continue
         path, _, fragment = unquote(target).partition("#")
-        found = document.parent / path if path else document
-        assert found.exists(), f"{target} leads nowhere"
+        linked = document.parent / path if path else document
+        assert linked.exists(), f"{target} leads nowhere"
         if fragment:
-            headings = re.findall(r"^#+ (.+)$", found.read_text("utf-8"), re.MULTILINE)
+            headings = re.findall(r"^#+ (.+)$", linked.read_text("utf-8"), re.MULTILINE)
             assert fragment in {anchor(heading) for heading in headings}, f"{target} has no such heading"
 
 
@@ -156,8 +156,7 @@ def test_no_box_of_the_picture_leaves_the_box_around_it() -> None:
 def test_the_import_contract_places_every_package_of_the_tree() -> None:
     placed = {name for row in layers() for name in row}
     packages = {path.removesuffix("/").removesuffix(".py") for path in _members("valerie")}
-    assert packages - placed == {"testing"}, "of the packages, only the tests' own has no layer"
-    assert placed - packages == {"services"}
+    assert placed - {"services"} == packages
 
 
 def test_the_table_of_settings_is_complete() -> None:
@@ -166,12 +165,12 @@ def test_the_table_of_settings_is_complete() -> None:
 
 
 def test_the_table_of_settings_has_the_defaults() -> None:
-    given = dict(re.findall(r"^\| `VALERIE_([A-Z0-9_]+)` \| `?([^|`]+?)`? \|", OPERATIONS, re.MULTILINE))
+    table = dict(re.findall(r"^\| `VALERIE_([A-Z0-9_]+)` \| `?([^|`]+?)`? \|", OPERATIONS, re.MULTILINE))
     for name, field in Settings.model_fields.items():
         default = field.default
         if isinstance(default, bool) or default in (None, "", Path()):
             continue  # told in words
-        assert given[name.upper()].replace(",", "") == re.sub(r"\.0$", "", str(default)).replace(",", ""), name
+        assert table[name.upper()].replace(",", "") == re.sub(r"\.0$", "", str(default)).replace(",", ""), name
 
 
 def test_the_table_of_exit_codes_is_complete() -> None:
@@ -182,12 +181,12 @@ def test_the_table_of_exit_codes_is_complete() -> None:
 
 def commands() -> dict[tuple[str, ...], Any]:
     """Every command and subcommand by its words."""
-    found: dict[tuple[str, ...], Any] = {}
+    command_names: dict[tuple[str, ...], Any] = {}
     group: Any = typer.main.get_command(app)
     for name, command in group.commands.items():
-        found[name,] = command
-        found |= {(name, inner): command for inner, command in getattr(command, "commands", {}).items()}
-    return found
+        command_names[name,] = command
+        command_names |= {(name, inner): command for inner, command in getattr(command, "commands", {}).items()}
+    return command_names
 
 
 @EVERY
@@ -244,10 +243,12 @@ _FUNCTION = "# my.yaml"
 
 
 def test_the_readmes_document_of_a_function_is_one() -> None:
-    found = [one for one in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if one.startswith(_FUNCTION)]
+    functions = [
+        block for block in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if block.startswith(_FUNCTION)
+    ]
     payload = {"sha256": "0" * 64, "bytes": 1, "format": "onnx"}
-    documents = [parse_function(one, kind="onnx", payload=payload) for one in found]
-    assert [one.output.reached for one in documents] == [("person", "car")]
+    documents = [parse_function(one, kind="onnx", payload=payload) for one in functions]
+    assert [document.output.reached for document in documents] == [("person", "car")]
 
 
 def specs() -> Iterator[Any]:
@@ -297,7 +298,7 @@ def test_the_example_of_a_manifest_is_one() -> None:
 
 
 def test_the_errors_of_specs_read_as_they_are_shown() -> None:
-    given = [
+    arguments = [
         "vary: {person-1.posx: {choice: [1]}}",
         "vary: {person-1.pos.x: {homogeneous: {from: 0, to: 5, step: 1e-7}}}",
         "vary: {person-1.pos.x: {homogeneous: {from: 0 deg, to: 5, step: 1}}}",
@@ -305,7 +306,7 @@ def test_the_errors_of_specs_read_as_they_are_shown() -> None:
     ]
     (shown,) = blocks((ROOT / "docs" / "spec.md").read_text("utf-8"), "text")
     manifest, _ = asset_manifest("urban-street")
-    for text, expected in zip(given, shown.splitlines(), strict=True):
+    for text, expected in zip(arguments, shown.splitlines(), strict=True):
         with pytest.raises(Exception, match=r".") as caught:
             resolve(parse({"name": "part", "asset": "urban-street", **load_document(text)}), manifest)
         assert str(caught.value) == expected
@@ -313,9 +314,9 @@ def test_the_errors_of_specs_read_as_they_are_shown() -> None:
 
 def python_example(name: str) -> Any:
     """A class of docs/extending.md."""
-    found: dict[str, Any] = {}
-    exec(next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block), found)
-    return found[name]
+    settings: dict[str, Any] = {}
+    exec(next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block), settings)
+    return settings[name]
 
 
 class TestTheExampleOfAFunction(PerceptionContract):

@@ -1,4 +1,4 @@
-"""What docs/experiment keeps: the comparison of engines follows from the kept rows of both."""
+"""docs/experiment: the comparison of engines follows from the kept rows of both."""
 
 from __future__ import annotations
 

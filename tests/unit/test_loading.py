@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from typing import Any
 
 import pytest
@@ -75,6 +76,27 @@ def test_ten_megabytes_are_refused_by_their_size_alone() -> None:
 def test_an_error_names_its_line() -> None:
     with pytest.raises(InvalidInput, match="line 4"):
         load_document("name: a\nvary:\n  - [1, 2\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a:\n\tb: 1\n", "spaces indent, not tabs (line 2, column 1)"),
+        ("a: @b\n", "text that begins with '@' is quoted (line 1, column 4)"),
+        ("name:t\nb: 1\n", "no colon is expected here: a key ends with a colon and a space"),
+        ("name: a: b\n", "text with ': ' is quoted (line 1, column 8)"),
+        ("a: 1\n b: 2\n", "text with ': ' is quoted (line 2, column 3)"),
+        ("a:\n  b: 1\n   c: 2\n", "(line 3, column 5)"),
+        ("a: {b: 1}\n  c: 2\n", "this does not fit the lines above: entries of one mapping begin in the same column"),
+        ("name: 'it's'\n", "this does not fit the lines above"),
+        ("a: {b: 1\nc: 2\n", "the bracket of line 1 is not closed (line 2, column 2)"),
+        ("a: [1, 2\n", "the bracket of line 1 is not closed"),
+        ("a: [1, 2}\n", "the bracket of line 1 is not closed"),
+    ],
+)  # fmt: skip
+def test_an_error_of_notation_says_what_is_probably_wrong(text: str, expected: str) -> None:
+    with pytest.raises(InvalidInput, match=f"^not YAML or JSON: .*{re.escape(expected)}"):
+        load_document(text)
 
 
 def test_an_error_names_its_field() -> None:

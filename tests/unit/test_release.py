@@ -1,4 +1,4 @@
-"""What release 0.1.0 stored and sent, read with today's code; `tests.fixtures.write_release` wrote it."""
+"""Rows, documents and messages of release 0.1.0, read with today's code; `tests.fixtures.write_release` wrote it."""
 
 from __future__ import annotations
 
@@ -95,16 +95,16 @@ def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path
     """Columns and tables of later releases are not compared."""
     copy = open_database(f"sqlite:///{tmp_path / 'copy.sqlite3'}")
     migrate(copy)
-    written = {}
+    documents = {}
     with reading(engine) as source, writing(copy) as target:
         for table in Base.metadata.sorted_tables:
             if stored := [dict(row) for row in source.execute(select(table)).mappings()]:
                 target.execute(insert(table), stored)
             rows = target.execute(text(f'SELECT * FROM "{table.name}"')).mappings()
-            written[table.name] = [readable(dict(row)) for row in rows]
+            documents[table.name] = [readable(dict(row)) for row in rows]
     copy.dispose()
     for name, rows in read("rows").items():
-        pairs = list(zip(rows, written[name], strict=True))
+        pairs = list(zip(rows, documents[name], strict=True))
         assert [{column: now[column] for column in then} for then, now in pairs] == [
             readable(then) for then, _ in pairs
         ]
@@ -112,15 +112,15 @@ def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path
 
 def readable(row: dict[str, Any]) -> dict[str, Any]:
     """A row with its documents as values: their order and spaces may differ."""
-    found: dict[str, Any] = {}
+    documents: dict[str, Any] = {}
     for name, value in row.items():
         if isinstance(value, bytes):
-            found[name] = {"base64": base64.b64encode(value).decode()}
+            documents[name] = {"base64": base64.b64encode(value).decode()}
         elif isinstance(value, str) and value.startswith(("{", "[")):
-            found[name] = json.loads(value)
+            documents[name] = json.loads(value)
         else:
-            found[name] = value
-    return found
+            documents[name] = value
+    return documents
 
 
 def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:

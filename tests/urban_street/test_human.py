@@ -167,9 +167,9 @@ def test_seen_from_all_around_closed_surfaces_show_their_outside(character: Figu
         across, up = np.meshgrid(np.arange(-0.6, 0.6, 0.01), np.arange(0.005, 1.9, 0.01))
         origins = (across[..., None] * right + up[..., None] * [0.0, 0.0, 1.0] - 5.0 * view).reshape(-1, 3)
         hit = RayMeshIntersector(body).intersects_first(origins, np.broadcast_to(view, origins.shape))
-        seen = hit[hit >= 0]
-        seen = seen[single[seen]]
-        backs = body.face_normals[seen] @ view > 1e-3  # of a face that is not seen from its edge
+        visible = hit[hit >= 0]
+        visible = visible[single[visible]]
+        backs = body.face_normals[visible] @ view > 1e-3  # of a face that is not seen from its edge
         assert backs.mean() < INSIDES
 
 

@@ -22,7 +22,7 @@ def test_night_is_a_picture_for_the_default_camera_and_black_for_a_fixed_exposur
 ) -> None:
     night = raster.background(apply({"scene.sun-1.elevation": elevation}, asset), View("camera-1", 240, 135)).pixels
     assert picture_levels(develop(night, SensorSetting()))["picture_mean"] < BLACK
-    seen = picture_levels(develop(night, METERING))
-    assert seen["picture_mean"] > BLACK
-    assert seen["picture_deviation"] > CONSTANT
-    assert np.isfinite(list(seen.values())).all()
+    levels = picture_levels(develop(night, METERING))
+    assert levels["picture_mean"] > BLACK
+    assert levels["picture_deviation"] > CONSTANT
+    assert np.isfinite(list(levels.values())).all()

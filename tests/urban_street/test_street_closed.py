@@ -78,9 +78,9 @@ class Street:
         lines = self.layout.lines
         low = [lines.left_front, lines.row_start + 1.0, 0.25]
         places = rng.uniform(low, [lines.right_front, lines.row_stop - 1.0, 3.0], (count, 3))
-        taken = shapely.union_all([shapely.Polygon(f.polygon) for f in self.layout.footprints]).buffer(0.25)
-        shapely.prepare(taken)
-        return places[~shapely.contains_xy(taken, places[:, 0], places[:, 1])]
+        occupied = shapely.union_all([shapely.Polygon(f.polygon) for f in self.layout.footprints]).buffer(0.25)
+        shapely.prepare(occupied)
+        return places[~shapely.contains_xy(occupied, places[:, 0], places[:, 1])]
 
     def ground_edges(self, count: int, rng: np.random.Generator) -> Floats:
         """Return places on edges of the ground's triangles, (count, 3)."""
@@ -121,9 +121,9 @@ class Street:
 
     def gaps(self, hit: NDArray[np.intp], starts: Floats, directions: Floats) -> NDArray[np.bool_]:
         """Return (N,) bool, True for rays of `drawn` that see the outskirts where the street or a house covers them."""
-        found = (hit >= 0) & np.array([path == OUTSKIRTS for path, _ in self.names])[self.owners[hit]]
-        found[found] = self.covered(self.meets(hit[found], starts[found], directions[found]))
-        return found
+        leaks = (hit >= 0) & np.array([path == OUTSKIRTS for path, _ in self.names])[self.owners[hit]]
+        leaks[leaks] = self.covered(self.meets(hit[leaks], starts[leaks], directions[leaks]))
+        return leaks
 
     def covered(self, places: Floats) -> NDArray[np.bool_]:
         """Return (N,) bool, True for places below the street, its side streets or its houses."""
@@ -153,8 +153,8 @@ def assert_closed(street: Street, rays: int, seed: int) -> None:
 
     anywhere = street.first(origins[aimed:], directions[aimed:])
     undersides = anywhere[~street.facing(anywhere, directions[aimed:])]
-    found = Counter(street.names[owner] for owner in street.owners[undersides])
-    assert not [name for name in found if name[0].startswith(GROUND)], found.most_common(20)
+    counts = Counter(street.names[owner] for owner in street.owners[undersides])
+    assert not [name for name in counts if name[0].startswith(GROUND)], counts.most_common(20)
 
     hit, starts = street.drawn(origins, directions)
     # What a ray reaches before it is 60 m away on the ground is part of the street.
@@ -196,8 +196,8 @@ def test_no_pixel_of_the_truth_shows_the_ground_below_the_street(asset: SceneAss
         transform = camera_transform(place, float(rng.uniform(-40.0, 40.0)), float(rng.uniform(-10.0, 0.0)), 0.0)
         camera = Camera("scene.camera-1", transform, 35.0)
         truth = truth_pass.truth(replace(scene, cameras={"camera-1": camera}), view)
-        seen = np.isfinite(truth.depth)
-        points = camera.position + pixel_rays(camera, view)[seen] * truth.depth[seen][:, None]
+        visible = np.isfinite(truth.depth)
+        points = camera.position + pixel_rays(camera, view)[visible] * truth.depth[visible][:, None]
         low, high = (-12.0, -33.0, -0.08), (17.0, 138.0, -0.0575)
         pixels += int(((points > low) & (points < high)).all(axis=1).sum())
     assert pixels == 0

@@ -68,21 +68,21 @@ class DrawingMaker:
 def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) -> NDArray[np.uint8]:
     """Return the prediction of a function of middling quality: worse far away, with crumbled edges and a few false persons."""
     generator = np.random.default_rng(seed)
-    seen = to_train_ids(truth.class_map).copy()
-    chance = generator.random(seen.shape)
-    mask = seen == PERSON.train_id
+    labels = to_train_ids(truth.class_map).copy()
+    chance = generator.random(labels.shape)
+    mask = labels == PERSON.train_id
     rows = np.flatnonzero(mask.any(axis=1))
     quality = np.clip(1.25 - distance_m / (38.0 + 12.0 * function) + generator.normal(0.0, 0.1), 0.0, 1.0)
     missed = mask & (chance > quality)
     if rows.size and generator.random() < 0.5:  # legs are lost first
-        missed |= mask & (np.arange(seen.shape[0])[:, None] > rows[0] + (rows[-1] - rows[0]) * quality)
-    seen[missed] = 2
+        missed |= mask & (np.arange(labels.shape[0])[:, None] > rows[0] + (rows[-1] - rows[0]) * quality)
+    labels[missed] = 2
     if generator.random() < 0.4 and rows.size:
-        column = int(generator.integers(4, seen.shape[1] - 12))
+        column = int(generator.integers(4, labels.shape[1] - 12))
         height = max(len(rows) // 2, 3)
-        seen[rows[0] : rows[0] + height, column : column + max(height // 3, 2)] = PERSON.train_id
-    seen[chance < 0.002] = VOID
-    return seen
+        labels[rows[0] : rows[0] + height, column : column + max(height // 3, 2)] = PERSON.train_id
+    labels[chance < 0.002] = VOID
+    return labels
 
 
 def _seen_persons(street: Street, truth: GroundTruth) -> list[SeenPerson]:

@@ -89,8 +89,8 @@ class Street:
         hidden = self._occluders()
         changed = np.zeros(pixels.shape[:2], np.bool_)
         for person in self.persons():
-            seen = person.mask & ~hidden
-            changed |= seen
+            visible = person.mask & ~hidden
+            changed |= visible
             rows = np.flatnonzero(person.mask.any(axis=1))
             if rows.size:
                 share = (self._rows - rows[0]) / max(rows[-1] - rows[0], 1)
@@ -99,7 +99,7 @@ class Street:
                     (0.16, 0.55, _SHIRTS[person.character]),
                     (0.55, 2.0, _TROUSERS),
                 ):
-                    pixels[seen & (share >= low) & (share < high)] = color
+                    pixels[visible & (share >= low) & (share < high)] = color
         rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
         if not rows.size:
             return Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
@@ -114,8 +114,8 @@ class Street:
         depth = np.where(classes == SKY, np.inf, 30.0).astype(np.float32)
         persons = self.persons()
         for person in sorted(persons, key=lambda one: -one.depth_m):
-            seen = person.mask & ~hidden
-            classes[seen], instances[seen], depth[seen] = (
+            visible = person.mask & ~hidden
+            classes[visible], instances[visible], depth[visible] = (
                 PERSON.id,
                 instance_id(PERSON, person.number),
                 person.depth_m,
@@ -129,7 +129,7 @@ class Street:
 
     def persons(self) -> list[Person]:
         """All that are present, whether the image shows them or not."""
-        found = []
+        hits = []
         for number in (1, 2):
             path = f"scene.person-{number}"
             character = self._values[f"{path}.character"]
@@ -138,8 +138,8 @@ class Street:
             x, y = self._values[f"{path}.pos.x"], self._values[f"{path}.pos.y"]
             mask, padded = self._body(x, y)
             depth = self._eye.project(x, y, 0.0)[2]
-            found.append(Person(number, character, self._eye.distance(x, y), depth, mask, padded))
-        return found
+            hits.append(Person(number, character, self._eye.distance(x, y), depth, mask, padded))
+        return hits
 
     def _body(self, x: float, y: float) -> tuple[NDArray[np.bool_], int]:
         column, feet, _ = self._eye.project(x, y, 0.0)

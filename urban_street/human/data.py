@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,9 +155,24 @@ def _base_mesh(folder: Path) -> BaseMesh:
     )
 
 
+class _Joint(TypedDict, total=False):
+    """A joint in the rig's file: a named cube of the base mesh, one vertex, or several."""
+
+    strategy: str
+    cube_name: str
+    vertex_index: int
+    vertex_indices: list[int]
+
+
+class _Bone(TypedDict):
+    parent: str
+    head: _Joint
+    tail: _Joint
+
+
 @lru_cache(maxsize=1)
 def _rig(folder: Path) -> Rig:
-    bones: dict[str, dict[str, Any]] = json.loads((folder / "rigs" / "standard" / "rig.game_engine.json").read_bytes())
+    bones: dict[str, _Bone] = json.loads((folder / "rigs" / "standard" / "rig.game_engine.json").read_bytes())
     rows: dict[str, list[tuple[int, float]]] = json.loads(
         (folder / "rigs" / "standard" / "weights.game_engine.json").read_bytes()
     )["weights"]
@@ -183,8 +198,8 @@ def _rig(folder: Path) -> Rig:
     )
 
 
-def _joint_vertices(mesh: BaseMesh, place: dict[str, Any]) -> NDArray[np.int64]:
-    """Return the vertices whose mean is the joint: a named cube of the base mesh, one vertex, or a list of vertices."""
+def _joint_vertices(mesh: BaseMesh, place: _Joint) -> NDArray[np.int64]:
+    """Return the vertices whose mean is the joint."""
     strategy = place["strategy"]
     if strategy == "CUBE":
         return np.unique(mesh.groups[place["cube_name"]].quads)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
 import typer
 
-from valerie.cli.shell import Exit, Json, say
+from valerie.cli.shell import AsJson, Exit, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -33,7 +33,7 @@ Argument = Annotated[
 
 
 @app.command("list")
-def list_(as_json: Json = False) -> None:
+def list_(as_json: AsJson = False) -> None:
     """List the assets that a spec can name."""
     from valerie.scene.assets.asset import asset_manifest, asset_names
 
@@ -58,7 +58,7 @@ def show(
         bool, typer.Option("--declared", help="List only the parameters that specs may vary; reads no meshes.")
     ] = False,
     arguments: Argument = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """List every path of an asset with type, unit, range and current value."""
     from valerie.scene.assets.asset import asset_manifest
@@ -101,7 +101,7 @@ def show(
 
 
 @app.command()
-def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> None:
+def check(asset: Asset, arguments: Argument = None, as_json: AsJson = False) -> None:
     """Read a whole asset, and report its contents, errors and warnings.
 
     Exits with 2 if a run with the asset would be refused or fail.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.shell import DataDir, Json, RunId, write_output
+from valerie.cli.shell import AsJson, DataDir, RunId, write_output
 from valerie.errors import InvalidInput
 from valerie.local.spec_files import read_spec
 from valerie.local.terminal import console
@@ -30,7 +30,7 @@ def claims(
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Also write the ledger: FILE.csv, .parquet, .json or .md."),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Annotated[
         str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
     ] = None,

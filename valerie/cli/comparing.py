@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
     for comparison in beside.functions:
         rank = "" if comparison.rank_correlation is None else f", rank correlation {comparison.rank_correlation:.3f}"
         table = Table(
-            box=None, pad_edge=False, header_style="dim", title=f"{comparison.function}{rank}", title_justify="left"
+            box=None, pad_edge=False, header_style="dim", title=f"{comparison.title}{rank}", title_justify="left"
         )
         table.add_column("persons")
         for name in ("pairs", "pACC here, %", "there, %", "difference, points"):
@@ -56,3 +57,12 @@ def renderables(beside: Beside) -> list[RenderableType]:
         parts.append(Text(f"  {conclusion.agreement}: {conclusion.text}"))
         parts.append(Text(f"    here: {conclusion.here.finding}; there: {conclusion.there.finding}", "dim"))
     return parts
+
+
+def contents(beside: Beside, suffix: str) -> bytes:
+    """Return the comparison as a file: ``.json``, or its differences by slice as ``.csv`` or ``.parquet``."""
+    from valerie.analysis.rows.table import encoded
+
+    if suffix == ".json":
+        return json.dumps(beside.to_json(), ensure_ascii=False).encode()
+    return encoded(beside.slices_table(), suffix[1:])

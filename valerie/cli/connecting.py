@@ -51,9 +51,10 @@ def client_of(settings: Settings, url: str | None = None) -> Client:
         explicit = settings.model_fields_set
         if server is None and "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port")):
             # The server at the configured address may belong to another folder.
+            folder = settings.data_dir
+            problem = f"on the data folder {folder}" if folder.exists() else f"on {folder}, which does not exist"
             raise ServerUnavailableError(
-                f"no server runs on the data folder {settings.data_dir}; start one with `{_up(settings)}`, "
-                "or name another with --url"
+                f"no server runs {problem}; start one with `{_up(settings)}`, or name another with --url"
             )
         url = server.url if server is not None else f"http://{settings.api_host}:{settings.api_port}"
     return Client(url, token=_token(settings))

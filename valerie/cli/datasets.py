@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli.frames import Annotations, annotation_names
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import DataDir, Json, say
+from valerie.cli.shell import AsJson, DataDir, say
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of
 
@@ -88,7 +88,7 @@ def export(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to create.")],
     options: ExportOptions,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Write the frames of a run with their labels in Cityscapes layout, as COCO and OpenLABEL, and as a Parquet index.
@@ -151,7 +151,7 @@ class ProgressLines:
         if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()
-        from valerie.analysis.wording import duration
+        from valerie.runs.moments import duration
 
         text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
         if per_s:

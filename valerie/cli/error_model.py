@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, RunId, say, write_output
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, say, write_output
 from valerie.local.deployment import context_of, settings_of
 from valerie.measures import MEASURES
 
@@ -39,7 +39,7 @@ def error_model(
             show_default=f"those of {', '.join(m.name for m in MEASURES if m.is_queried)} that the run has",
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Fit the probability of a miss and quantiles of pACC, given distance, occlusion, size and light.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import DataDir, InferenceThreads, Json, say
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, say
 from valerie.errors import InvalidInput, NotFound
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -71,7 +71,7 @@ def evaluate(
         typer.Option("--beside", metavar="RUN", help="Compare with a run's scores of the same function versions."),
     ] = None,
     threads: InferenceThreads = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Evaluate functions on a data set in Cityscapes layout, with the metrics of runs.

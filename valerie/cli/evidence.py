@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, RunId
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId
 from valerie.local.deployment import context_of, settings_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def export(
         Path | None,
         typer.Option("--key", metavar="FILE", help="Private key to sign with; see `valerie evidence key new`."),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Write spec, results, environment, and the frames that findings and verdicts name, as one folder (RO-Crate 1.2).
@@ -63,7 +63,7 @@ def verify(
     replay: Annotated[
         int, typer.Option("--replay", metavar="N", min=0, help="Also render N frames again, chosen at random.")
     ] = 0,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Check an evidence folder offline; nothing in it is executed.

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.shell import DataDir, RunId, Url, say
-from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name
 
 if TYPE_CHECKING:
     from valerie.client import Client
+    from valerie.local.folder import Folder
 
 frames_app = typer.Typer(no_args_is_help=True, help="Export the frames of a run as pictures.")
 
@@ -45,28 +45,29 @@ def export(
     """Write the picture of every rendered frame of a run as `FRAME.png`, and its annotations as `FRAME_KIND.npz`.
 
     Existing files are kept, so the same command can fetch the remaining ones
-    later.
+    later. Needs no server.
     """
-    from valerie.cli.connecting import client_of
+    from valerie.cli.connecting import source_of
     from valerie.client import ServerProblemError
+    from valerie.errors import Conflict
     from valerie.pipeline.base.deadlines import AWAITING
     from valerie.runs.products.states import ProductState
 
-    with client_of(settings_of(data_dir), url) as client:
-        run = client.run(run_id)
+    with source_of(data_dir, url) as source:
+        run = source.run(run_id)
         kinds = annotation_names(annotations)
         if kinds is None:
-            kinds = client.annotations(run_id)
+            kinds = source.annotations(run_id)
         written, existing, missing = 0, 0, Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
-        for frame in client.frames(run_id):
+        for frame in source.frames(run_id):
             if frame.state != ProductState.DONE:
                 missing["failed" if frame.state == ProductState.FAILED else "not rendered yet"] += 1
                 continue
             try:
-                new = _fetch(client, frame.id, folder, sensor, kinds)
-            except ServerProblemError as error:
-                if error.status != HTTPStatus.CONFLICT:
+                new = _fetch(source, frame.id, folder, sensor, kinds)
+            except (Conflict, ServerProblemError) as error:
+                if isinstance(error, ServerProblemError) and error.status != HTTPStatus.CONFLICT:
                     raise
                 missing[f"without all annotations ({error})"] += 1
                 continue
@@ -87,10 +88,10 @@ def annotation_names(text: str | None) -> tuple[str, ...] | None:
     return () if text == "none" else tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _fetch(client: Client, frame: str, folder: Path, sensor: str | None, kinds: tuple[str, ...]) -> bool:
+def _fetch(source: Client | Folder, frame: str, folder: Path, sensor: str | None, kinds: tuple[str, ...]) -> bool:
     """Write the missing files of a frame; return True if there were any."""
-    files: dict[str, Callable[[], bytes]] = {f"{frame}.png": partial(client.picture, frame, sensor=sensor)}
-    files |= {f"{frame}_{kind}.npz": partial(client.annotation, frame, kind) for kind in kinds}
+    files: dict[str, Callable[[], bytes]] = {f"{frame}.png": partial(source.picture, frame, sensor=sensor)}
+    files |= {f"{frame}_{kind}.npz": partial(source.annotation, frame, kind) for kind in kinds}
     missing = {folder / name: read for name, read in files.items() if not (folder / name).exists()}
     for path, read in missing.items():
         unfinished = path.with_suffix(".part")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valerie.cli.registering import import_file, open_registry, register_file
-from valerie.cli.shell import DataDir, InferenceThreads, Json, Url, say, template, write_output
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, Url, say, template, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import command_name, console
@@ -55,7 +55,7 @@ def import_(
     precision: Annotated[
         str | None, typer.Option("--precision", metavar="PRECISION", help="fp32 (the reference), bf16, fp16, or int8.")
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -132,7 +132,7 @@ def quantize(
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, help="Number of calibration frames.")] = 32,
     threads: InferenceThreads = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Register an int8 version of a function, and compare both on the run's frames.
@@ -164,7 +164,7 @@ def quantize(
 
 
 @app.command("list")
-def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+def list_(as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) -> None:
     """List the functions that a spec may name, every version of registered ones."""
     with open_registry(settings_of(data_dir), url) as registry:
         functions = registry.functions()
@@ -188,7 +188,7 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
 
 
 @app.command()
-def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+def show(reference: Reference, as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the card of a function."""
     with open_registry(settings_of(data_dir), url) as registry:
         function = registry.function(reference)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import DataDir, Exit, Json, RunId, write_output
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -108,7 +108,7 @@ def gate(
     allow_undecided: Annotated[
         bool, typer.Option("--allow-undecided", help="Let undecided requirements pass.")
     ] = False,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Annotated[
         str | None, typer.Option("--url", help="Address of a server.", show_default="read the data folder")
     ] = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json
+from valerie.cli.shell import AsJson, DataDir, Exit
 from valerie.errors import InvalidInput, UnknownName
 from valerie.local.deployment import context_of, create_or_migrate, folder_context, settings_of
 from valerie.local.terminal import console
@@ -89,7 +89,7 @@ def replay(
             metavar="FRAME", help="Id of a frame, as in the API and the dashboard: run.variant.camera.time."
         ),
     ],
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Recompute all products of a frame on this machine, and compare them byte for byte with the stored ones.
@@ -112,7 +112,7 @@ def replay(
 
 def gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be removed.")] = False,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Remove products that no run links to, with their objects, and orphaned objects."""
@@ -139,7 +139,7 @@ def migrate(data_dir: DataDir = None) -> None:
     typer.echo(f"up to date: {make_url(settings.database_url).render_as_string()}")
 
 
-def doctor(as_json: Json = False, data_dir: DataDir = None) -> None:
+def doctor(as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """Diagnose a deployment and say how to fix it. Exits with 5 if anything is wrong."""
     with context_of(data_dir) as context:
         from valerie.broker import Broker
@@ -182,7 +182,7 @@ def restore(folder: Annotated[Path, typer.Argument(help="A folder of `backup`.")
     typer.echo(f"restored {contents.database} and {contents.objects:,} objects of {contents.software}")
 
 
-def audit(as_json: Json = False, data_dir: DataDir = None) -> None:
+def audit(as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """Print the audit log of the API: who asked for which change, when, and the status of the answer.
 
     Nobody can change or delete its rows. With `--json`, each line is one row.
@@ -210,7 +210,7 @@ def copy(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run that has ended.")],
     to: Annotated[Path | None, typer.Option("--to", help="Data folder to copy it to, new or not.")] = None,
     source: Annotated[Path | None, typer.Option("--from", help="Data folder to copy it from.")] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Copy a run with its products, functions and results to a data folder, or from one into this deployment.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.datasets import Where
-from valerie.cli.shell import DataDir, Json, RunId, say
+from valerie.cli.shell import AsJson, DataDir, RunId, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of
 from valerie.local.terminal import console
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Runs = Annotated[list[str], typer.Argument(metavar="RUN...", help="Ids of runs, as `valerie status` lists them.")]
 
 
-def findings(run_ids: Runs, as_json: Json = False, data_dir: DataDir = None) -> None:
+def findings(run_ids: Runs, as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """Show the verdicts, the table and the findings of an ended run, or of several runs combined.
 
     A grid has no confidence interval. Runs of a grid on several sites (`asset: {name: …, seed: 7}`), taken

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import DataDir, EndWithParent, Exit, Json, RunId, Stopped, Url, say
+from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -40,7 +40,7 @@ def run(
         Path | None,
         typer.Option("--claims", metavar="FILE", help="Also test these claims, and include them in the report."),
     ] = None,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     data_dir: DataDir = None,
     end_with_parent: EndWithParent = False,
 ) -> None:
@@ -75,7 +75,7 @@ def run(
             show_ledger(statements, answered.ledger, as_json=json_lines)
             save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            _show_next(system, spec, text, functions=functions, data_dir=data_dir)
+            show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
         raise typer.Exit(code)
 
@@ -111,7 +111,7 @@ def submit(
     priority: Annotated[
         Priority, typer.Option(help="A high run gets four times the work of a normal one, a low one a quarter.")
     ] = Priority.NORMAL,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -138,7 +138,7 @@ def status(
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")
     ] = False,
     tag: Annotated[str | None, typer.Option("--tag", help="Only runs with this tag.")] = None,
-    json_lines: Json = False,
+    json_lines: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -244,44 +244,76 @@ def _comparison(beside: str | None) -> str | Beside | None:
 
 def compare(
     run_id: RunId,
-    other: Annotated[str, typer.Argument(metavar="OTHER", help="A run of the same scenes.")],
+    other: Annotated[
+        str | None, typer.Argument(metavar="[OTHER]", help="A run of the same scenes.", show_default=False)
+    ] = None,
+    functions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--function",
+            metavar="NAME",
+            help="Twice: a function of RUN, and the one of OTHER (or RUN) to compare it with.",
+        ),
+    ] = None,
     claims: Annotated[
-        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims in both runs.")
+        Path | None, typer.Option("--claims", metavar="FILE", help="Also test these claims on both sides.")
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Also write the differences: FILE.csv, .parquet or .json."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Also write FILE.html, the report of RUN with pictures; or the "
+            "differences as FILE.csv, .parquet or .json.",
+        ),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Compare two ended runs on their shared scenes: engines, versions, settings.
+    """Compare two ended runs on their shared scenes, or two functions of one run.
 
     Prints paired differences of pACC by slice, rank correlation, and which
-    conclusions hold in both. `valerie report RUN --beside OTHER` has the pictures.
+    conclusions hold on both sides. The report shows the worst regressions.
     """
-    from valerie.analysis.rows.table import encoded
     from valerie.cli.claims import read_claims
-    from valerie.cli.comparing import renderables
+    from valerie.cli.comparing import contents, renderables
     from valerie.cli.shell import write_output
     from valerie.local.deployment import context_of
-    from valerie.pipeline.reading.reports import compare_runs
+    from valerie.pipeline.reading.reports import compare_runs, report_with
 
-    if output is not None and output.suffix not in (".csv", ".parquet", ".json"):
-        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
+    pair = _function_pair(other, functions or [])
+    formats = (".html", ".csv", ".parquet", ".json")
+    if output is not None and output.suffix not in formats:
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(formats))
+    statements = None if claims is None else read_claims(claims)
     with context_of(data_dir) as context:
-        comparison = compare_runs(context, run_id, other, claims=None if claims is None else read_claims(claims))
-    document = json.dumps(comparison.to_json(), ensure_ascii=False)
-    if output is not None:
-        content = (
-            document.encode() if output.suffix == ".json" else encoded(comparison.slices_table(), output.suffix[1:])
-        )
-        write_output(output, content)
+        comparison = compare_runs(context, run_id, other or run_id, functions=pair, claims=statements)
+        if output is not None and output.suffix == ".html":
+            html = report_with(context, run_id, claims=statements, other=comparison).html
+            write_output(output, html.encode())
+    if output is not None and output.suffix != ".html":
+        write_output(output, contents(comparison, output.suffix))
     if as_json:
-        typer.echo(document)
+        typer.echo(json.dumps(comparison.to_json(), ensure_ascii=False))
         return
     for part in renderables(comparison):
         console().print(part)
+
+
+def _function_pair(other: str | None, functions: list[str]) -> tuple[str, str] | None:
+    """Return the functions to compare; None for all."""
+    if len(functions) == 2:
+        here, there = functions
+        if other is None and here == there:
+            raise InvalidInput("a function is compared with itself", field="--function", value=here)
+        return here, there
+    if functions or other is None:
+        limit = "OTHER, a run of the same scenes; or --function A --function B"
+        raise InvalidInput(
+            "a comparison has two sides", field="--function", value=", ".join(functions) or None, limit=limit
+        )
+    return None
 
 
 def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
@@ -342,7 +374,7 @@ def mark(
     tags: Annotated[list[str] | None, typer.Option("--tag", help="Add a tag; may be repeated.")] = None,
     untag: Annotated[list[str] | None, typer.Option("--untag", help="Remove a tag; may be repeated.")] = None,
     note: Annotated[str | None, typer.Option("--note", help="Replace the note; an empty text removes it.")] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -446,15 +478,15 @@ def _stop_following(system: System, run_id: str, stopped: Stopped, command: str,
         say(f"\nrun {run_id} is cancelled; continue where it stopped with: {command}")
 
 
-def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
+def show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
+    """Print the address of the dashboard, or the command that serves it, and a suggestion for the next run."""
     from rich.table import Table
     from rich.text import Text
 
-    dashboard = f"{system.client.url}/dashboard/"
+    # The server of this command ends with it, and the next one may listen at another port.
+    up = f"{_command_line('up', data_dir=data_dir)}  prints its address"
     table = Table.grid(padding=(0, 1))
-    table.add_row(
-        "Dashboard", Text(f"{_command_line('up', data_dir=data_dir)}  then {dashboard}" if system.owned else dashboard)
-    )
+    table.add_row("Dashboard", Text(up if system.owned else f"{system.client.url}/dashboard/"))
     if str(spec) != "-":
         table.add_row("Try next", Text(next_step(spec, text, functions=functions, data_dir=data_dir)))
     console().print(table)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Opening, functions_named, open_registry, say_missing_files
-from valerie.cli.shell import DataDir, Json, Url, say, write_output, write_template
+from valerie.cli.shell import AsJson, DataDir, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import deployment_or_empty, has_database, migrate_database, settings_of
 from valerie.local.spec_files import read_spec
@@ -54,7 +54,7 @@ def plan(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the spec of the chosen variants.")
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -226,7 +226,7 @@ def _variants(plan: Plan) -> Table:
 def _show_products(plan: Plan) -> None:
     from rich.table import Table
 
-    from valerie.analysis.wording import duration
+    from valerie.runs.moments import duration
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")

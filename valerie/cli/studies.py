@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, RunId, Stopped, Url, say, write_output, write_template
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, Stopped, Url, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.spec_files import read_spec
@@ -43,7 +43,7 @@ def new(
 
 
 @app.command()
-def plan(file: StudyFile, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+def plan(file: StudyFile, as_json: AsJson = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the first batch of a study and its price, without storing anything."""
     from valerie.cli.connecting import client_of
     from valerie.client import NextBatch
@@ -92,7 +92,7 @@ def run(
     until_met: Annotated[
         bool, typer.Option("--until-met", help="With --retrain: repeat as often as `rounds` and the budget allow.")
     ] = False,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Run a study on this machine to its end, and write its report.
@@ -196,7 +196,7 @@ def status(
     study_id: Annotated[
         str | None, typer.Argument(metavar="STUDY", help="Id of a study; without it, the latest studies.")
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -226,7 +226,7 @@ def next_batch(
         Path | None,
         typer.Option("--spec", metavar="FILE", help="Also write the spec of its run, for a run of your own."),
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -329,12 +329,12 @@ def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
 
 
 def _show(study: Study, *, as_json: bool) -> None:
+    from valerie.runs.moments import duration
+
     if as_json:
         typer.echo(study.model_dump_json())
         return
     from rich.table import Table
-
-    from valerie.analysis.wording import duration
 
     out = console()
     out.print(f"{study.name} ({study.id}), {study.goal}: {study.state}" + (f", {study.reason}" if study.reason else ""))

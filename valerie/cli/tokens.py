@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json
+from valerie.cli.shell import AsJson, DataDir
 from valerie.local.deployment import context_of
 
 app = typer.Typer(no_args_is_help=True, help="Manage tokens of the API, each with an owner and a role.")
@@ -43,7 +43,7 @@ def create(
 
 
 @app.command("list")
-def list_tokens(as_json: Json = False, data_dir: DataDir = None) -> None:
+def list_tokens(as_json: AsJson = False, data_dir: DataDir = None) -> None:
     """List all tokens, with those that expired or were revoked; without secrets."""
     from valerie.db import tokens
     from valerie.db.engine import reading

@@ -12,7 +12,7 @@ import typer
 
 from valerie.cli import training_sets
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import DataDir, InferenceThreads, Json, say
+from valerie.cli.shell import AsJson, DataDir, InferenceThreads, say
 from valerie.errors import InvalidInput
 from valerie.local.deployment import context_of, settings_of
 from valerie.local.terminal import command_name, console
@@ -34,7 +34,7 @@ Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU thre
 
 @dataclass(frozen=True, slots=True)
 class WeaknessOptions:
-    """Where a run found a function weak."""
+    """Options that name the run and frames in which a function was weak."""
 
     run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run in which the function was weak.")] = None
     where: Annotated[
@@ -137,7 +137,7 @@ def train(
     training: RetrainOptions,
     processes: Annotated[int, typer.Option("--processes", min=1, help="Render processes.")] = 1,
     threads: Threads = 1,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
@@ -209,7 +209,7 @@ def compare(
         bool, typer.Option("--mixed", help="Allow different numeric classes, to compare precisions or engines.")
     ] = False,
     threads: InferenceThreads = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
     data_dir: DataDir = None,
 ) -> None:
     """Compare versions of a function on a run's frames, side by side; nothing is rendered.

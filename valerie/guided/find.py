@@ -130,7 +130,7 @@ class _Stage(Enum):
 
 @dataclass(slots=True, eq=False)
 class _Descent:
-    """A descent: its best row, and the points of its stage: to be asked for, in work, and told."""
+    """A descent: its best row, and the points of its stage: to be asked for, running, and scored."""
 
     best: int
     stage: _Stage = _Stage.PROBE

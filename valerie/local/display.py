@@ -14,9 +14,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.wording import duration
 from valerie.client import Progress, StageProgress
 from valerie.local.terminal import console
+from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState
 
 #: Stage to the name of its products.
@@ -132,6 +132,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
     table.add_column(max_width=_BAR)  # the only column that shrinks with the terminal
     for _ in range(4):
         table.add_column(justify="right", no_wrap=True)
+    ended = RunState(progress.state).is_final
     for name, unit in STAGES.items():
         stage = progress.stages.get(name)
         if stage is None:
@@ -143,7 +144,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
             Bar(max(stage.total, 1), 0, stage.done, color="green" if complete else "cyan"),
             f"{stage.done:,} / {stage.total:,} {unit}",
             f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
-            "done" if complete else remaining(stage),
+            "done" if complete else "" if ended else remaining(stage),
             failed,
         )
     parts: list[RenderableType] = [head, table]
@@ -163,7 +164,7 @@ def progress_line(title: str, progress: Progress) -> str:
             text += f" {stage.rate_per_s:.1f}/s"
         parts.append(text)
     left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
-    if left:
+    if left and not RunState(progress.state).is_final:
         parts.append(f"about {duration(max(left))} left")
     if progress.reason:
         parts.append(progress.reason)

@@ -1,23 +1,25 @@
-"""The runs and studies of the data folder, for commands that work without a server."""
+"""The runs, frames and studies of the data folder, for commands that work without a server."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Final
 
-from valerie.client import Failure, Progress, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
+from valerie.client import Failure, Frame, Progress, Run, RunSummary, Study, StudyBatch, StudyKnown, StudyOutcomes
 from valerie.runs.products.states import RunState
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from valerie.db.runs import RunRow
     from valerie.db.studies import BatchRow, StudyRow
     from valerie.pipeline.base.context import Context
 
 
+#: Number of frames that are read at once.
+_PAGE: Final = 1000
+
+
 class Folder:
-    """The methods of `valerie.client.Client` about runs and studies, reading from the data folder.
+    """The methods of `valerie.client.Client` about runs, frames and studies, reading from the data folder.
 
     Every method with an id may raise `NotFound`; those about the results of a run raise `Conflict` before it has ended.
     """
@@ -82,6 +84,40 @@ class Folder:
         from valerie.pipeline.base.run_artifacts import REPORT
 
         return self._artifact(run_id, REPORT)
+
+    def annotations(self, run_id: str) -> tuple[str, ...]:
+        """Return the kinds of annotations that the spec of a run requests."""
+        from valerie.pipeline.base.resolved_runs import read_run
+
+        return read_run(self._context, run_id).resolved.spec.annotations
+
+    def frames(self, run_id: str) -> Iterator[Frame]:
+        """Yield the frames of a run, in order."""
+        from valerie.pipeline.reading.frame_details import list_frames
+        from valerie.runs.products.frame_keys import FrameKey
+
+        after: FrameKey | None = None
+        while page := list_frames(self._context, run_id, after=after, limit=_PAGE):
+            yield from (Frame(id=frame.id, state=frame.state) for frame in page)
+            after = FrameKey.parse(page[-1].id)
+
+    def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:
+        """Return the picture of a frame as PNG."""
+        from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+        from valerie.pipeline.reading.painting import png
+        from valerie.runs.products.frame_keys import FrameKey
+
+        source = find_picture(self._context, FrameKey.parse(frame_id), kind="picture", sensor=sensor)
+        return png(paint_picture(self._context, source))
+
+    def annotation(self, frame_id: str, kind: str) -> bytes:
+        """Return an annotation of a frame as a file for ``numpy.load``."""
+        from valerie.pipeline.reading.annotation_files import annotation_arrays, find_annotations, npz
+        from valerie.pipeline.reading.product_reader import ProductReader
+        from valerie.runs.products.frame_keys import FrameKey
+
+        ((name, product),) = find_annotations(self._context, FrameKey.parse(frame_id), [kind]).items()
+        return npz(annotation_arrays(self._context, ProductReader(self._context.store), name, product))
 
     def studies(self, *, limit: int = 20) -> list[Study]:
         """Return studies, newest first."""

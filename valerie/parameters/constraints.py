@@ -354,6 +354,8 @@ def _parse(text: str, names: Mapping[str, Operand], field: str, word: str) -> Tr
     except UnexpectedCharacters as problem:
         place = problem.pos_in_stream or 0
         if name := _NAME.match(text, place):
+            if any(name[0] in operand.choices for operand in names.values()):
+                raise _refused(f"text is quoted: '{name[0]}'", text, place, field) from None
             raise UnknownName(word, name[0], names, field=field, limit=_ALLOWED) from None
         raise _refused(f"{text[place]!r} is not expected here", text, place, field) from None
     except UnexpectedToken as problem:

@@ -75,10 +75,11 @@ def to_unit(value: object, unit: str, *, field: str = "") -> ConvertedNumber:
 
 
 def _factor(source: str, target: str, value: str, field: str) -> Decimal:
-    if source not in UNITS:
-        raise UnknownName("unit", source, (*filter(None, UNITS), *filter(None, (target,))), field=field)
-    source_dimension, source_size = UNITS[source]
     target_dimension, target_size = UNITS.get(target, (target, Decimal(1)))
+    if source not in UNITS:
+        fitting = [unit for unit, (dimension, _) in UNITS.items() if unit and dimension == target_dimension]
+        raise UnknownName("unit", source, fitting or [target], field=field)
+    source_dimension, source_size = UNITS[source]
     if source_dimension != target_dimension:
         raise InvalidInput(f"the unit {source!r} does not fit", field=field, value=value, limit=_form(target))
     return source_size / target_size

@@ -23,7 +23,7 @@ from valerie.rendering.projection import clip_from_view, drawing_matrices, view_
 from valerie.rendering.raster.flow_pass import FlowPass
 from valerie.rendering.raster.gl.bounds import covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
-from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, area_of
 from valerie.rendering.raster.normals_pass import NormalsPass
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
@@ -163,10 +163,10 @@ class TruthPass:
     def _draw_statics(
         self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, extent: Rectangle
     ) -> _StaticLabels:
-        labels, area = _Labels(self._context.gl, view), gl_rectangle(extent, view)
+        labels, area = _Labels(self._context.gl, view), area_of(extent, view)
         self._sky.run(
             labels.target,
-            one_span(area),
+            area.span,
             {},
             {"sky_label": SKY.id, "nothing": float("inf")},
             depth="written",
@@ -186,14 +186,14 @@ class TruthPass:
         """Return the labels of a rectangle, with movables."""
         prepared, view = frame.prepared, frame.view
         work = self._work.get((view.width, view.height), lambda: _Labels(self._context.gl, view))
-        area, statics = gl_rectangle(rectangle, view), frame.statics.labels.target
+        area, statics = area_of(rectangle, view), frame.statics.labels.target
         assert statics.depth is not None
         sources = {
             "from_ids": statics.colors[0],
             "from_axis_depth": statics.colors[1],
             "from_depth": statics.depth,
         }
-        self._copy.run(work.target, one_span(area), sources, {}, depth="written")
+        self._copy.run(work.target, area.span, sources, {}, depth="written")
         work.target.use(area)
         values = drawing_matrices(frame.camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)
@@ -221,7 +221,7 @@ class TruthPass:
             (canvas.width, canvas.height),
             lambda: RenderTarget(self._context.gl, (canvas.width, canvas.height), ((1, "f1"),), depth=False),
         )
-        area = gl_rectangle(rectangle, canvas)
+        area = area_of(rectangle, canvas)
         target.use(area)
         target.clear()
         matrix = clip_from_view(camera, view.width, view.height, pad_x, pad_y) @ view_from_world(camera)
@@ -262,7 +262,7 @@ class _Labels:
 
     def read(self, rectangle: Rectangle, view: View) -> Maps:
         """Read class, instance and depth of a rectangle, first row at the top."""
-        area, shape = gl_rectangle(rectangle, view), (rectangle.height, rectangle.width)
+        area, shape = area_of(rectangle, view), (rectangle.height, rectangle.width)
         read = self.target.framebuffer.read
         ids = np.frombuffer(read(viewport=area, components=2, attachment=0, dtype="u2", alignment=1), np.uint16)
         depth = np.frombuffer(read(viewport=area, components=1, attachment=1, dtype="f4", alignment=1), np.float32)

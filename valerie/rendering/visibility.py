@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import PERSON
-from valerie.rendering.base import GroundTruth, PersonTruth, View, bounds
+from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, View, bounds
 from valerie.rendering.scene_reading import instance_roots
 from valerie.scene.graph.model import Camera, Node, Scene
 
@@ -19,8 +19,6 @@ from valerie.scene.graph.model import Camera, Node, Scene
 ABSENT: Final = "absent"
 OUTSIDE: Final = "outside the image"
 HIDDEN: Final = "fully hidden"
-
-Box = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +40,7 @@ class Visibility:
             positive to the right; None if absent.
         aspect_deg: angle, seen from above, from the direction to the camera to the person's heading, −180 … 180. At 0 the person
             faces the camera, at ±180 it shows its back, at 90 its right side, at −90 its left; None if absent.
-        box, amodal_box: (x, y, width, height) of the visible and of the amodal pixels; None if there are none.
+        box, amodal_box: rectangles around the visible and around the amodal pixels; None if there are none.
         undefined_reason: None if a pixel is visible, else ``absent``, ``outside the image`` or ``fully hidden``.
     """
 
@@ -56,8 +54,8 @@ class Visibility:
     depth_m: float | None = None
     bearing_deg: float | None = None
     aspect_deg: float | None = None
-    box: Box | None = None
-    amodal_box: Box | None = None
+    box: Rectangle | None = None
+    amodal_box: Rectangle | None = None
     undefined_reason: str | None = None
 
 
@@ -136,7 +134,7 @@ def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
         pixel_area_amodal=amodal,
         occlusion_rate=1.0 - area / amodal if amodal else None,
         truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
-        box=None if box.empty else (person.box.x + box.x, person.box.y + box.y, box.width, box.height),
-        amodal_box=None if person.box.empty else (person.box.x, person.box.y, person.box.width, person.box.height),
+        box=None if box.empty else Rectangle(person.box.x + box.x, person.box.y + box.y, box.width, box.height),
+        amodal_box=None if person.box.empty else person.box,
         undefined_reason=reason,
     )

@@ -137,7 +137,7 @@ def _number(written: str, text: str, field: str) -> float:
     try:
         return to_unit(written.strip(), "", field=field).number
     except InvalidInput:
-        raise InvalidInput(f"{written.strip()!r} is no number", field=field, value=text, limit=_FORMS) from None
+        raise InvalidInput(f"{written.strip()!r} is not a number", field=field, value=text, limit=_FORMS) from None
 
 
 def _within(bound: float, text: str, field: str) -> float:

@@ -1,4 +1,4 @@
-"""Are neighbouring places of one site alike?
+"""Test whether neighbouring places of one site score alike.
 
 Differences between places are judged by the scatter of the places, as if each were independent evidence. Places of one
 street often are not: neighbours share houses, shade and background. Then a difference between two rows of places

@@ -46,12 +46,12 @@ class Estimand(StrEnum):
 
     @property
     def population(self) -> str:
-        """What a mean is over, in words."""
+        """Name the population of a mean, in words."""
         return _POPULATIONS[self]
 
     @property
     def population_of_differences(self) -> str:
-        """What a difference with an interval by place is over, in words.
+        """Name the population of a difference with an interval by place, in words.
 
         Places of a listed grid count as exchangeable with further places of their site.
         """

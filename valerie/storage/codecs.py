@@ -245,7 +245,7 @@ def _unpack_persons(
     persons: list[PersonTruth] = []
     entries = meta.get("persons")
     if not isinstance(entries, list):
-        raise _corrupt(key, "the persons are no list")
+        raise _corrupt(key, "the persons are not a list")
     for numbers in entries:
         if not _counts(numbers, len(_PersonEntry._fields)):
             raise _corrupt(key, f"not a person: {numbers!r}")

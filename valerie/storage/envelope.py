@@ -145,7 +145,7 @@ def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], JsonObject]:
         raise ValueError(f"the arrays have {layout.size} bytes, but {len(raw) - start} follow the header")
     meta = orjson.loads(layout.meta)
     if not isinstance(meta, dict):
-        raise TypeError("the metadata are no object")
+        raise TypeError("the metadata are not an object")
     return {
         name: np.frombuffer(raw, dtype, math.prod(shape), start + begin).reshape(shape)
         for name, dtype, shape, begin in layout.entries

@@ -1,8 +1,8 @@
 """The strategy of a study in step with its batches.
 
-Batch k depends on the outcomes of the batches up to k − 2, so that one batch is in work while the next is proposed. The
+Batch k depends on the outcomes of the batches up to k − 2, so that one batch runs while the next is proposed. The
 order of calls is always ask 0, ask 1, tell 0, ask 2, tell 1, ask 3 …; replaying the stored batches in this order makes the
-strategy propose the same points again. An empty batch has no run, and the strategy is not told of it.
+strategy propose the same points again. An empty batch has no run, and the strategy does not see it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class StoredBatch(Protocol):
 
     @property
     def outcomes(self) -> Outcomes | None:
-        """Outcomes; None while the batch is in work."""
+        """Outcomes; None while the batch runs."""
         ...
 
 
@@ -308,9 +308,7 @@ def _fewest(study: ResolvedStudy) -> int:
         case EstimateGoal():
             return first_of(study)
         case MapGoal():
-            # The first prediction uses all scores but those of the last batch.
-            batch = study.document.batch
-            return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
+            return mapping.FIRST
         case CompareGoal():
             return compare.FEWEST
         case CascadeGoal():

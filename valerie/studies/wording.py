@@ -12,7 +12,7 @@ from valerie.guided.domain import shown
 from valerie.guided.estimate import MOST_UNKNOWN, FailureRate
 from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
-from valerie.guided.map import TESTED, WRONG, Boundary, Call
+from valerie.guided.map import CONFIDENCE, WRONG, Boundary, Call
 from valerie.guided.rank import FEWEST, Effect, Ranking
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
@@ -79,7 +79,9 @@ def _modes(known: Modes, study: ResolvedStudy) -> tuple[str, ...]:
     unscored = f" Without a score when repeated: {known.unscored}." if known.unscored else ""
     idle = "Nothing is random here, so every failure repeats: `repeats: 0` saves these variants."
     return (
-        f"{counted(len(known.modes), 'mode')} in {counted(known.failures, repeated)}.",
+        f"{counted(len(known.modes), 'mode')} in {counted(known.failures, repeated)}."
+        if known.failures
+        else f"No {repeated} so far.",
         f"Not placed yet: {counted(known.unplaced, 'failure')}. Not repeated: {known.unrepeated}.{unscored}",
         *(_mode(number, mode, known, study) for number, mode in enumerate(known.modes, 1)),
         "Failures are one mode if the variant halfway fails, so a bent mode may count as several, and touching ones as one.",
@@ -106,15 +108,20 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
         Call.UNDEFINED: known.undefined,
         Call.NOT_KNOWN: known.not_known,
     }
-    return (
-        ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items())
-        + " of the operational domain, by the calls of the map.",
-        f"Of {known.tested} points where it gives a verdict, it had called {100 * known.wrong:.1f} % wrongly before their "
-        "scores were told."
+    calls = ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items())
+    sentences = [
+        f"{calls} of the operational domain, by the calls of the map.",
+        f"Without their own scores, {100 * known.wrong:.1f} % of the {known.tested} exploring points with a verdict would be "
+        f"called wrongly; with {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of all verdicts are wrong."
         if known.tested
-        else f"No verdict yet: {TESTED} points must be called before their scores are told, {100 * WRONG:g} % wrongly at most.",
+        else f"No verdict anywhere: more than {100 * WRONG:g} % might be wrong.",
         "A region without points gets the verdict of its surroundings, so an island of failures there stays unseen.",
-    )
+    ]
+    if isfinite(known.failing_unknown):
+        sentences.insert(
+            2, f"Where the verdict is not known, {100 * known.failing_unknown:.0f} % of the exploring points failed."
+        )
+    return tuple(sentences)
 
 
 def _minimal_pair(known: MinimalPair, study: ResolvedStudy) -> tuple[str, ...]:

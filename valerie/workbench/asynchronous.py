@@ -11,9 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.summary.summary import Summary
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.client import Progress
 from valerie.runs.forecasting.forecast import Plan
-from valerie.runs.products.states import RunState
 from valerie.workbench.workbench import POLL, Frame, Run, Spec, Workbench
 
 
@@ -63,12 +64,11 @@ class AsyncRun:
         """Return the state of the run and of its stages."""
         return await asyncio.to_thread(self._run.progress)
 
-    async def wait(self) -> Self:
-        """Wait until the run has ended, and return it; errors as `Run.wait`. It can be cancelled."""
-        changes = self._run.changes()
+    async def wait(self, *, progress: bool = False) -> Self:
+        """Wait until the run has ended, and return it; arguments and errors as of `Run.wait`. It can be cancelled."""
+        looks = self._run.until_ended(progress=progress)
         while True:
-            progress = await asyncio.to_thread(next, changes)
-            if RunState(progress.state).is_final:
+            if await asyncio.to_thread(next, looks, None) is None:
                 return self
             await asyncio.sleep(POLL)
 
@@ -83,6 +83,18 @@ class AsyncRun:
     async def findings(self) -> Findings:
         """Return what an ended run shows."""
         return await asyncio.to_thread(self._run.findings)
+
+    async def summary(self) -> Summary:
+        """Return the table of an ended run."""
+        return await asyncio.to_thread(self._run.summary)
+
+    async def verdicts(self) -> tuple[RequirementVerdict, ...]:
+        """Return the verdicts of an ended run on its requirements."""
+        return await asyncio.to_thread(self._run.verdicts)
+
+    async def report(self) -> str:
+        """Return the report of an ended run, an HTML page."""
+        return await asyncio.to_thread(self._run.report)
 
 
 class AsyncFrame:

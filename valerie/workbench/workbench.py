@@ -115,28 +115,23 @@ class Run:
         Raises:
             ServerUnavailableError: the run has not ended, and no server works on the data folder.
         """
-        display: Display | None = display_of(self.name, self.id, json_lines=False) if progress else None
-        with display or nullcontext():
-            for current in self.changes():
-                if display is not None:
-                    display.update(current)
-                if not RunState(current.state).is_final:
-                    time.sleep(POLL)
+        for _ in self.until_ended(progress=progress):
+            time.sleep(POLL)
         return self
 
-    def changes(self) -> Iterator[Progress]:
-        """Yield the progress each time it is asked for, the last time when the run has ended.
-
-        Raises:
-            ServerUnavailableError: the run has not ended, and no server works on the data folder.
-        """
-        while True:
-            progress = self.progress()
-            if not RunState(progress.state).is_final and not self._source.works:
-                raise ServerUnavailableError(f"run {self.id} is {progress.state}: {progress.reason}")
-            yield progress
-            if RunState(progress.state).is_final:
-                return
+    def until_ended(self, *, progress: bool = False) -> Iterator[Progress]:
+        """Yield the present progress until the run has ended; see `wait`."""
+        display: Display | None = display_of(self.name, self.id, json_lines=False) if progress else None
+        with display or nullcontext():
+            while True:
+                current = self.progress()
+                if display is not None:
+                    display.update(current)
+                if RunState(current.state).is_final:
+                    return
+                if not self._source.works:
+                    raise ServerUnavailableError(f"run {self.id} is {current.state}: {current.reason}")
+                yield current
 
     def rows(self, where: str = "") -> pa.Table:
         """Return the long table, one row per person in an evaluation; ``.to_pandas()`` makes it a frame of pandas.

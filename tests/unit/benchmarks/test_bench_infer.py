@@ -1,4 +1,4 @@
-"""What every engine's cost and labels are compared with: the network in torch alone, given the same frames."""
+"""The reference of every engine's cost and labels: the network in torch alone, on the same frames."""
 
 from __future__ import annotations
 
@@ -30,23 +30,26 @@ def test_eager_torch_gives_the_labels_of_the_reference(name: str, width: int) ->
     function = open_function(file_document(name, path), path, threads=1, device="cpu")
     expected = function.predict(picture)
     function.close()
-    found = eager(path, threads=1)(picture)
-    assert (found == expected).mean() > 0.9999
+    labels = eager(path, threads=1)(picture)
+    assert (labels == expected).mean() > 0.9999
 
 
 def test_the_large_networks_are_the_papers_two_at_their_strides() -> None:
     backbones = [ARCHITECTURES[name].backbone for name in LARGE]
-    assert [(one.depth, one.stem, one.output_stride) for one in backbones] == [(101, "deep", 8), (101, "deep", 32)]
+    assert [(backbone.depth, backbone.stem, backbone.output_stride) for backbone in backbones] == [
+        (101, "deep", 8),
+        (101, "deep", 32),
+    ]
 
 
 def test_the_table_names_strides_and_sizes_and_gives_speed_ups_of_the_large_networks() -> None:
     def rows(stride: int, given: list[int]) -> dict[str, dict[str, object]]:
-        found: dict[str, dict[str, object]] = {
+        engines: dict[str, dict[str, object]] = {
             f"{engine} {precision}": {"cpu_s_per_frame": 10 / (1 + number), "speed_up": 1.0 + number}
             for number, (engine, precision) in enumerate(MODES)
         }
-        found["eager fp32"] |= {"output_stride": stride, "given": given}
-        return found | {"openvino fp16": {"not_here": "another precision on this processor"}}
+        engines["eager fp32"] |= {"output_stride": stride, "given": given}
+        return engines | {"openvino fp16": {"not_here": "another precision on this processor"}}
 
     lines = table({LARGE[0]: rows(8, [1920, 1088]), FUNCTIONS[0]: rows(16, [1600, 896])})
     assert lines[0] == (

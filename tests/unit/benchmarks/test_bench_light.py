@@ -13,7 +13,7 @@ def test_ratios_are_those_of_mean_values_and_the_difference_leaves_out_the_sky()
     raster[0, :2] = 9.0
     raster[1, 2:] = 2.0
     cycles[0, 2] = 3.0
-    found = compared(raster, cycles, classes)
-    assert found["ratios"] == {"road": round(4 / 6, 2), "car": 2.0, "sky": 9.0}
+    ratios = compared(raster, cycles, classes)
+    assert ratios["ratios"] == {"road": round(4 / 6, 2), "car": 2.0, "sky": 9.0}
     # Of six pixels one is three times darker, two are twice as bright.
-    assert found["difference"] == round(float(np.exp((np.log(3) + 2 * np.log(2)) / 6)), 2)
+    assert ratios["difference"] == round(float(np.exp((np.log(3) + 2 * np.log(2)) / 6)), 2)

@@ -1,4 +1,4 @@
-"""Which frames the aim of the shipped networks counts, and how: by hand."""
+"""Frames that the aim of the shipped networks counts, and their count by hand."""
 
 import numpy as np
 import pytest

@@ -85,20 +85,20 @@ class Bright:
 
 @pytest.fixture
 def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
-    made = Engine()
-    monkeypatch.setattr(translation, "guided", made.guided)
-    monkeypatch.setattr(translation, "denoised", made.denoised)
-    return made
+    renderer = Engine()
+    monkeypatch.setattr(translation, "guided", renderer.guided)
+    monkeypatch.setattr(translation, "denoised", renderer.denoised)
+    return renderer
 
 
 def parts_in(folder: Path, *frames: Planned) -> Parts:
     """With the truth, which needs no Blender, already there."""
     parts = Parts(folder, {"revision": 1})
-    for one in frames:
+    for frame in frames:
         mask = np.zeros((VIEW.height, VIEW.width), bool)
         mask[BODY.slices] = True
-        if f"{one.index}/person" not in parts:
-            parts.add(f"{one.index}/person", {"mask": mask}, pixels=int(mask.sum()), distance_m=20.0)
+        if f"{frame.index}/person" not in parts:
+            parts.add(f"{frame.index}/person", {"mask": mask}, pixels=int(mask.sum()), distance_m=20.0)
     return parts
 
 
@@ -111,22 +111,22 @@ def test_a_layer_of_the_same_samples_is_as_far_from_the_frame_as_another_seed_is
 ) -> None:
     parts = parts_in(tmp_path, FRAME)
     Studio(parts, engine, str).frame(FRAME)  # type: ignore[arg-type]
-    found = scored(tmp_path, parts, FRAME)
+    scores = scored(tmp_path, parts, FRAME)
     for kind in ("noisy", "denoised"):
-        inside = found[f"{kind} rectangle"]
+        inside = scores[f"{kind} rectangle"]
         assert inside["layer_to_seeds"]["mean"] == 1.0
         assert inside["layer_same_seed"]["largest"] == 0.0
         assert inside["seeds"]["mean"] > 0
-        assert found[f"{kind} around"]["layer_same_seed"]["largest"] == 0.0
+        assert scores[f"{kind} around"]["layer_same_seed"]["largest"] == 0.0
 
 
 def test_light_that_leaves_the_rectangle_is_seen_around_it(tmp_path: Path, engine: Engine) -> None:
     engine.spill = 0.4
     parts = parts_in(tmp_path, FRAME)
     Studio(parts, engine, str).frame(FRAME)  # type: ignore[arg-type]
-    found = scored(tmp_path, parts, FRAME)
-    assert found["noisy rectangle"]["layer_to_seeds"]["mean"] == 1.0
-    assert found["noisy around"]["layer_to_seeds"]["mean"] > 2
+    scores = scored(tmp_path, parts, FRAME)
+    assert scores["noisy rectangle"]["layer_to_seeds"]["mean"] == 1.0
+    assert scores["noisy around"]["layer_to_seeds"]["mean"] > 2
 
 
 def test_paired_pacc_is_of_the_layered_frame_and_the_frame_of_another_seed(tmp_path: Path, engine: Engine) -> None:
@@ -152,16 +152,16 @@ def test_a_frame_of_one_seed_is_compared_with_that_alone(tmp_path: Path, engine:
     once = engine.calls
     studio.frame(other, other_seed=False)
     assert engine.calls - once == 1 + 2, "a window, the frame denoised and the layer denoised"
-    found = scored(tmp_path, parts, FRAME, other)
-    assert found["count"] == 2
-    for compared in (found["bright"], found["noisy around"]):
+    scores = scored(tmp_path, parts, FRAME, other)
+    assert scores["count"] == 2
+    for compared in (scores["bright"], scores["noisy around"]):
         assert (compared["layer_same_seed"]["count"], compared["layer"]["count"], compared["seeds"]["count"]) == (
             2,
             1,
             1,
         )
-    assert found["noisy around"]["layer_same_seed"]["mean"] > 0
-    assert found["noisy around"]["layer_to_seeds"]["count"] == 1
+    assert scores["noisy around"]["layer_same_seed"]["mean"] > 0
+    assert scores["noisy around"]["layer_to_seeds"]["count"] == 1
 
 
 def test_a_pedestrian_that_nobody_sees_has_differences_but_no_pacc(tmp_path: Path, engine: Engine) -> None:
@@ -170,9 +170,9 @@ def test_a_pedestrian_that_nobody_sees_has_differences_but_no_pacc(tmp_path: Pat
     studio = Studio(parts, engine, str)  # type: ignore[arg-type]
     studio.frame(FRAME)
     studio.presets(FRAME)
-    found = scored(tmp_path, parts, FRAME)
-    assert found["count"] == 1
-    assert found["bright"]["layer"] is None
+    scores = scored(tmp_path, parts, FRAME)
+    assert scores["count"] == 1
+    assert scores["bright"]["layer"] is None
     presets = of_presets(parts, [FRAME], Scores(parts, tmp_path, {"bright": Bright()}))  # type: ignore[dict-item]
     assert presets["rows"]["64"]["rmse_grey_levels"]["count"] == 1
     assert presets["rows"]["64"]["bright"] is None
@@ -185,12 +185,12 @@ def test_every_quality_is_compared_with_the_reference_and_more_samples_are_neare
     studio = Studio(parts, engine, str)  # type: ignore[arg-type]
     studio.frame(FRAME)
     studio.presets(FRAME)
-    found = of_presets(parts, [FRAME], Scores(parts, tmp_path, {"bright": Bright()}))  # type: ignore[dict-item]
-    assert found["frames"] == [5]
+    scores = of_presets(parts, [FRAME], Scores(parts, tmp_path, {"bright": Bright()}))  # type: ignore[dict-item]
+    assert scores["frames"] == [5]
     for error in ("rmse_grey_levels", "rmse_linear"):
-        few, default, many = (found["rows"][name][error]["mean"] for name in ("16", "64", "256"))
+        few, default, many = (scores["rows"][name][error]["mean"] for name in ("16", "64", "256"))
         assert few > default > many > 0
-    assert found["cost"]["window 1024"]["cpu_s_per_megapixel"] == pytest.approx(10.0 * REFERENCE, rel=0.01)
+    assert scores["cost"]["window 1024"]["cpu_s_per_megapixel"] == pytest.approx(10.0 * REFERENCE, rel=0.01)
 
 
 def test_a_window_of_many_samples_stands_in_the_mean_of_two_backgrounds(tmp_path: Path, engine: Engine) -> None:
@@ -223,12 +223,12 @@ def test_work_that_was_ended_goes_on_where_it_stopped(tmp_path: Path, engine: En
 @pytest.mark.parametrize("samples", [1, 64, 100_000_000])
 def test_strips_tile_a_rectangle_from_top_to_bottom(samples: int) -> None:
     where = Rectangle(5, 7, 960, 31)
-    seen = np.zeros((60, 1000), int)
+    labels = np.zeros((60, 1000), int)
     for strip in strips_of(where, samples):
-        seen[strip.slices] += 1
-    wanted = np.zeros_like(seen)
-    wanted[where.slices] = 1
-    np.testing.assert_array_equal(seen, wanted)
+        labels[strip.slices] += 1
+    expected = np.zeros_like(labels)
+    expected[where.slices] = 1
+    np.testing.assert_array_equal(labels, expected)
 
 
 def test_a_function_is_asked_once_and_its_successor_again(tmp_path: Path, engine: Engine) -> None:
@@ -250,21 +250,21 @@ def test_only_finished_frames_count(tmp_path: Path, engine: Engine) -> None:
 
 def test_an_interval_is_students() -> None:
     values = [0.3, -0.2, 0.9, 0.1, 0.4]
-    found = estimate(values)
-    assert found is not None
+    interval = estimate(values)
+    assert interval is not None
     low, high = student.interval(0.9, 4, np.mean(values), np.std(values, ddof=1) / np.sqrt(5))
-    assert (found.count, found.largest) == (5, 0.9)
-    assert (found.low, found.high) == pytest.approx((low, high))
+    assert (interval.count, interval.largest) == (5, 0.9)
+    assert (interval.low, interval.high) == pytest.approx((low, high))
 
 
 def test_one_value_has_no_interval_and_none_no_estimate() -> None:
-    found = estimate([2.0])
-    assert found is not None
-    assert (found.mean, found.low, found.high) == (2.0, None, None)
+    interval = estimate([2.0])
+    assert interval is not None
+    assert (interval.mean, interval.low, interval.high) == (2.0, None, None)
     assert estimate([]) is None
 
 
 def test_a_ratio_is_a_geometric_mean() -> None:
-    found = ratio([2.0, 1.0, 8.0], [1.0, 2.0, 4.0])
-    assert found["mean"] == pytest.approx(2 ** (1 / 3), abs=1e-4)
-    assert found["largest"] == 2.0
+    interval = ratio([2.0, 1.0, 8.0], [1.0, 2.0, 4.0])
+    assert interval["mean"] == pytest.approx(2 ** (1 / 3), abs=1e-4)
+    assert interval["largest"] == 2.0

@@ -85,6 +85,6 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
         "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−5.5, +2.7] for places like these on this "
         "site, on 216 equal views" in in_short
     )
-    assert "made apart from this run" in html
+    assert "comparison uses another run" in html
     with pytest.raises(InvalidInput, match="not a comparison of two runs"):
         report(other)

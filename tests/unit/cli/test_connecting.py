@@ -15,7 +15,9 @@ from valerie.settings import load_settings
 
 
 def test_a_data_folder_without_a_server_is_not_answered_by_another_folders_server(tmp_path: Path) -> None:
-    with pytest.raises(ServerUnavailableError, match=r"start one with `.* up --data-dir .*nobody") as raised:
+    with pytest.raises(
+        ServerUnavailableError, match=r"nobody, which does not exist; start one with `.* up --data-dir .*nobody"
+    ) as raised:
         client_of(load_settings(data_dir=tmp_path / "nobody"))
     assert "--url" in str(raised.value)
 

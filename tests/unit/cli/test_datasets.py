@@ -80,9 +80,9 @@ def test_training_against_a_weakness_says_what_is_missing(
         (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "fresh sites"),
         (["--where", "pacc < 1"], "fresh sites"),
     ):
-        found = invoke.invoke(app, [*begin, *more]).exception
-        assert isinstance(found, InvalidInput)
-        assert match in str(found)
+        problem = invoke.invoke(app, [*begin, *more]).exception
+        assert isinstance(problem, InvalidInput)
+        assert match in str(problem)
     (tmp_path / "there.safetensors").write_bytes(b"kept")
     there = ["--where", "pacc < 1", "--out", str(tmp_path / "there.safetensors")]
     assert "never overwritten" in str(invoke.invoke(app, [*begin, *there]).exception)

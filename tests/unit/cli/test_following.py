@@ -53,10 +53,10 @@ def test_workers_of_an_own_system_may_take_a_while_to_start(
     capsys: pytest.CaptureFixture[str], patience: float, reason: str
 ) -> None:
     states = iter(["submitted", "completed"])
-    said = _system(
+    output = _system(
         lambda _: httpx.Response(200, json=_progress(next(states), "waiting for a render worker").model_dump())
     )
-    follow(replace(said, owned=True), "r1", JsonDisplay("r1"), Patience(poll=0.0, start=patience))
+    follow(replace(output, owned=True), "r1", JsonDisplay("r1"), Patience(poll=0.0, start=patience))
     assert json.loads(capsys.readouterr().out.splitlines()[0])["reason"] == reason
 
 
@@ -167,8 +167,8 @@ def test_warnings_come_before_the_numbers(capsys: pytest.CaptureFixture[str]) ->
         return httpx.Response(200, json={"summary": numbers, "findings": findings, "verdicts": []})
 
     show_result(_system(answer).client, "r1", _progress("completed"), None, json_lines=False)
-    told = capsys.readouterr().out
-    assert told.index("Warning: net is silent.") < told.index("No person was evaluated.")
+    output = capsys.readouterr().out
+    assert output.index("Warning: net is silent.") < output.index("No person was evaluated.")
 
 
 @pytest.mark.parametrize("accepted", [False, True])
@@ -198,6 +198,6 @@ def test_only_a_batch_that_waits_for_a_person_is_to_be_accepted(
     answers = iter([waiting, waiting.model_copy(update={"state": "stopped"})])
     system = _system(lambda _: httpx.Response(200, json=next(answers).model_dump(mode="json")))
     follow_study(system, "s1", quiet=False)
-    said = capsys.readouterr()
-    assert "it waits" in said.out + said.err
-    assert ("study accept s1" in said.out + said.err) is not accepted
+    output = capsys.readouterr()
+    assert "it waits" in output.out + output.err
+    assert ("study accept s1" in output.out + output.err) is not accepted

@@ -1,4 +1,4 @@
-"""`valerie frames export` against a real server: pictures and annotations, named after frames."""
+"""`valerie frames export` from a real server and from the data folder: pictures and annotations, named after frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from valerie.cli.main import app
 from valerie.client import ServerProblemError
 from valerie.db import frames
 from valerie.db.engine import reading
-from valerie.errors import RenderingError
+from valerie.errors import RenderingError, UnknownName
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.runs.products.frame_keys import FrameKey
@@ -35,17 +35,23 @@ def pipeline(tmp_path: Path) -> Pipeline:
     return Pipeline(tmp_path / "one", tmp_path / "assets")
 
 
-@pytest.fixture
-def export(pipeline: Pipeline, tmp_path: Path) -> Iterator[Export]:
+@pytest.fixture(params=["server", "folder"])
+def export(request: pytest.FixtureRequest, pipeline: Pipeline, tmp_path: Path) -> Iterator[Export]:
     """Runs the command into the folder ``out``; what it prints for people."""
+
+    def run(*arguments: str) -> str:
+        result = CliRunner().invoke(app, ["frames", "export", *arguments, *place], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    if request.param == "folder":
+        place = ["--data-dir", str(pipeline.settings.data_dir)]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("VALERIE_ASSET_DIR", str(pipeline.settings.asset_dir))
+            yield run
+        return
     with served(create_app(pipeline.settings, control=False)) as client:
-
-        def run(*arguments: str) -> str:
-            given = ["frames", "export", *arguments, "--url", str(client.base_url)]
-            result = CliRunner().invoke(app, [*given, "--data-dir", str(tmp_path)], catch_exceptions=False)
-            assert result.exit_code == 0, result.output
-            return result.output
-
+        place = ["--url", str(client.base_url), "--data-dir", str(tmp_path)]
         yield run
 
 
@@ -99,7 +105,9 @@ def test_only_what_is_named_is_fetched_and_what_is_there_is_not_fetched_again(
     assert [name for name in names(out) if "_" in name] == [f"{run}.0.0.0_boxes.npz", f"{run}.1.0.0_boxes.npz"]
     assert picture.read_bytes() == b"kept"
     assert "0 frames written, 2 already there" in export(run, str(out), "--annotations", "boxes")
-    with pytest.raises(ServerProblemError, match="unknown annotation of the run 'normal'; did you mean normals"):
+    with pytest.raises(
+        (ServerProblemError, UnknownName), match="unknown annotation of the run 'normal'; did you mean normals"
+    ):
         export(run, str(out), "--annotations", "normal")
 
 
@@ -113,9 +121,9 @@ def test_a_frame_whose_annotation_failed_is_counted_with_what_helps(
     pipeline.makers["render"].before = refuse
     run = pipeline.submit(spec(xs=2, ys=1, cameras=["camera-1"], annotations=["boxes"]))
     pipeline.run(run)
-    told = export(run, str(tmp_path / "out"))
-    assert "1 frame written" in told
-    assert f"1 without all annotations (boxes failed for good; `valerie retry {run}` tries again)" in told
+    output = export(run, str(tmp_path / "out"))
+    assert "1 frame written" in output
+    assert f"1 without all annotations (boxes failed for good; `valerie retry {run}` tries again)" in output
     pipeline.makers["render"].before = lambda _: None
     lifecycle.retry(pipeline.context, run)
     pipeline.run(run)

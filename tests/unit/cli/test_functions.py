@@ -17,7 +17,7 @@ from valerie.cli.main import app
 from valerie.cli.registering import functions_named, register_file
 from valerie.client import Function, RegisteredFunction
 from valerie.errors import InvalidInput, NotFound
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 
 @pytest.fixture
@@ -25,8 +25,8 @@ def valerie(tmp_path: Path):  # type: ignore[no-untyped-def]
     """Runs a command on a data folder of its own; returns its standard output."""
 
     def run(*arguments: object) -> str:
-        given = [*map(str, arguments), "--data-dir", str(tmp_path / "data")]
-        result = CliRunner().invoke(app, given, catch_exceptions=False)
+        command = [*map(str, arguments), "--data-dir", str(tmp_path / "data")]
+        result = CliRunner().invoke(app, command, catch_exceptions=False)
         assert result.exit_code == 0, result.output
         return result.stdout
 
@@ -96,10 +96,10 @@ def test_a_document_beside_a_hugging_face_folder_adds_to_what_the_folder_says(tm
 def test_a_registered_function_is_listed_shown_exported_and_removed(  # type: ignore[no-untyped-def]
     valerie, onnx: Path, side: Path, tmp_path: Path
 ) -> None:
-    found = json.loads(valerie("function", "import", onnx, "--document", side, "--json"))
+    imported = json.loads(valerie("function", "import", onnx, "--document", side, "--json"))
     listed = json.loads(valerie("function", "list", "--json"))
-    assert [one["reference"] for one in listed if one["version"]] == [found["reference"]]
-    assert found["digest"] in valerie("function", "show", "small")
+    assert [function["reference"] for function in listed if function["version"]] == [imported["reference"]]
+    assert imported["digest"] in valerie("function", "show", "small")
     valerie("function", "export", "small", tmp_path / "out")
     assert (tmp_path / "out" / "small.onnx").read_bytes() == onnx.read_bytes()
     document = yaml.safe_load((tmp_path / "out" / "small.yaml").read_text())
@@ -114,8 +114,8 @@ def test_a_registered_function_is_listed_shown_exported_and_removed(  # type: ig
             "--json",
         )
     )
-    assert (again["digest"], again["new"]) == (found["digest"], False), "what was exported is the same function"
-    valerie("function", "remove", found["reference"])
+    assert (again["digest"], again["new"]) == (imported["digest"], False), "what was exported is the same function"
+    valerie("function", "remove", imported["reference"])
     with pytest.raises(InvalidInput, match="unknown registered function 'small'"):
         valerie("function", "show", "small")
 
@@ -156,8 +156,8 @@ def spec(tmp_path: Path) -> Path:
 
 def test_other_functions_than_the_specs_are_planned(valerie, spec: Path) -> None:  # type: ignore[no-untyped-def]
     plan = json.loads(valerie("plan", spec, "--functions", "semantic-fpn-small,deeplabv3plus-small", "--json"))
-    one = json.loads(valerie("plan", spec, "--json"))
-    assert plan["evaluations"] == 2 * one["evaluations"]
+    forecast = json.loads(valerie("plan", spec, "--json"))
+    assert plan["evaluations"] == 2 * forecast["evaluations"]
     with pytest.raises(InvalidInput, match="unknown function 'mine'"):
         valerie("plan", spec, "--functions", "mine")
 
@@ -174,13 +174,13 @@ def test_a_file_in_place_of_a_name_is_registered_with_the_document_beside_it(  #
 ) -> None:
     side.rename(onnx.with_suffix(".yaml"))
     monkeypatch.chdir(onnx.parent)
-    one = json.loads(valerie("plan", spec, "--json"))
+    forecast = json.loads(valerie("plan", spec, "--json"))
     plan = json.loads(valerie("plan", spec, "--functions", f"{onnx.name}, semantic-fpn-small", "--json"))
-    assert plan["evaluations"] == 2 * one["evaluations"]
-    found = json.loads(valerie("function", "show", "small", "--json"))
-    assert (found["classes"], found["engine"]) == (["road", "person"], "onnxruntime")
+    assert plan["evaluations"] == 2 * forecast["evaluations"]
+    version = json.loads(valerie("function", "show", "small", "--json"))
+    assert (version["classes"], version["engine"]) == (["road", "person"], "onnxruntime")
     again = json.loads(valerie("function", "import", onnx, "--json"))
-    assert (again["reference"], again["new"]) == (found["reference"], False), "the same file, whichever way it comes"
+    assert (again["reference"], again["new"]) == (version["reference"], False), "the same file, whichever way it comes"
 
 
 def test_a_registered_file_stands_for_its_own_version(onnx: Path) -> None:

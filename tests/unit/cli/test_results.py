@@ -17,8 +17,8 @@ from valerie.errors import InvalidInput, NotFound, UnknownName
 
 
 def told(invoke: CliRunner, deployed: tuple[Path, str], *arguments: str) -> str:
-    given = [*arguments, "--data-dir", str(deployed[0] / "data")]
-    result = invoke.invoke(app, given, catch_exceptions=False)
+    command = [*arguments, "--data-dir", str(deployed[0] / "data")]
+    result = invoke.invoke(app, command, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -55,10 +55,10 @@ def test_rows_is_the_long_table_and_where_picks_among_its_rows(
     run_id = deployed[1]
     table = list(csv.DictReader(io.StringIO(told(invoke, deployed, "rows", run_id))))
     assert len(table) == 48  # two persons, one of them absent, in 24 frames
-    seen = [row for row in table if row["distance_m"] and row["camera"] == "camera-1"]
-    middle = sorted(float(row["distance_m"]) for row in seen)[len(seen) // 2]
-    expected = [row["frame_id"] for row in seen if float(row["distance_m"]) > middle]
-    assert 0 < len(expected) < len(seen)
+    near = [row for row in table if row["distance_m"] and row["camera"] == "camera-1"]
+    middle = sorted(float(row["distance_m"]) for row in near)[len(near) // 2]
+    expected = [row["frame_id"] for row in near if float(row["distance_m"]) > middle]
+    assert 0 < len(expected) < len(near)
     out = tmp_path / "far.parquet"
     where = f"distance_m > {middle!r} and camera == 'camera-1'"
     told(invoke, deployed, "rows", run_id, "-o", str(out), "--where", where)

@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 from tests.world.blank import Pipeline
 from tests.world.boxes import write_box_street
 from valerie.cli import runs
+from valerie.cli.connecting import System
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
-from valerie.client import Run, ServerProblemError
+from valerie.client import Client, Run, ServerProblemError
 from valerie.errors import InvalidInput, NotFound
 
 SPEC = "name: s\nasset: urban-street\nfunctions: [my-net]\n"
@@ -39,6 +40,17 @@ def test_the_suggested_sensors_meter_where_those_of_the_run_do(sensors: str) -> 
     text = next_step(Path("s.yaml"), f"{SPEC}{sensors}".encode(), functions=None, data_dir=None)
     suggested = yaml.safe_load(text.split("  ")[1].removeprefix("sensors: "))
     assert all(sensor["auto_exposure"] for sensor in (suggested if isinstance(suggested, list) else [suggested]))
+
+
+def test_no_address_is_named_of_a_server_that_ends_with_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with Client("http://127.0.0.1:8700") as client:
+        for owned in (True, False):
+            system = System(client, owned=owned, check=lambda: None)
+            runs.show_next(system, Path("s.yaml"), SPEC.encode(), functions=None, data_dir=Path("/data"))
+    ended, stays = (text for text in capsys.readouterr().out.split("Dashboard") if text)
+    assert "8700" not in ended
+    assert "up --data-dir /data  prints its address" in ended
+    assert "http://127.0.0.1:8700/dashboard/" in stays
 
 
 RUN: dict[str, object] = {
@@ -93,9 +105,9 @@ def test_a_run_that_waits_for_a_server_says_how_to_continue_it(tmp_path: Path, i
 
 def test_cancelling_prints_the_command_that_continues_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("valerie.client.Client.cancel", lambda *_: Run.model_validate({**RUN, "state": "cancelled"}))
-    told = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
-    assert "run r1ng32vh7ygq5 is cancelled\n" in told
-    assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in told
+    message = CliRunner().invoke(app, ["cancel", "r1ng32vh7ygq5", "--url", "http://h:1", "--data-dir", "d d"]).stderr
+    assert "run r1ng32vh7ygq5 is cancelled\n" in message
+    assert "resume r1ng32vh7ygq5 --url http://h:1 --data-dir 'd d'" in message
 
 
 @pytest.mark.parametrize("command", [["submit", "-"], ["plan", "-"]])

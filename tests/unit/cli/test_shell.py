@@ -294,9 +294,9 @@ guarded(lambda: app(args=[]), debug=False)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
-    said = process.stderr.read()
+    message = process.stderr.read()
     process.stderr.close()
-    assert said == ""
+    assert message == ""
     assert process.wait() == 0
 
 

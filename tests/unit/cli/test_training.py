@@ -30,15 +30,15 @@ def test_for_a_run_with_several_functions_the_command_of_each_is_shown(tmp_path:
     world = DrawnWorld(settings_of(folder))
     run_id = world.work(spec("two functions"), products=0)
     world.context.engine.dispose()
-    given = ["train", "--from", run_id, "--where", WEAK, "--anywhere", "--steps", "7", "--data-dir", str(folder)]
-    refused = CliRunner().invoke(app, given).exception
+    arguments = ["train", "--from", run_id, "--where", WEAK, "--anywhere", "--steps", "7", "--data-dir", str(folder)]
+    refused = CliRunner().invoke(app, arguments).exception
     assert isinstance(refused, InvalidInput)
     first, *lines = str(refused).splitlines()
     assert first == "--function: the run has several functions, and one is trained at a time; choose:"
     called = [shlex.split(line) for line in lines]
     assert [words[-2:] for words in called] == [["--function", name] for name in FUNCTIONS]
     for words in called:
-        assert words[words.index("train") + 1 : -2] == given[1:]
+        assert words[words.index("train") + 1 : -2] == arguments[1:]
 
 
 @pytest.mark.timeout(900)
@@ -56,11 +56,11 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
     little = ["--frames", "1", "--sites", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]
     place = ["--data-dir", str(folder)]
-    given = ["train", "--from", run_id, "--where", WEAK, *little, *place, "--json"]
-    result = CliRunner().invoke(app, given, catch_exceptions=False)
+    arguments = ["train", "--from", run_id, "--where", WEAK, *little, *place, "--json"]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["versions"][0] == "semantic-fpn-small"
     listed = json.loads(CliRunner().invoke(app, ["function", "list", "--json", *place], catch_exceptions=False).stdout)
-    (new,) = [one for one in listed if one["name"] == "semantic-fpn-small-retrained"]
+    (new,) = [function for function in listed if function["name"] == "semantic-fpn-small-retrained"]
     assert json.loads(result.stdout)["versions"][1].startswith(f"semantic-fpn-small-retrained@{new['digest'][:12]}")
     assert f"functions: [semantic-fpn-small, semantic-fpn-small-retrained@{new['digest'][:12]}]" in result.stderr

@@ -14,10 +14,10 @@ from valerie.cli.main import app
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> list[dict[str, str]]:
     """Environments of the programs that would have been started."""
-    found: list[dict[str, str]] = []
-    monkeypatch.setattr(os, "execve", lambda _path, _arguments, environment: found.append(environment))
+    environments: list[dict[str, str]] = []
+    monkeypatch.setattr(os, "execve", lambda _path, _arguments, environment: environments.append(environment))
     monkeypatch.setenv("VALERIE_DATA_DIR", str(tmp_path))
-    return found
+    return environments
 
 
 def test_a_render_worker_offers_the_engines_that_it_is_told(started: list[dict[str, str]]) -> None:

@@ -32,12 +32,12 @@ def document(*numbers: int) -> dict[str, Any]:
 
 
 def test_a_document_fits_the_schema_and_a_wrong_one_does_not() -> None:
-    made = document(0, 1, 3)
+    label = document(0, 1, 3)
     jsonschema.Draft7Validator.check_schema(openlabel_schema)
-    jsonschema.Draft7Validator(openlabel_schema).validate(made)
-    del made["openlabel"]["frames"]["0"]["objects"]["24001"]["object_data"]["bbox"][0]["val"]
+    jsonschema.Draft7Validator(openlabel_schema).validate(label)
+    del label["openlabel"]["frames"]["0"]["objects"]["24001"]["object_data"]["bbox"][0]["val"]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.Draft7Validator(openlabel_schema).validate(made)
+        jsonschema.Draft7Validator(openlabel_schema).validate(label)
 
 
 def test_boxes_masks_and_measures_are_those_of_the_frame() -> None:
@@ -77,6 +77,8 @@ def test_a_point_of_the_world_is_projected_to_the_pixel_of_the_scene() -> None:
     focal = 50.0 / 36.0 * 40
     expected = (40 / 2 - focal * local[0] / local[2] - 0.5, 24 / 2 + focal * local[1] / local[2] - 0.5)
     pose = np.reshape(content["coordinate_systems"]["camera"]["pose_wrt_parent"]["matrix4x4"], (4, 4))
-    (matrix,) = (one["stream_properties"]["intrinsics_pinhole"]["camera_matrix"] for one in content["streams"].values())
+    (matrix,) = (
+        value["stream_properties"]["intrinsics_pinhole"]["camera_matrix"] for value in content["streams"].values()
+    )
     x, y, w = np.reshape(matrix, (3, 4)) @ np.linalg.inv(pose) @ [point[1], -point[0], point[2], 1.0]
     assert (x / w, y / w) == pytest.approx(expected, abs=1e-6)

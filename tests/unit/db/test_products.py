@@ -339,14 +339,14 @@ class TestTotals:
             for name, kind, state, seconds in ends:
                 row = {**product(name, kind, state=state), "cpu_seconds": seconds, "finished_at": 5.0}
                 insert_ignoring(connection, Product, [row])
-            found = totals.totals(connection)
+            sums = totals.totals(connection)
             rows = connection.execute(select(Product.kind, Product.state, Product.cpu_seconds)).all()
         scanned = {kind: [0, 0, 0.0] for kind in ProductKind}
         for kind, state, seconds in rows:
             scanned[kind][0] += state == "done"
             scanned[kind][1] += state == "failed"
             scanned[kind][2] += seconds if state == "done" else 0.0
-        assert {kind: [*rest] for kind, *rest in found} == scanned
+        assert {kind: [*rest] for kind, *rest in sums} == scanned
 
 
 class TestRecordedCosts:
@@ -355,8 +355,13 @@ class TestRecordedCosts:
             for number, seconds in enumerate([20.0, 1.0, 3.0]):
                 row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number), "pixels": 100}
                 insert_ignoring(connection, Product, [row | {"cpu_seconds": seconds, "bytes": 10}])
-            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection)] == [(3, 2.0)]
-            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection, sample=1)] == [(1, 3.0)]
+            assert [
+                (recorded_cost.count, recorded_cost.cpu_seconds) for recorded_cost in totals.recorded_costs(connection)
+            ] == [(3, 2.0)]
+            assert [
+                (recorded_cost.count, recorded_cost.cpu_seconds)
+                for recorded_cost in totals.recorded_costs(connection, sample=1)
+            ] == [(1, 3.0)]
 
     def test_they_are_means_over_the_newest_of_each_kind(self, engine: Engine) -> None:
         with writing(engine) as connection:
@@ -370,16 +375,16 @@ class TestRecordedCosts:
 
 def plans_of(engine: Engine, ask: Callable[[Connection], object]) -> list[tuple[str, list[str]]]:
     """Every statement about products that ``ask`` runs, with the steps of its query plan."""
-    asked: list[tuple[str, Any]] = []
+    statements: list[tuple[str, Any]] = []
 
     def note(_connection: Any, _cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
-        asked.append((statement, parameters))
+        statements.append((statement, parameters))
 
     event.listen(engine, "before_cursor_execute", note)
     with writing(engine) as connection:
         ask(connection)
     event.remove(engine, "before_cursor_execute", note)
-    about_products = [(sql, values) for sql, values in asked if "products" in sql]
+    about_products = [(sql, values) for sql, values in statements if "products" in sql]
     with reading(engine) as connection:
         return [
             (sql, [str(row[3]) for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {sql}", values)])

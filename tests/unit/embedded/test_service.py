@@ -35,16 +35,16 @@ def clock() -> _Clock:
 @pytest.fixture
 def make(tmp_path: Path, clock: _Clock) -> Iterator[Callable[[str], Service]]:
     lock_fd = os.open(tmp_path / "lock", os.O_RDWR | os.O_CREAT)
-    made: list[Service] = []
+    services: list[Service] = []
 
     def build(program: str) -> Service:
         command = Command("worker", (sys.executable, "-c", program), dict(os.environ), tmp_path / "worker.log", 5.0)
-        made.append(Service(command, lock_fd=lock_fd, clock=clock))
-        made[-1].start()
-        return made[-1]
+        services.append(Service(command, lock_fd=lock_fd, clock=clock))
+        services[-1].start()
+        return services[-1]
 
     yield build
-    for service in made:
+    for service in services:
         service.end()
     os.close(lock_fd)
 

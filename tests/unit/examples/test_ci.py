@@ -33,10 +33,10 @@ def commands(document: Any) -> list[list[str]]:
 @pytest.mark.parametrize("name", ["github.yml", "gitlab.yml"])
 def test_the_commands_of_a_pipeline_are_understood(name: str) -> None:
     valerie: Any = typer.main.get_command(app)
-    given = commands(yaml.safe_load((CI / name).read_text("utf-8")))
-    assert [words[0] for words in given] == ["run", "gate"]
+    calls = commands(yaml.safe_load((CI / name).read_text("utf-8")))
+    assert [words[0] for words in calls] == ["run", "gate"]
     parsed = {}
-    for words in given:
+    for words in calls:
         parsed[words[0]] = valerie.commands[words[0]].make_context(words[0], words[1:]).params
     assert parsed["run"]["json_lines"]
     assert parsed["gate"]["run_id"] == "r1ng219w3v1ks"

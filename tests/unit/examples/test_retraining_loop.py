@@ -41,16 +41,16 @@ def test_a_run_is_shown_beside_two_new_versions(
         frames=2, sites=1, width=160, height=96, steps=1, batch=2, held_out_frames=0, broad_share=0.5
     )
     document = close_the_loop(world.context, run_id, WEAK, settings, tmp_path / "out")
-    written = json.loads((tmp_path / "out" / "comparison.json").read_text())
-    assert written == json.loads(json.dumps(document))
+    comparison = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert comparison == json.loads(json.dumps(document))
     versions = [FUNCTION, f"{FUNCTION}-targeted", f"{FUNCTION}-random"]
-    assert written["versions"] == versions
-    assert set(written["changes"]) == set(versions[1:])
+    assert comparison["versions"] == versions
+    assert set(comparison["changes"]) == set(versions[1:])
 
     table = world.context.store.get(run_key(run_id, "evaluations.csv")).decode()
     rows = [row for row in csv.DictReader(io.StringIO(table)) if row["function"] == FUNCTION and row["pacc"]]
     found, all_pixels = (sum(int(row[name]) for row in rows) for name in ("tp", "fn"))
-    everyone = written["groups"][0]
+    everyone = comparison["groups"][0]
     before, *after = everyone["sides"]
     assert (everyone["name"], everyone["persons"]) == ("all persons", len(rows))
     assert before["pacc_mean"] == pytest.approx(sum(float(row["pacc"]) for row in rows) / len(rows))
@@ -58,17 +58,17 @@ def test_a_run_is_shown_beside_two_new_versions(
     assert len(after) == 2
     assert all(0 <= side["pacc_pooled"] <= 1 for side in after)
     weak = sum(float(row["pacc"]) < 0.9 and float(row["distance_m"]) > 25 for row in rows)
-    groups = {group["name"]: group for group in written["groups"]}
+    groups = {group["name"]: group for group in comparison["groups"]}
     assert groups[f"selected by the scores of {FUNCTION}"]["persons"] == weak > 0
 
     weights = set()
     for name in ("targeted", "random"):
-        made = written["training_sets"][name]
+        training_set = comparison["training_sets"][name]
         header = read_header(tmp_path / "out" / f"{name}.safetensors")
         weights.add(header.digest)
-        assert made["frames"] == int(header.provenance["frames"]) == 2
-        assert made["drawn"] == (2 * DRAWS if name == "targeted" else 2)
-        assert made["reference"].startswith(f"{FUNCTION}-{name}@")
+        assert training_set["frames"] == int(header.provenance["frames"]) == 2
+        assert training_set["drawn"] == (2 * DRAWS if name == "targeted" else 2)
+        assert training_set["reference"].startswith(f"{FUNCTION}-{name}@")
         assert (header.provenance["retrained-from-run"], header.provenance["retrained-where"]) == (run_id, WEAK)
     assert len(weights) == 2
     with Image.open(tmp_path / "out" / "comparison.png") as picture:

@@ -40,11 +40,11 @@ def test_three_modes_are_told_apart_likely_ones_first() -> None:
 
 
 def test_a_failure_that_does_not_repeat_is_no_failure() -> None:
-    seen: set[bytes] = set()
+    point_bytes: set[bytes] = set()
 
     def flaky(points: Points) -> Points:
-        again = np.array([point.tobytes() in seen for point in points])
-        seen.update(point.tobytes() for point in points)
+        again = np.array([point.tobytes() in point_bytes for point in points])
+        point_bytes.update(point.tobytes() for point in points)
         return np.where((points[:, 3] < 0.1) & ~again, 0.1, 0.9)
 
     _, modes = found(flaky)
@@ -53,13 +53,13 @@ def test_a_failure_that_does_not_repeat_is_no_failure() -> None:
 
 
 def test_a_repeat_without_a_score_is_neither_a_failure_nor_a_pass() -> None:
-    seen: dict[bytes, int] = {}
+    counts: dict[bytes, int] = {}
 
     def lacking(points: Points) -> Points:
         times = []
         for point in points:
-            seen[point.tobytes()] = seen.get(point.tobytes(), 0) + 1
-            times.append(seen[point.tobytes()])
+            counts[point.tobytes()] = counts.get(point.tobytes(), 0) + 1
+            times.append(counts[point.tobytes()])
         # The first repeat has no score; in one half, no repeat has.
         undefined = (np.array(times) == 2) | ((np.array(times) > 1) & (points[:, 2] < 0.5))
         return np.where(points[:, 3] < 0.1, np.where(undefined, np.nan, 0.1), 0.9)
@@ -68,7 +68,7 @@ def test_a_repeat_without_a_score_is_neither_a_failure_nor_a_pass() -> None:
     assert modes.unrepeated == 0
     assert modes.failures > 0
     assert modes.unscored > 0
-    assert max(seen.values()) == 4
+    assert max(counts.values()) == 4
 
 
 def test_the_smallest_mode_that_was_surely_met_follows_from_the_points_that_explored() -> None:

@@ -6,7 +6,8 @@ import pytest
 from rich.console import Console
 
 from valerie.client import Progress, StageProgress, VariantProgress
-from valerie.local.display import STAGES, JsonDisplay, LineDisplay, duration, progress_line, progress_table
+from valerie.local.display import STAGES, JsonDisplay, LineDisplay, progress_line, progress_table
+from valerie.runs.moments import duration
 
 
 def _progress(done: int = 30, *, state: str = "running", failed: int = 0, reason: str | None = None) -> Progress:
@@ -72,6 +73,13 @@ def test_a_line_says_the_same() -> None:
     assert progress_line("first", _progress(failed=3, reason="waits")) == (
         "first: running, render 30/138 (3 failed) 6.1/s, infer 0/276, about 18 s left, waits"
     )
+
+
+def test_a_run_that_ended_has_no_remaining_time() -> None:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(progress_table("first", _progress(state="cancelled")))
+    assert "left" not in capture.get() + progress_line("first", _progress(state="cancelled"))
 
 
 def test_lines_come_with_a_change_of_state_not_with_every_frame(capsys: pytest.CaptureFixture[str]) -> None:

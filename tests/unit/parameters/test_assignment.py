@@ -35,8 +35,8 @@ def test_truth_and_one_differ_and_so_do_text_and_number() -> None:
 
 
 def test_numpy_scalars_and_tuples_count_as_what_they_hold() -> None:
-    given = {"a": (np.float64(45.0), np.int64(3), np.float32(0.5), np.bool_(True))}
-    assert canonical_json(given) == b'{"a":[45,3,0.5,true]}'
+    numbers = {"a": (np.float64(45.0), np.int64(3), np.float32(0.5), np.bool_(True))}
+    assert canonical_json(numbers) == b'{"a":[45,3,0.5,true]}'
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, {"a": [-math.inf]}, np.float64("nan"), 2**70, {1: 2}, object()])

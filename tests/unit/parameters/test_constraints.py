@@ -61,6 +61,11 @@ def test_signs_may_be_typographic() -> None:
     assert holds("p1 × 2 − p2 ÷ 2 == 5", 3, 2)
 
 
+def test_text_without_quotes_is_told_so() -> None:
+    with pytest.raises(InvalidInput, match="text is quoted: 'yellow-shirt'"):
+        holds("character == yellow-shirt")
+
+
 def test_a_constraint_names_the_parameters_that_it_speaks_of() -> None:
     constraint = compile_constraint("p1 < 1 or not lit", NAMES)
     assert constraint.paths == {"scene.person-1.pos.x", "scene.lamp-1.on"}

@@ -68,9 +68,9 @@ def test_a_range_has_as_many_values_as_whole_steps_fit(low: Decimal, step: Decim
     if high > 100:
         return
     distribution = homogeneous(float(low), float(high), float(step))
-    found = values(distribution)
-    assert found == [float(low + k * step) for k in range(n + 1)]
-    assert all(distribution.minimum <= value <= distribution.maximum for value in found)
+    drawn_values = values(distribution)
+    assert drawn_values == [float(low + k * step) for k in range(n + 1)]
+    assert all(distribution.minimum <= value <= distribution.maximum for value in drawn_values)
 
 
 def test_a_full_turn_drops_its_end_since_it_is_its_start() -> None:
@@ -184,8 +184,8 @@ def test_a_gaussian_heading_around_north_falls_on_both_sides() -> None:
 def test_a_gaussian_over_a_part_of_the_circle_finds_the_nearest_copy_of_the_range() -> None:
     definition = define(type="ANGLE", minimum=300, maximum=359, default=300)
     gaussian = Gaussian(mean=0, standard_deviation=10)
-    found = [float(gaussian.quantile(u, definition)) for u in np.linspace(0, 0.999, 50)]
-    assert all(300 <= value <= 359 for value in found)
+    drawn_values = [float(gaussian.quantile(u, definition)) for u in np.linspace(0, 0.999, 50)]
+    assert all(300 <= value <= 359 for value in drawn_values)
     # Of the copy around 360, the range leaves the part below 359.
     median = truncnorm.median(-6.0, -0.1, loc=360, scale=10)
     assert gaussian.quantile(0.5, definition) == pytest.approx(median, abs=1e-6)
@@ -193,8 +193,8 @@ def test_a_gaussian_over_a_part_of_the_circle_finds_the_nearest_copy_of_the_rang
 
 def test_a_gaussian_int_is_symmetric_and_within_the_range() -> None:
     gaussian = Gaussian(mean=5, standard_deviation=4)
-    found = [gaussian.quantile(u, INT) for u in (np.arange(10_000) + 0.5) / 10_000]
-    counts = np.bincount(found, minlength=11)
+    drawn_values = [gaussian.quantile(u, INT) for u in (np.arange(10_000) + 0.5) / 10_000]
+    counts = np.bincount(drawn_values, minlength=11)
     assert len(counts) == 11
     assert np.abs(counts - counts[::-1]).max() <= 1
     assert counts.argmax() == 5
@@ -216,14 +216,14 @@ def test_a_uniform_without_ends_takes_the_declared_ones() -> None:
 
 
 def test_a_uniform_int_gives_every_whole_number_equal_weight() -> None:
-    found = [Uniform().quantile(u, INT) for u in (np.arange(1100) + 0.5) / 1100]
-    assert np.bincount(found).tolist() == [100] * 11
+    drawn_values = [Uniform().quantile(u, INT) for u in (np.arange(1100) + 0.5) / 1100]
+    assert np.bincount(drawn_values).tolist() == [100] * 11
 
 
 def test_listed_values_have_equal_weight() -> None:
     choice = Choice(values=("black-outfit", "yellow-shirt", "absent"))
-    found = [choice.quantile(u, CHARACTER) for u in (np.arange(300) + 0.5) / 300]
-    assert [found.count(value) for value in choice.values] == [100, 100, 100]
+    drawn_values = [choice.quantile(u, CHARACTER) for u in (np.arange(300) + 0.5) / 300]
+    assert [drawn_values.count(value) for value in choice.values] == [100, 100, 100]
     steps = [homogeneous(0, 10, 3).quantile(u, FLOAT) for u in (np.arange(400) + 0.5) / 400]
     assert [steps.count(value) for value in (0.0, 3.0, 6.0, 9.0)] == [100] * 4
 

@@ -33,7 +33,9 @@ def test_a_number_without_unit_takes_the_declared_unit_and_says_so(value: object
     assert to_unit(value, "m") == (3.0, False)
 
 
-def test_an_unknown_unit_lists_near_matches() -> None:
+def test_an_unknown_unit_lists_near_matches_or_those_that_fit() -> None:
+    with pytest.raises(UnknownName, match=r"unknown unit 'ft'; known: cm, km, m, mm$"):
+        to_unit("3 ft", "m")
     with pytest.raises(UnknownName, match=r"vary\.0\.step: unknown unit 'degs'; did you mean deg"):
         to_unit("3 degs", "deg", field="vary.0.step")
 

@@ -35,9 +35,9 @@ def write_function(tmp_path: Path) -> Callable[..., Path]:
         for dropped in changes.pop("drop", ()):
             del tensors[dropped]
         named = changes.pop("named", architecture)
-        given = {"architecture": named, "mean": MEAN, "std": STD, "provenance": {"licence": "Apache-2.0"}}
+        fields = {"architecture": named, "mean": MEAN, "std": STD, "provenance": {"licence": "Apache-2.0"}}
         path = tmp_path / f"{name or architecture}.safetensors"
-        path.write_bytes(function_file_bytes(tensors, **(given | changes)))
+        path.write_bytes(function_file_bytes(tensors, **(fields | changes)))
         return path
 
     return write
@@ -123,7 +123,7 @@ def write_onnx(tmp_path: Path) -> Callable[..., tuple[FunctionDocument, Path]]:
         path = tmp_path / "network.onnx"
         path.write_bytes(data)
         payload = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": "onnx"}
-        given = {"name": "tenths", "kind": "onnx", "input": {"scale": 1}, **(document or {})}
-        return parse_function(given, payload=payload), path
+        fields = {"name": "tenths", "kind": "onnx", "input": {"scale": 1}, **(document or {})}
+        return parse_function(fields, payload=payload), path
 
     return write

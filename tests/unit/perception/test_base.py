@@ -13,10 +13,10 @@ def card(*judged_by: str) -> FunctionCard:
 
 
 def test_a_card_comes_back_from_json_as_it_was() -> None:
-    one = card("car", "person")
-    assert FunctionCard(**orjson.loads(orjson.dumps(asdict(one)))) == one
-    assert one.judged_by == ("person", "car")
-    assert one.judged_ids == (11, 13)
+    narrow = card("car", "person")
+    assert FunctionCard(**orjson.loads(orjson.dumps(asdict(narrow)))) == narrow
+    assert narrow.judged_by == ("person", "car")
+    assert narrow.judged_ids == (11, 13)
 
 
 def test_all_classes_are_spelt_in_one_way() -> None:

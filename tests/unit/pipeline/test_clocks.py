@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -18,11 +19,12 @@ from valerie.db import deliveries, processes, products, studies, sweeping
 from valerie.db.engine import database_time, open_database, reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
+from valerie.errors import InvalidInput
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.studies import commands
 from valerie.runs.moments import moment_text
-from valerie.runs.study.study_document import parse_study
+from valerie.runs.study.study_document import StudyDocument, parse_study
 from valerie.storage import ArtifactStore
 from valerie.storage.keys import product_key
 from valerie.storage.store import ObjectInfo
@@ -145,22 +147,34 @@ def test_the_times_of_a_run_are_the_databases_so_that_its_end_is_told(apart: Pip
     assert [ending.id for ending in endings] == [run_id]
 
 
+def study_until(deadline: datetime) -> StudyDocument:
+    return parse_study(
+        {
+            **spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3]]),
+            "measure": "min(pacc) >= 0.5",
+            "goal": "estimate",
+            "budget": {"variants": 40, "deadline": deadline.isoformat()},
+            "batch": 8,
+        }
+    )
+
+
 def test_the_deadline_of_a_study_is_of_the_databases_time(apart: Pipeline, clock: Clock) -> None:
-    document = {
-        **spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3]]),
-        "measure": "min(pacc) >= 0.5",
-        "goal": "estimate",
-        "budget": {"variants": 40, "deadline": datetime.fromtimestamp(clock.now - 60.0, UTC).isoformat()},
-        "batch": 8,
-    }
-    study = commands.begin(apart.context, parse_study(document))
+    deadline = datetime.fromtimestamp(clock.now + 60.0, UTC)
+    study = commands.begin(apart.context, study_until(deadline))
+    clock.now += 120.0
     apart.loop.tick(everything=True)
     with reading(apart.context.engine) as connection:
         row = studies.get(connection, study)
-    assert (row.state, row.reason) == (
-        "finished",
-        f"the deadline has passed: {moment_text(row.document.budget.deadline)}",
-    )
+    assert (row.state, row.reason) == ("finished", f"the deadline has passed: {moment_text(deadline)}")
+
+
+def test_a_study_whose_deadline_has_passed_is_refused(apart: Pipeline, clock: Clock) -> None:
+    passed = datetime.fromtimestamp(clock.now - 60.0, UTC)
+    message = f"budget.deadline: the deadline has passed; got {moment_text(passed)}; limit: a moment after"
+    for start in (commands.plan_study, commands.begin):
+        with pytest.raises(InvalidInput, match=re.escape(message)):
+            start(apart.context, study_until(passed))
 
 
 class _Behind(ArtifactStore):

@@ -77,8 +77,8 @@ def test_each_frame_has_one_trace_over_all_queues(pipelines: Callable[..., Pipel
             root.start_time_unix_nano <= span.start_time_unix_nano <= span.end_time_unix_nano for span in products
         )
         assert {"layer", "truth", "prediction", "evaluation"} <= {span.name for span in products}
-    made = [attribute(span, "product") for span in collector.spans if span.name != "frame"]
-    assert sorted(made) == sorted(digest for maker in pipeline.makers.values() for _, digest in maker.made)
+    digests = [attribute(span, "product") for span in collector.spans if span.name != "frame"]
+    assert sorted(digests) == sorted(digest for maker in pipeline.makers.values() for _, digest in maker.made)
 
 
 def test_a_failed_attempt_is_an_error(pipelines: Callable[..., Pipeline], collector: Collector) -> None:

@@ -55,11 +55,11 @@ class TestOctahedralMap:
 class TestNormals:
     def test_they_are_the_directions_of_the_planes_that_rays_hit(self, truth_pass: TruthPass) -> None:
         scene = apply({"scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2}, simple_asset())
-        seen = footprints(triangles_of(scene), scene.cameras[VIEW.camera], VIEW)
-        assert seen.flat.sum() >= enough_to_show(0.001)
+        surfaces = footprints(triangles_of(scene), scene.cameras[VIEW.camera], VIEW)
+        assert surfaces.flat.sum() >= enough_to_show(0.001)
         normals = truth_pass.normals(scene, VIEW).vectors()
         # The octahedral code is exact to four thousandths of a degree, see above.
-        np.testing.assert_allclose(normals[seen.flat], seen.normals[seen.flat], atol=np.deg2rad(0.004))
+        np.testing.assert_allclose(normals[surfaces.flat], surfaces.normals[surfaces.flat], atol=np.deg2rad(0.004))
 
     def test_they_are_aligned_with_depth_even_where_leaves_are_cut_out(self, truth_pass: TruthPass) -> None:
         # A box of leaves before the first camera, with a hole in every second stripe of its sides.

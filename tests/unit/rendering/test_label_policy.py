@@ -60,9 +60,9 @@ def with_box(truth: GroundTruth, label: int, instance: int, depth: float) -> Gro
     """Put a box of 40 × 40 pixels into the scene; the lattice hides it if it lies behind."""
     box = np.zeros(SHAPE, np.bool_)
     box[70:110, 100:140] = True
-    seen = box & (truth.depth > depth)
+    visible = box & (truth.depth > depth)
     class_map, instances, depths = truth.class_map.copy(), truth.instance_map.copy(), truth.depth.copy()
-    class_map[seen], instances[seen], depths[seen] = label, instance, depth
+    class_map[visible], instances[visible], depths[visible] = label, instance, depth
     persons = (PersonTruth.of(instance, box, int(box.sum())),) if label == PERSON else ()
     return GroundTruth(class_map, instances, depths, persons)
 

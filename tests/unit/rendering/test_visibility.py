@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valerie.rendering.base import GroundTruth, PersonTruth, View
+from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, View
 from valerie.rendering.visibility import ABSENT, HIDDEN, OUTSIDE, measure, person_roots
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import place
@@ -36,8 +36,8 @@ def test_areas_rates_and_boxes_of_a_partly_hidden_person() -> None:
     assert person.pixel_area_percent == pytest.approx(6.0)
     assert person.occlusion_rate == pytest.approx(0.5)
     assert person.truncation_rate == pytest.approx(0.25)
-    assert person.box == (5, 2, 2, 6)
-    assert person.amodal_box == (5, 2, 4, 6)
+    assert person.box == Rectangle(5, 2, 2, 6)
+    assert person.amodal_box == Rectangle(5, 2, 4, 6)
     assert person.undefined_reason is None
 
 
@@ -88,7 +88,7 @@ def test_a_fully_hidden_person_has_occlusion_one_and_a_reason() -> None:
     assert person.occlusion_rate == 1.0
     assert person.undefined_reason == HIDDEN
     assert person.box is None
-    assert person.amodal_box == (5, 2, 4, 6)
+    assert person.amodal_box == Rectangle(5, 2, 4, 6)
 
 
 def test_a_person_outside_the_image_has_no_occlusion_but_is_truncated() -> None:

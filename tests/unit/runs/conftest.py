@@ -26,9 +26,9 @@ def angle(path: str, default: float, affects: str, low: float = 0.0, high: float
 
 
 def parameters() -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
+    documents: list[dict[str, Any]] = []
     for person, default in (("person-1", "yellow-shirt"), ("person-2", "absent")):
-        found += [
+        documents += [
             number(f"scene.{person}.pos.x", -10, 20, 3, "geometry", "m"),
             number(f"scene.{person}.pos.y", 0, 100, 20, "geometry", "m"),
             angle(f"scene.{person}.heading", 180, "geometry"),
@@ -38,21 +38,21 @@ def parameters() -> list[dict[str, Any]]:
             },
             number(f"scene.{person}.cloth.metallic", 0, 1, 0, "material"),
         ]  # fmt: skip
-    found += [
+    documents += [
         angle("scene.sun-1.azimuth", 200, "light"),
         number("scene.sun-1.elevation", 3, 75, 40, "light", "deg"),
     ]
     for camera in ("camera-1", "camera-2", "camera-3"):
-        found += [
+        documents += [
             number(f"scene.{camera}.pos.x", -5, 10, 2, "geometry", "m"),
             angle(f"scene.{camera}.yaw", 0, "geometry", -180, 180),
             number(f"scene.{camera}.focal_length_mm", 10, 200, 50, "geometry", "mm"),
         ]
-    found += [
+    documents += [
         number("sensor.exposure_ev", -4, 4, 0, "sensor-radiometry", "EV"),
         number("sensor.gamma", 0.5, 3, 1, "sensor-radiometry"),
     ]
-    return found
+    return documents
 
 
 @pytest.fixture(scope="session")

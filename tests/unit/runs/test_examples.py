@@ -24,29 +24,29 @@ def planned(text: str) -> Plan:
 
 
 def test_the_first_run_is_large_enough_to_show_something() -> None:
-    found = planned((EXAMPLES / "first-run.yaml").read_text("utf-8"))
-    assert found.frames >= 120
-    assert found.evaluations == 2 * found.frames
-    assert len(found.cameras) == 3
+    forecast = planned((EXAMPLES / "first-run.yaml").read_text("utf-8"))
+    assert forecast.frames >= 120
+    assert forecast.evaluations == 2 * forecast.frames
+    assert len(forecast.cameras) == 3
     spec = parse((EXAMPLES / "first-run.yaml").read_text("utf-8"))
     assert spec.resolution.width >= 960
     assert spec.resolution.height >= 540
-    suns = {one.values["sun-1.azimuth"] for one in (*found.first, *found.last)}
+    suns = {one.values["sun-1.azimuth"] for one in (*forecast.first, *forecast.last)}
     assert len(suns) == 2
 
 
 def test_the_papers_lists_give_its_ten_variants() -> None:
-    found = planned((EXAMPLES / "paper-lists.yaml").read_text("utf-8"))
-    assert found.variants == found.accepted == 10
-    assert found.first[0].values == {"p1": 1.5, "p2": 4.0}
-    assert found.last[-1].values == {"p1": 5.5, "p2": 5.0}
+    forecast = planned((EXAMPLES / "paper-lists.yaml").read_text("utf-8"))
+    assert forecast.variants == forecast.accepted == 10
+    assert forecast.first[0].values == {"p1": 1.5, "p2": 4.0}
+    assert forecast.last[-1].values == {"p1": 5.5, "p2": 5.0}
 
 
 def test_the_papers_pattern_has_its_size() -> None:
-    found = planned((EXAMPLES / "paper-pattern.yaml").read_text("utf-8"))
-    assert found.variants == 10 * 16 * 8 * 4 * 2
-    assert found.accepted > found.variants / 2
-    assert all(reason.startswith("person-1 ") for reason in found.rejected)
+    forecast = planned((EXAMPLES / "paper-pattern.yaml").read_text("utf-8"))
+    assert forecast.variants == 10 * 16 * 8 * 4 * 2
+    assert forecast.accepted > forecast.variants / 2
+    assert all(reason.startswith("person-1 ") for reason in forecast.rejected)
 
 
 def test_the_sensor_example_renders_nothing_after_the_first_run(pins: Pins) -> None:
@@ -55,11 +55,11 @@ def test_the_sensor_example_renders_nothing_after_the_first_run(pins: Pins) -> N
         manifest, digest = asset_manifest(spec.asset)
         run = resolve(spec, manifest, asset_digest=digest)
         inputs = ProductInputs(run, asset_digest=digest, pins=pins)
-        found: set[str] = set()
+        names: set[str] = set()
         for _, values in run.space.values(0, run.space.size):
             for camera in range(len(run.cameras)):
-                found.update(inputs.frame(values, camera).products.required)
-        return found
+                names.update(inputs.frame(values, camera).products.required)
+        return names
 
     assert rendered("sensor.yaml") < rendered("first-run.yaml")
 
@@ -86,9 +86,9 @@ def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:
 
 def test_the_crossing_is_one_movement_in_twelve_timings_over_the_whole_street() -> None:
     text = (EXAMPLES / "crossing.yaml").read_text("utf-8")
-    found = planned(text)
-    assert (found.variants, found.accepted, found.moments, found.frames) == (12, 12, 8, 96)
-    backgrounds = next(product for product in found.products if product.kind == "background")
+    forecast = planned(text)
+    assert (forecast.variants, forecast.accepted, forecast.moments, forecast.frames) == (12, 12, 8, 96)
+    backgrounds = next(product for product in forecast.products if product.kind == "background")
     assert backgrounds.needed == 1
     spec = parse(text)
     manifest, _ = asset_manifest(spec.asset)
@@ -102,5 +102,5 @@ def test_the_crossing_is_one_movement_in_twelve_timings_over_the_whole_street() 
 
 
 def test_a_bus_stands_between_the_camera_and_a_child_in_the_open() -> None:
-    found = planned((EXAMPLES / "behind-the-bus.yaml").read_text("utf-8"))
-    assert (found.variants, found.accepted, found.frames) == (14, 14, 28)
+    forecast = planned((EXAMPLES / "behind-the-bus.yaml").read_text("utf-8"))
+    assert (forecast.variants, forecast.accepted, forecast.frames) == (14, 14, 28)

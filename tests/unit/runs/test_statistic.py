@@ -64,7 +64,7 @@ def test_a_quantile_is_that_of_numpy(values: list[float], threshold: float, orde
         ("mean(occlusion_rate) >= 0.8", UnknownName, "unknown score 'occlusion_rate'"),
         ("mean(fp) <= 100", InvalidInput, "bound a share or a quantile"),
         ("mean(pacc) >= 80", InvalidInput, "between 0 and 1"),
-        ("mean(pacc) >= 1e", InvalidInput, "'1e' is no number"),
+        ("mean(pacc) >= 1e", InvalidInput, "'1e' is not a number"),
         ("share(pacc) >= 0.8", InvalidInput, "a share is of a comparison"),
         ("quantile(pacc) >= 0.8", InvalidInput, "a quantile has a score and an order"),
         ("quantile(pacc, 5) >= 0.8", InvalidInput, "between 0 and 1"),

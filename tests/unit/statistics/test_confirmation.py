@@ -1,4 +1,4 @@
-"""What is searched in one half of the places and confirmed in the other."""
+"""Search in one half of the places, confirmation in the other."""
 
 from __future__ import annotations
 
@@ -138,8 +138,8 @@ def test_places_needed_are_those_of_the_published_tables(effect: float, wanted: 
 def test_the_power_is_that_of_simulated_t_tests() -> None:
     rng = np.random.default_rng(9)
     data = rng.normal(0.6, 1.0, (20_000, 12))
-    found = (stats.ttest_1samp(data, 0, axis=1, alternative="greater").pvalue <= 0.025).mean()
-    assert power(12, 0.6, 1.0, alpha=0.025) == pytest.approx(found, abs=0.012)
+    rejected_share = (stats.ttest_1samp(data, 0, axis=1, alternative="greater").pvalue <= 0.025).mean()
+    assert power(12, 0.6, 1.0, alpha=0.025) == pytest.approx(rejected_share, abs=0.012)
 
 
 def test_no_affordable_number_of_places_is_none() -> None:
@@ -161,10 +161,10 @@ def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
     observations = _run(np.random.default_rng(6), places=20, effect=0.4)
     (finding, *_) = named(observations)
     looked_at = contrasts(observations, interactions=False)
-    (contrast,) = [one for one in looked_at if one.changes == (Change("sun", 0, 1),)]
+    (contrast,) = [candidate for candidate in looked_at if candidate.changes == (Change("sun", 0, 1),)]
     assert finding.contrast == contrast
     assert (finding.low, finding.high) == contrast.interval(1 - 0.05 / len(looked_at))
-    assert finding.adjusted_p == holm([one.p_value for one in looked_at])[looked_at.index(contrast)] <= 0.05
+    assert finding.adjusted_p == holm([candidate.p_value for candidate in looked_at])[looked_at.index(contrast)] <= 0.05
     assert not finding.confirmed
     (few, *_) = named(_run(np.random.default_rng(6), places=8, effect=0.2))
     assert (few.low, few.high) == (-np.inf, np.inf)

@@ -45,8 +45,8 @@ def test_with_rows_missing_a_difference_is_taken_only_where_both_sides_of_a_bloc
     observations = observe(values, place, {"sun": sun, "camera": camera})
     contrast = _only(observations, Change("sun", 0, 1))
     table, means, pairs = values.reshape(8, 2, 3), [], 0
-    for one in table:
-        differences = [one[1, k] - one[0, k] for k in range(3) if np.isfinite(one[:, k]).all()]
+    for row in table:
+        differences = [row[1, k] - row[0, k] for k in range(3) if np.isfinite(row[:, k]).all()]
         pairs += len(differences)
         means += [np.mean(differences)] if differences else []
     assert observations.undefined == np.count_nonzero(np.isnan(values))

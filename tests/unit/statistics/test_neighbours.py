@@ -28,8 +28,8 @@ def observed(values):
 
 def share_alike(reach_m, repetitions):
     positions = np.repeat(POSITIONS, 2, axis=0)
-    found = [places_alike(observed(field(reach_m, seed)), positions, seed=seed) for seed in range(repetitions)]
-    return np.mean(found)
+    tests = [places_alike(observed(field(reach_m, seed)), positions, seed=seed) for seed in range(repetitions)]
+    return np.mean(tests)
 
 
 def test_independent_places_count_as_alike_as_rarely_as_stated():

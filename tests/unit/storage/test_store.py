@@ -66,13 +66,13 @@ def test_a_runs_artifact_may_be_replaced(store: ArtifactStore) -> None:
 
 def test_many_writers_of_one_key_leave_one_of_their_objects_whole(store: ArtifactStore, folder: Path) -> None:
     contents = [bytes([n]) * 200_000 for n in range(8)]
-    written: list[bool] = []
-    threads = [threading.Thread(target=lambda c=c: written.append(store.put("runs/a/b", c))) for c in contents]
+    results: list[bool] = []
+    threads = [threading.Thread(target=lambda c=c: results.append(store.put("runs/a/b", c))) for c in contents]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert written.count(True) == 1
+    assert results.count(True) == 1
     assert store.get("runs/a/b") in contents
     assert [path.name for path in folder.rglob("*") if path.is_file()] == ["b"]
 

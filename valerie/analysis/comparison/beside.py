@@ -86,10 +86,11 @@ class SharedPerson:
 
 @dataclass(frozen=True, slots=True)
 class FunctionBeside:
-    """One function in both runs.
+    """One function in both runs, or one of each.
 
     Attributes:
         function, sensor: as the first run names them.
+        function_there: as the second run names it; empty in documents of older releases.
         slices: all persons first, then the parts.
         rank_correlation: Spearman's, over the persons; None with fewer than three or with constant scores.
         fidelity: agreement of the runs about which persons are missed.
@@ -103,6 +104,13 @@ class FunctionBeside:
     fidelity: Fidelity
     fell: tuple[SharedPerson, ...]
     rose: tuple[SharedPerson, ...]
+    function_there: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name of the function, or of both."""
+        same = self.function_there in ("", self.function)
+        return self.function if same else f"{self.function} here, {self.function_there} there"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +198,8 @@ class Beside:
         return pa.Table.from_pylist(
             [
                 {
-                    "function": comparison.function, "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
+                    "function": comparison.function, "function_there": comparison.function_there,
+                    "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
                     "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
                     "estimand": None if part.difference.estimand is None else part.difference.estimand.value,
@@ -302,6 +311,7 @@ def _functions(
                     instance_fidelity(before[own] < threshold, after[own] < threshold, one.units.of(own)),
                     tuple(_pair(one, other, int(row)) for row in fell),
                     tuple(_pair(one, other, int(row)) for row in rose),
+                    str(other.arrow["function"][int(rows[0])]),
                 )
             )
     return entries

@@ -22,7 +22,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     findings = len(source.findings.items)
     sentences = [_counted("Requirements", [verdict.outcome.value for verdict in source.verdicts])]
     sentences += [
-        f"{labels[row.function, row.sensor]} sees {percent(row.pacc_mean)} % of a person's visible pixels in the mean, and "
+        f"{labels[row.function, row.sensor]} sees {percent(row.pacc_mean)} % of a person's visible pixels on average, and "
         f"misses {row.defined - row.detected:,} of {row.defined:,} persons (pACC < {summary.threshold:g})."
         for row in together
         if row.defined
@@ -41,8 +41,10 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     if source.beside is not None:
         for function in source.beside.functions:
             whole, rank = function.slices[0], function.rank_correlation
+            other = function.function_there not in ("", function.function)
+            who = f"{function.function_there} against {function.function}" if other else function.function
             sentences.append(
-                f"{function.function} in {source.beside.there}: {points(whole.difference.mean)} points"
+                f"{who} in {source.beside.there}: {points(whole.difference.mean)} points"
                 f"{span_text(whole.difference)}, on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )

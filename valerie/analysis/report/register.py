@@ -1,7 +1,7 @@
 """A register of triggering conditions (ISO 21448), derived from a run's findings.
 
 Each entry names a condition, the functional insufficiency that it reveals, the frames that show it, and a run that tests it
-again. The register supports an analysis; it is no statement of compliance.
+again. The register supports an analysis; it is not a statement of compliance.
 """
 
 from __future__ import annotations

@@ -232,7 +232,7 @@ def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str
 def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
     """Yield the persons in whom two runs differ most: title and (caption, data URL) of both.
 
-    A comparison that was made apart from this run has no pictures here.
+    A comparison of another run has no pictures here.
     """
     if beside is None or beside.run_here != source.provenance.run_id:
         return
@@ -242,9 +242,7 @@ def _flips(source: ReportInput, beside: Beside | None) -> Iterator[tuple[str, li
             *(("rose", pair) for pair in comparison.rose[:1]),
         )
         for word, pair in pairs:
-            title = (
-                f"{comparison.function}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
-            )
+            title = f"{comparison.title}: {word} from {wording.percent(pair.here)} to {wording.percent(pair.there)} %"
             here = _picture(source, pair.frame_here, pair.sensor, pair.function, pair.instance_id)
             there = _picture(source, pair.frame_there, pair.sensor_there, pair.function_there, pair.instance_id)
             yield title, [(f"here · frame {pair.frame_here}", here), (f"there · frame {pair.frame_there}", there)]

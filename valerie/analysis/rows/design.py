@@ -1,4 +1,4 @@
-"""How a run's variants were chosen, as statistics need it: which rows were drawn, and which positions make a place."""
+"""A run's design, as statistics need it: the rows that were drawn, the positions that make a place."""
 
 from __future__ import annotations
 

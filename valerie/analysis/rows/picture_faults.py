@@ -1,4 +1,4 @@
-"""Which rows have a picture that shows nothing."""
+"""Rows whose picture shows nothing."""
 
 from __future__ import annotations
 

@@ -81,7 +81,12 @@ def _scale(value: object) -> object:
 
 
 def _listed(value: object) -> object:
-    return CLASS_LISTS.get(value, value) if isinstance(value, str) else value
+    """Return the classes of a named list; other values unchanged."""
+    if not isinstance(value, str):
+        return value
+    if value not in CLASS_LISTS:
+        raise UnknownName("list of classes", value, CLASS_LISTS, field="output.classes", limit="[class, class, …]")
+    return CLASS_LISTS[value]
 
 
 class Payload(Document):
@@ -217,7 +222,9 @@ class FunctionDocument(Document):
         input, output: conversion of frames to the network's input, and of its output to labels.
         engine: engine that runs it; by default the first that fits the kind.
         precision: requested precision; the actual one is read back from the engine and is part of the numeric class.
-        provenance: free entries: source, licence, training data, figures, checks.
+        trained_on: name of an asset or data set to the part that it has learned from; of a generated asset the site seeds, such
+            as ``1000-1094; 1100``. See `valerie.perception.documents.training_data`.
+        provenance: free entries: source, licence, figures, checks.
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]
@@ -229,6 +236,7 @@ class FunctionDocument(Document):
     output: OutputDocument = OutputDocument()
     engine: EngineName
     precision: Precision = "fp32"
+    trained_on: dict[str, str] = Field(default_factory=dict)
     provenance: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -309,7 +317,11 @@ def parse_function(source: str | bytes | Mapping[str, Json], **entries: object) 
         return FunctionDocument.model_validate(values)
     except ValidationError as error:
         kind = str(values.get("kind"))
-        raise InvalidInputs([_problem(problem, kind) for problem in error.errors(include_url=False)]) from None
+        # A known kind has an engine by default, and an unknown one is a problem of its own.
+        problems = [
+            problem for problem in error.errors(include_url=False) if problem["loc"] != ("engine",) or kind in ENGINES
+        ]
+        raise InvalidInputs([_problem(problem, kind) for problem in problems]) from None
 
 
 def _problem(problem: ErrorDetails, kind: str) -> InvalidInput:

@@ -90,6 +90,11 @@ def is_quantized(model: onnx.ModelProto) -> bool:
     return any(node.op_type in _QUANTIZED for node in model.graph.node)
 
 
+def dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
+    """Return the fixed lengths of the axes, None for free ones; empty if the file states no shape."""
+    return [axis.dim_value if axis.HasField("dim_value") else None for axis in value.type.tensor_type.shape.dim]
+
+
 def _messages(message: Message, field: str, depth: int = 1) -> Iterator[Message]:
     """Yield every message inside a graph, including those of inner graphs; tensors are not entered."""
     if depth > MAX_DEPTH:

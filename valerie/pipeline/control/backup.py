@@ -83,7 +83,9 @@ def restore(settings: Settings, folder: Path) -> Contents:
     try:
         contents = Contents.model_validate_json((folder / _CONTENTS).read_bytes())
     except FileNotFoundError:
-        raise NotFound("backup", f"{folder / _CONTENTS}: the folder is no backup, or an unfinished one") from None
+        raise NotFound(
+            "backup", f"{folder / _CONTENTS}: the folder is not a backup, or the backup is unfinished"
+        ) from None
     _load(settings.database_url, folder / contents.database)
     source, target = (
         open_store(str(folder / _OBJECTS)),

@@ -49,7 +49,7 @@ def refine_run(
         InvalidInput: several selections, an empty selection, or an unknown name.
     """
     if sum(part is not None for part in (selection.where, selection.finding, selection.requirement)) > 1:
-        raise InvalidInput("a run is refined in one place", limit="--where, --finding or --requirement")
+        raise InvalidInput("name one region to refine", limit="--where, --finding or --requirement")
     run = read_run(context, run_id)
     if selection.finding is not None:
         if add or drop:

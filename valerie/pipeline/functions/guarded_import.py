@@ -118,8 +118,9 @@ def import_function(request: ImportRequest, folder: Path, settings: Settings) ->
     if conversion in ("onnx", "program"):
         entries = {"kind": "onnx", **entries}
     if conversion in ("onnx", "none"):
-        payload = payload_of(request.path, PAYLOADS[str(entries["kind"])])
-        entries = parse_function(entries, payload=payload.model_dump()).model_dump(mode="json")
+        entries["payload"] = payload_of(request.path, PAYLOADS[str(entries["kind"])]).model_dump()
+    if conversion == "none":
+        entries = parse_function(entries).model_dump(mode="json")
     job = ImportJob(
         entries=entries,
         path=request.path.absolute(),

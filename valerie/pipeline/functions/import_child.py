@@ -89,12 +89,13 @@ def _function(job: ImportJob) -> tuple[FunctionDocument, Path]:
 
 
 def _from_onnx(job: ImportJob) -> FunctionDocument:
-    """Check the file; return the document with the provenance that the file states."""
+    """Check the file; return the document with the facts that the file states."""
     with _required():
+        from valerie.perception.importing.onnx_facts import with_stated_facts
         from valerie.perception.importing.onnx_files import operator_set, read_onnx
     model = read_onnx(job.path, max_bytes=job.max_bytes)
     producer = f"{model.producer_name} {model.producer_version}".strip()[:200]
-    document = FunctionDocument.model_validate(job.entries)
+    document = parse_function(with_stated_facts(job.entries, model))
     provenance = {"producer": producer, "opset": str(operator_set(model)), **document.provenance}
     return document.model_copy(update={"provenance": provenance})
 

@@ -1,6 +1,7 @@
 """``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers as one line of JSON.
 
-It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch.
+It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch. There is one
+for each engine, so it imports neither database nor planning.
 """
 
 from __future__ import annotations
@@ -15,14 +16,12 @@ from valerie import plugins
 from valerie.addresses import parse_allowed
 from valerie.errors import ValerieError
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
-from valerie.pipeline.base.pinning import TRUTH
-from valerie.pipeline.functions.loader import open_function_document, open_installed
-from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer, Offer
+from valerie.pipeline.functions.opening import open_function_document, open_installed
+from valerie.runs.products.pins import OFFERS, TRUTH, AnyOffer, FunctionOffer, Offer
 from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
-from valerie.testing.blank import NAME as BLANK
-from valerie.testing.onnx_function import small_onnx
 
 #: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
@@ -35,7 +34,7 @@ def probe_engine(name: str) -> list[AnyOffer]:
         engine = _rendering(name, renderer.numeric_class, renderer.revision)
     finally:
         renderer.close()
-    truth = plugins.create_truth_pass(BLANK if name == BLANK else "")
+    truth = plugins.create_truth_pass(name if name == plugins.TESTING_ENGINE else "")
     return [engine, _rendering(TRUTH, truth.numeric_class, truth.revision)]
 
 

@@ -6,8 +6,8 @@ from typing import Final
 
 from valerie.db.measured import SEEN, SeenPerson
 from valerie.measures import Source, names_from
-from valerie.rendering.base import GroundTruth
-from valerie.rendering.visibility import ABSENT, Box, Visibility, measure_pixels
+from valerie.rendering.base import GroundTruth, Rectangle
+from valerie.rendering.visibility import ABSENT, Visibility, measure_pixels
 
 _PIXELS: Final = names_from(Source.PIXELS)
 #: Row of a frame without persons, so that no result silently omits the frame.
@@ -20,9 +20,9 @@ def seen_person(view: Visibility) -> SeenPerson:
     return SeenPerson(view.instance_id, measures, _corners(view.box), _corners(view.amodal_box))
 
 
-def _corners(box: Box | None) -> list[int] | None:
-    """Return [x0, y0, x1, y1], end exclusive, of (x, y, width, height)."""
-    return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
+def _corners(box: Rectangle | None) -> list[int] | None:
+    """Return [x0, y0, x1, y1], end exclusive."""
+    return None if box is None else [box.x, box.y, box.x + box.width, box.y + box.height]
 
 
 def measured_again(person: SeenPerson, truth: GroundTruth) -> SeenPerson:

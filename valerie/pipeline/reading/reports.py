@@ -19,12 +19,11 @@ from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.analysis.wording import duration
 from valerie.db import results, runs
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
-from valerie.errors import Conflict, TransientError, ValerieError
+from valerie.errors import Conflict, TransientError, UnknownName, ValerieError
 from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
@@ -36,6 +35,7 @@ from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.plain import JsonObject
+from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault
@@ -131,13 +131,27 @@ def report_with(
     return ReportWith(build_report(source), ledger)
 
 
-def compare_runs(context: Context, run_id: str, other: str, *, claims: Claims | None = None) -> Beside:
-    """Compare an ended run with another one of the same scenes.
+def compare_runs(
+    context: Context,
+    run_id: str,
+    other: str,
+    *,
+    functions: tuple[str, str] | None = None,
+    claims: Claims | None = None,
+) -> Beside:
+    """Compare an ended run with another one of the same scenes, or two functions of one run.
+
+    Args:
+        context: context of this process.
+        run_id: id of the run.
+        other: id of the other run; the same, to compare its functions.
+        functions: a function of the run, and the one of the other run to compare it with; None: all that both have.
+        claims: statements to test in both.
 
     Raises:
         NotFound, Conflict, InvalidInput, UnknownName: as for `report_with`.
     """
-    return _compared(context, _ended(context, run_id), other, claims)
+    return _compared(context, _ended(context, run_id), other, claims, functions)
 
 
 def _ended(context: Context, run_id: str) -> RunResults:
@@ -154,7 +168,9 @@ def _ended_row(connection: Connection, run_id: str) -> RunRow:
     return run
 
 
-def _compared(context: Context, here: RunResults, other: str, claims: Claims | None) -> Beside:
+def _compared(
+    context: Context, here: RunResults, other: str, claims: Claims | None, functions: tuple[str, str] | None = None
+) -> Beside:
     with reading(context.engine) as connection:
         row = _ended_row(connection, other)
     there = resolve_stored(row, context.settings)
@@ -163,10 +179,11 @@ def _compared(context: Context, here: RunResults, other: str, claims: Claims | N
         document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
         for document in (spec, there.resolved.spec)
     )
-    differs = [f"{place} ({own} here, {other} there)" for place, own, other in _differing(before, after)]
+    differs = [f"{place} ({one} here, {two} there)" for place, one, two in _differing(before, after)]
+    own, compared = functions or (None, None)
     return put_beside(
-        _side(here.run, here.stored, here.table),
-        _side(row, there, read_table(context.engine, there)),
+        _side(here.run, here.stored, here.table, own),
+        _side(row, there, read_table(context.engine, there), compared),
         findings=[*here.analysis.findings.items, *here.analysis.findings.candidates],
         claims=claims,
         differs=differs,
@@ -193,8 +210,15 @@ def _entries(value: object) -> JsonObject | None:
     return {str(i): part for i, part in enumerate(value)} if isinstance(value, list | tuple) else None
 
 
-def _side(run: RunRow, stored: StoredRun, table: EvaluationTable) -> ComparedRun:
-    return ComparedRun(f"{run.name} ({stored.resolved.spec.engine})", run.id, table, _scenes(stored, table))
+def _side(run: RunRow, stored: StoredRun, table: EvaluationTable, function: str | None) -> ComparedRun:
+    """Return a run, or what one of its functions scored in it."""
+    name = f"{run.name} ({stored.resolved.spec.engine})"
+    if function is not None:
+        functions = stored.resolved.spec.functions
+        if function not in functions:
+            raise UnknownName(f"function of run {run.id}", function, functions, field="--function")
+        table, name = table.select(table.codes("function").where(function)), f"{function} in {name}"
+    return ComparedRun(name, run.id, table, _scenes(stored, table))
 
 
 def _scenes(stored: StoredRun, table: EvaluationTable) -> NDArray[np.object_]:

@@ -17,10 +17,11 @@ from importlib.metadata import version
 from typing import Any, ClassVar, Final
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from valerie.errors import MissingDependency, RenderingError
-from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
+from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.numeric import numeric_class
 from valerie.rendering.scene_reading import DrawItem, camera_key, camera_of, draw_items, material_of
 from valerie.rendering.sky import Sky, sky_of
@@ -33,6 +34,8 @@ DARKEST_LUX: Final = 50.0
 _GAMMA: Final = 2.2
 #: Texels per side of the shadow map. It covers the whole scene.
 _SHADOW_MAP: Final = 4096
+#: Cached textures and backgrounds.
+_TEXTURES: Final = 512
 _BACKGROUNDS: Final = 4
 _MIRROR: Final = np.diag([-1.0, 1.0, 1.0, 1.0])
 #: GL_LINEAR.
@@ -58,8 +61,8 @@ class PyrenderRenderer:
         self._renderer, driver = _process_renderer()
         self._numeric_class = f"pyrender-{version('pyrender')}-{driver}"
         self._meshes: dict[Hashable, tuple[Mesh, Any]] = {}
-        self._textures: dict[Hashable, tuple[Texture, Any]] = {}
-        self._backgrounds: dict[Hashable, tuple[Scene, LinearImage]] = {}
+        self._textures: LRUCache[Hashable, tuple[Texture, Any]] = LRUCache(_TEXTURES)
+        self._backgrounds: LRUCache[Hashable, tuple[Scene, LinearImage]] = LRUCache(_BACKGROUNDS)
 
     @property
     def numeric_class(self) -> str:
@@ -82,11 +85,7 @@ class PyrenderRenderer:
         background = self._background_of(scene, view)
         pixels = self.full(scene, view).pixels
         differs = (pixels != background.pixels).any(axis=2)
-        rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
-        if not rows.size:
-            return Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
-        x, y = int(columns[0]), int(rows[0])
-        rectangle = Rectangle(x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1)
+        rectangle = bounds(differs)
         return Layer(rectangle, pixels[rectangle.slices].copy())
 
     def full(self, scene: Scene, view: View) -> LinearImage:
@@ -111,8 +110,6 @@ class PyrenderRenderer:
         )
         entry = self._backgrounds.get(key)
         if entry is None:
-            while len(self._backgrounds) >= _BACKGROUNDS:
-                del self._backgrounds[next(iter(self._backgrounds))]
             # The reference to the scene keeps the identities in the key from being reused.
             entry = (scene, self.background(scene, view))
             self._backgrounds[key] = entry
@@ -211,8 +208,8 @@ class PyrenderRenderer:
                 copy = self._library.Texture(
                     source=np.concatenate([image, solid], axis=2), source_channels="RGBA", sampler=sampler
                 )
-            entry = (texture, copy)
-            self._textures[key] = entry
+            self._textures[key] = (texture, copy)
+            return copy
         return entry[1]
 
     def _forget_all_but(self, keys: set[Hashable]) -> None:

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.gl.targets import SAMPLES, ImageTargets, RenderTarget
-from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widened
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.light.lighting import Lighting, LitFrame
 
 #: x, y, width, height in pixels from the bottom left.
-Area = tuple[int, int, int, int]
 
 _NEIGHBOURS: Final = np.ones((3, 3), np.uint8)
 #: Rows of tiles that one read covers.
@@ -65,13 +64,11 @@ class StaticSurfaces:
 
     def _learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
         area = x, y, width, height = self.grid.around(mask)
-        left, bottom = max(x - 1, 0), max(y - 1, 0)
-        wide = min(x + width + 1, self.grid.width) - left
-        tall = min(y + height + 1, self.grid.height) - bottom
-        fine = left * SAMPLES, bottom * SAMPLES, wide * SAMPLES, tall * SAMPLES
-        window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(tall * SAMPLES, wide * SAMPLES)
+        wide = Area(x - 1, y - 1, width + 2, height + 2).common(Area(0, 0, self.grid.width, self.grid.height))
+        fine = wide.scaled(SAMPLES)
+        window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(fine.height, fine.width)
         # Reduce two by two samples to pixels, pixels with their neighbours, then tiles. Depth increases with the buffer's value.
-        inner = np.s_[y - bottom : y - bottom + height, x - left : x - left + width]
+        inner = area.inside(wide)
         nearest = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
         low: NDArray[np.float32] = cv2.erode(nearest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
         # The sky does not count, since movables do not change it.
@@ -88,7 +85,7 @@ class StaticSurfaces:
         dark = self.grid.holding(raw < 255, x, y)
         self.open[mask] = ~dark[mask]
         inside = self.grid.pixels(mask, area)
-        np.copyto(self.smooth[y : y + height, x : x + width], smooth, where=inside)
+        np.copyto(self.smooth[area.slices], smooth, where=inside)
 
     def release(self) -> None:
         """Free the G-buffer."""
@@ -127,7 +124,7 @@ class Canvas:
         self._camera: Hashable = None
         self._light: Hashable = None
         #: Area in which the G-buffer may differ from the statics': at first all of it, later that of the movables.
-        self.drawn: Area = (0, 0, self.grid.width, self.grid.height)
+        self.drawn = Area(0, 0, self.grid.width, self.grid.height)
         none = self.grid.none
         self.occluded, self.smoothed, self.opened, self.skylit, self.classified, self.shaded = (
             none() for _ in range(6)
@@ -205,21 +202,21 @@ class Canvas:
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.cover(near)
-        return [_read(self._received.framebuffer, area, 4, "f4").reshape(area[3], area[2], 4) for area in areas]
+        return [_read(self._received.framebuffer, area, 4, "f4").reshape(area.height, area.width, 4) for area in areas]
 
     def read_pixels(self, area: Area) -> NDArray[np.float16]:
         """Return the pixels of an area, (height, width, 3), rows from the bottom."""
         data = _read(self.targets.pixels.framebuffer, area, 3, "f2")
-        return data.view(np.float16).reshape(area[3], area[2], 3)
+        return data.view(np.float16).reshape(area.height, area.width, 3)
 
     def read_smooth(self, area: Area) -> NDArray[np.uint8]:
         """Return the ambient occlusion of an area after the blur, (height, width)."""
-        return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
+        return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area.height, area.width)
 
     def read_moving(self, area: Area) -> Mask:
         """Return a mask of an area's pixels, (height, width): True where a sample shows one of the movables drawn last."""
-        x, y, width, height = (n * SAMPLES for n in area)
-        rows = _read(self.targets.moving.framebuffer, (x, y, width, height), 1, "u2", 2).reshape(height, width)
+        samples = area.scaled(SAMPLES)
+        rows = _read(self.targets.moving.framebuffer, samples, 1, "u2", 2).reshape(samples.height, samples.width)
         across = np.logical_or.reduce([rows[:, i::SAMPLES] for i in range(SAMPLES)])
         pixels: Mask = np.logical_or.reduce([across[i::SAMPLES] for i in range(SAMPLES)])
         return pixels

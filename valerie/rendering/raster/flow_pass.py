@@ -20,7 +20,7 @@ from valerie.rendering.base import GroundTruth, Rectangle, View
 from valerie.rendering.projection import clip_from_view, view_from_world
 from valerie.rendering.raster.gl.bounds import covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
-from valerie.rendering.raster.gl.targets import RenderTarget, gl_rectangle
+from valerie.rendering.raster.gl.targets import RenderTarget, area_of
 from valerie.rendering.raster.gl.uniforms import Uniforms
 from valerie.rendering.raster.upload.context import GraphicsContext, process_context
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
@@ -106,7 +106,7 @@ class FlowPass:
         camera, other = camera_of(before.scene, view), camera_of(after.scene, view)
         size = (view.width, view.height)
         target = self._target.get(size, lambda: RenderTarget(self._context.gl, size, ((4, "f4"),), depth=True))
-        area = gl_rectangle(rectangle, view)
+        area = area_of(rectangle, view)
         target.use(area)
         target.clear()
         matrix = view_from_world(camera)

@@ -12,7 +12,8 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.projection import drawing_matrices
 from valerie.rendering.raster.gl.bounds import covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
-from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, gl_rectangle, one_span
+from valerie.rendering.raster.gl.targets import RenderTarget, ScreenPass, area_of
+from valerie.rendering.raster.gl.tiles import Area
 from valerie.rendering.raster.upload.context import GraphicsContext
 from valerie.rendering.raster.upload.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.upload.scenes import Prepared
@@ -53,10 +54,10 @@ class NormalsPass:
                 work = self._work.get((view.width, view.height), lambda: _target(gl, view))
                 assert statics.depth is not None
                 sources = {"from_normals": statics.colors[0], "from_depth": statics.depth}
-                self._copy.run(work, one_span(gl_rectangle(everything, view)), sources, {}, depth="written")
+                self._copy.run(work, area_of(everything, view).span, sources, {}, depth="written")
                 rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], camera, view)
                 if not rectangle.empty:
-                    work.use(gl_rectangle(rectangle, view))
+                    work.use(area_of(rectangle, view))
                     values = drawing_matrices(camera, view)
                     self._surfaces.movables(prepared.placed, prepared.statics.textures, table, values)
                 data = work.framebuffer.read(components=2, dtype="i2", alignment=1)
@@ -76,7 +77,7 @@ class NormalsPass:
 
     def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> RenderTarget:
         target = _target(self._context.gl, view)
-        everything = one_span((0, 0, view.width, view.height))
+        everything = Area(0, 0, view.width, view.height).span
         self._nothing.run(target, everything, {}, {}, depth="written")
         target.use()
         self._surfaces.statics(prepared.statics, table, drawing_matrices(camera, view))

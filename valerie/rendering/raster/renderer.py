@@ -15,12 +15,12 @@ from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, 
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.projection import LightView, drawing_matrices
-from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
+from valerie.rendering.raster.canvas import Canvas, StaticImage, StaticSurfaces
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.gl.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.gl.cache import LeastRecentlyUsed
-from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
-from valerie.rendering.raster.gl.tiles import TILE, Mask, TileGrid, widened
+from valerie.rendering.raster.gl.targets import SAMPLES, ScreenPass, area_of, surface_target
+from valerie.rendering.raster.gl.tiles import TILE, Area, Mask, TileGrid, widened
 from valerie.rendering.raster.light.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.light.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
 from valerie.rendering.raster.light.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
@@ -109,17 +109,17 @@ class RasterRenderer:
             rectangle = with_lamps(rectangle, boxes, frame.camera, view, lowest, frame.lamps)
             if rectangle.empty:
                 return nothing
-            area = gl_rectangle(rectangle, view)
+            area = area_of(rectangle, view)
             self._learn(frame, frame.canvas.grid.touching(area))
-            (x, y, width, height), after = self._with_movables(frame, area)
-            before = frame.image.pixels[y : y + height, x : x + width]
+            part, after = self._with_movables(frame, area)
+            before = frame.image.pixels[part.slices]
             differs = before.view(np.uint16) != after.view(np.uint16)
         box = bounds((differs[..., 0] | differs[..., 1] | differs[..., 2])[::-1])
         if box.empty:
             return nothing
         pixels = np.ascontiguousarray(after[::-1][box.slices])
-        top = view.height - y - height
-        return Layer(Rectangle(x + box.x, top + box.y, box.width, box.height), pixels)
+        top = view.height - part.y - part.height
+        return Layer(Rectangle(part.x + box.x, top + box.y, box.width, box.height), pixels)
 
     def part(self, scene: Scene, view: View, window: Rectangle) -> NDArray[np.float16]:
         """Render a rectangle of the frame; see `valerie.rendering.base.Renderer`.
@@ -129,12 +129,12 @@ class RasterRenderer:
         # The filters mix neighbouring tiles, and movables may change these too.
         wide = window.widened(3 * TILE).clipped(view.width, view.height)
         with self._frame(scene, view, window=wide) as frame:
-            area = x, y, width, height = gl_rectangle(wide, view)
+            area = area_of(wide, view)
             self._learn(frame, frame.canvas.grid.touching(area))
-            pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+            pixels = frame.image.pixels[area.slices].copy()
             if frame.prepared.placed:
-                (left, bottom, across, up), after = self._with_movables(frame, area)
-                pixels[bottom - y : bottom - y + up, left - x : left - x + across] = after
+                part, after = self._with_movables(frame, area)
+                pixels[part.inside(area)] = after
         top, left = window.y - wide.y, window.x - wide.x
         return np.ascontiguousarray(pixels[::-1][top : top + window.height, left : left + window.width])
 
@@ -143,7 +143,7 @@ class RasterRenderer:
         with self._context.current():
             self._forget()
         with self._frame(scene, view) as frame:
-            canvas, everything = frame.canvas, (0, 0, view.width, view.height)
+            canvas, everything = frame.canvas, Area(0, 0, view.width, view.height)
             self._draw(frame, everything)
             with self._lit(frame, movables=True) as lit:
                 canvas.light(lit, ~canvas.grid.none())
@@ -157,8 +157,8 @@ class RasterRenderer:
         with self._frame(scene, view) as frame:
             meshes = frame.prepared.placed
             box = covered_rectangle([mesh.corners for mesh in meshes], frame.camera, view)
-            self._draw(frame, gl_rectangle(box, view))
-            areas = [gl_rectangle(rectangle, view) for rectangle in rectangles]
+            self._draw(frame, area_of(box, view))
+            areas = [area_of(rectangle, view) for rectangle in rectangles]
             with self._lit(frame, movables=True) as lit:
                 received = frame.canvas.receive(lit, self._lighting, areas)
             sunny = bool(frame.sky.sun.max() > 0)
@@ -215,7 +215,7 @@ class RasterRenderer:
             try:
                 surfaces = self._static_surfaces.get(
                     sight,
-                    lambda: self._draw_statics(prepared, camera, view, table, canvas.grid, gl_rectangle(extent, view)),
+                    lambda: self._draw_statics(prepared, camera, view, table, canvas.grid, area_of(extent, view)),
                 )
                 light = self._light_views.get(
                     (sight, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
@@ -226,7 +226,7 @@ class RasterRenderer:
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
-                canvas.take(sight, lit, gl_rectangle(extent, view))
+                canvas.take(sight, lit, area_of(extent, view))
                 yield _Frame(
                     prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
                 )  # fmt: skip
@@ -283,9 +283,9 @@ class RasterRenderer:
             canvas.occlude(lit, gaps)
             canvas.light(lit, gaps)
         frame.surfaces.learn(gaps, canvas.targets, frame.camera.near, frame.camera.far)
-        area = x, y, width, height = canvas.grid.around(gaps)
+        area = canvas.grid.around(gaps)
         inside = canvas.grid.pixels(gaps, area)[..., None]
-        np.copyto(frame.image.pixels[y : y + height, x : x + width], canvas.read_pixels(area), where=inside)
+        np.copyto(frame.image.pixels[area.slices], canvas.read_pixels(area), where=inside)
         frame.image.known |= gaps
 
     def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
@@ -295,7 +295,7 @@ class RasterRenderer:
         bodies = [mesh.corners for mesh in meshes]
         box = covered_rectangle(bodies, camera, view)
         region = grid.touching(area)
-        surface, body = self._draw(frame, gl_rectangle(box, view))
+        surface, body = self._draw(frame, area_of(box, view))
         occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
         smoothed: Mask = widened(occluded) & region
         with self._lit(frame, movables=True) as lit:
@@ -310,11 +310,10 @@ class RasterRenderer:
             canvas.cover(body)
             canvas.shaded &= ~dirty
             canvas.light(lit, dirty)
-        part, pixels = (area[0], area[1], 0, 0), np.zeros((0, 0, 3), np.float16)
+        part, pixels = Area(area.x, area.y, 0, 0), np.zeros((0, 0, 3), np.float16)
         if dirty.any():
-            part = _common(grid.around(dirty), area)
-            x, y, width, height = part
-            pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+            part = grid.around(dirty).common(area)
+            pixels = frame.image.pixels[part.slices].copy()
             np.copyto(pixels, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
         # These tiles no longer hold the statics' values.
         canvas.occluded &= ~occluded
@@ -333,8 +332,8 @@ class RasterRenderer:
         grid = canvas.grid
         dirty: Mask = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
         if smoothed.any():
-            area = x, y, width, height = grid.around(smoothed)
-            differs: Mask = np.not_equal(canvas.read_smooth(area), surfaces.smooth[y : y + height, x : x + width])
+            area = grid.around(smoothed)
+            differs: Mask = np.not_equal(canvas.read_smooth(area), surfaces.smooth[area.slices])
             differs &= grid.pixels(smoothed, area)
             dirty |= _spread(grid, differs, area, _OCCLUSION_REACH)
         return dirty
@@ -343,8 +342,7 @@ class RasterRenderer:
         self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, grid: TileGrid, area: Area
     ) -> StaticSurfaces:
         target = surface_target(self._context.gl, view)
-        x, y, width, height = (n * SAMPLES for n in area)
-        target.use((x, y, width, height))
+        target.use(area.scaled(SAMPLES))
         target.clear()
         values = drawing_matrices(camera, view)
         # The depth pre-pass reduces texture reads to one per sample.
@@ -363,15 +361,14 @@ class RasterRenderer:
         self._copy_statics(frame)
         canvas, targets = frame.canvas, frame.canvas.targets
         canvas.drawn = area
-        if not area[2] or not area[3]:
+        if not area.width or not area.height:
             return np.zeros((0, 0), np.bool_), canvas.grid.none()
-        x, y, width, height = (n * SAMPLES for n in area)
         moving, textures = targets.moving, frame.prepared.statics.textures
-        moving.use((x, y, width, height))
+        moving.use(area.scaled(SAMPLES))
         moving.clear_colors()
         self._moving.movables(frame.prepared.placed, textures, frame.table, drawing_matrices(frame.camera, frame.view))
         pixels = canvas.read_moving(area)
-        body = canvas.grid.holding(pixels, area[0], area[1])
+        body = canvas.grid.holding(pixels, area.x, area.y)
         sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "uv_map": moving.colors[0],
             "frame_map": moving.colors[1],
@@ -381,8 +378,9 @@ class RasterRenderer:
         }
         # Outside the area, the target may hold material rows of an earlier frame.
         spans = canvas.grid.spans(body)
-        spans[:, :2] = np.maximum(spans[:, :2], area[:2])
-        spans[:, 2:] = np.minimum(spans[:, 2:], (area[0] + area[2], area[1] + area[3]))
+        ((x0, y0, x1, y1),) = area.span
+        spans[:, :2] = np.maximum(spans[:, :2], (x0, y0))
+        spans[:, 2:] = np.minimum(spans[:, 2:], (x1, y1))
         self._texturing([mesh.kind for mesh in frame.prepared.placed]).run(
             targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler
         )
@@ -414,9 +412,9 @@ class RasterRenderer:
             "from_material": surfaces.colors[2],
             "from_depth": surfaces.depth,
         }
-        if canvas.drawn[2] and canvas.drawn[3]:
-            self._copy.run(canvas.targets.surfaces, one_span(canvas.drawn) * SAMPLES, sources, {}, depth="written")
-        canvas.drawn = (0, 0, 0, 0)
+        if canvas.drawn.width and canvas.drawn.height:
+            self._copy.run(canvas.targets.surfaces, canvas.drawn.scaled(SAMPLES).span, sources, {}, depth="written")
+        canvas.drawn = Area(0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -435,14 +433,6 @@ class _Frame:
     sky_light: SkyLight
     sky: Sky
     lamps: FrameLamps
-
-
-def _common(first: Area, second: Area) -> Area:
-    """Return the intersection of two areas that overlap."""
-    left, bottom = max(first[0], second[0]), max(first[1], second[1])
-    right = min(first[0] + first[2], second[0] + second[2])
-    top = min(first[1] + first[3], second[1] + second[3])
-    return left, bottom, right - left, top - bottom
 
 
 def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:

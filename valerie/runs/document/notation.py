@@ -27,6 +27,13 @@ from valerie.runs.document.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomog
 #: Fields of a single block at the top level.
 TOP_LEVEL: Final = ("design", "count", "vary", "points")
 
+#: Other programs' names of distributions.
+_ALSO_CALLED: Final = {
+    **dict.fromkeys(("NORMAL", "NORM"), "gaussian"),
+    **dict.fromkeys(("RANGE", "LINSPACE", "ARANGE", "LINEAR"), "homogeneous"),
+    **dict.fromkeys(("VALUES", "LIST", "CHOICES", "CATEGORICAL"), "choice"),
+    **dict.fromkeys(("VALUE", "FIXED"), "constant"),
+}
 _COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} takes three numbers"}
 #: Short words of the mapping notation.
 _WORDS: Final = {**SHORT_WORDS, "scene_graph_ref": "path"}
@@ -54,10 +61,12 @@ class _EntryKind(NamedTuple):
     Attributes:
         read: converts one entry.
         placeholder: replaces an entry that has a problem.
+        form: an entry as it may be written, for errors.
     """
 
     read: _Read
     placeholder: JsonObject
+    form: str
 
 
 class Normalization:
@@ -125,14 +134,20 @@ class Normalization:
     def _entries(self, entries: Json, place: str, written_place: str, kind: _EntryKind) -> Json:
         """Return a mapping, or a list of lists or objects, as a list of objects."""
         if not isinstance(entries, dict | list | tuple):
-            return entries
+            message = "entries are needed here, indented"
+            self.problems.append(InvalidInput(message, field=written_place, value=entries, limit=kind.form))
+            return []
+        if isinstance(entries, list) and _is_entry(entries):
+            message, limit = "brackets around each entry are missing", f"[[{', '.join(map(str, entries))}]]"
+            self.problems.append(InvalidInput(message, field=written_place, value=entries, limit=limit))
+            return []
         pairs = list(entries.items()) if isinstance(entries, dict) else [(None, entry) for entry in entries]
         objects: list[JsonObject] = []
         for i, (name, entry) in enumerate(pairs):
             field = f"{written_place}.{i if name is None else name}"
             self.places[f"{place}.{i}"] = field
-            for word in _short_words(entry):
-                self.places[f"{place}.{i}.{_WORDS[word]}"] = f"{field}.{word}"
+            for member, word in _short_words(entry):
+                self.places[f"{place}.{i}.{member}"] = f"{field}.{word}"
             try:
                 objects.append(kind.read(entry, name, field))
             except InvalidInput as problem:
@@ -190,6 +205,10 @@ def _varied_list(entry: list[Json], field: str) -> JsonObject:
 
 def _varied_mapping(entry: Json, name: str, field: str) -> JsonObject:
     form = f"{name}: {_mapping_form(VariedHomogeneous.word())}"
+    if isinstance(entry, list):
+        form = f"{name}: {{choice: [{', '.join(map(str, entry))}]}}"
+    elif entry is not None and not isinstance(entry, dict):
+        form = f"{name}: {{constant: {entry}}}"
     if isinstance(entry, dict) and "distribution" in entry:
         return {"parameter": name, **_spelled(entry, field)}
     if not isinstance(entry, dict) or len(entry) != 1:
@@ -207,7 +226,7 @@ def _varied_mapping(entry: Json, name: str, field: str) -> JsonObject:
 
 
 def _declared(entry: Json, name: str | None, field: str) -> JsonObject:
-    form = "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
+    form = _DECLARATION.form
     if isinstance(entry, dict):
         declaration = _spelled(entry, field)
         return declaration if name is None else {"name": name, **declaration}
@@ -224,7 +243,7 @@ def _declared(entry: Json, name: str | None, field: str) -> JsonObject:
 
 
 def _trajectory(entry: Json, name: str | None, field: str) -> JsonObject:
-    form = "[person-1, [time, x, y], [time, x, y], …]"
+    form = _TRAJECTORY.form
     if name is None and isinstance(entry, list | tuple):
         if not entry or not isinstance(entry[0], str):
             raise InvalidInput(
@@ -255,13 +274,16 @@ def _keyframe(keyframe: Json, field: str) -> Json:
     return dict(zip(_KEYFRAME, keyframe, strict=False))
 
 
-_VARIED: Final = _EntryKind(_varied, {"parameter": "?", "distribution": "CONSTANT", "value": 0})
-_DECLARATION: Final = _EntryKind(_declared, {"name": "?", "path": "?", "type": "FLOAT"})
-_TRAJECTORY: Final = _EntryKind(_trajectory, {"path": "?", "keyframes": [{"time": 0, "?": 0}]})
+def _is_entry(entries: list[Json]) -> bool:
+    """Return True if a list of entries is itself one entry of the list notation."""
+    plain = not any(isinstance(entry, dict | list) for entry in entries)
+    return plain and len(entries) > 2 and all(isinstance(word, str) for word in entries[:2])
 
 
 def _distribution(word: Json, field: str) -> str:
     distribution = str(word).upper()
+    if distribution in _ALSO_CALLED:
+        raise InvalidInput(f"unknown distribution {word!r}; did you mean {_ALSO_CALLED[distribution]}?", field=field)
     if distribution not in DISTRIBUTIONS:
         known = (*DISTRIBUTIONS, *(name.lower() for name in DISTRIBUTIONS))
         raise UnknownName("distribution", str(word), known, field=field)
@@ -276,12 +298,26 @@ def _mapping_form(distribution: str) -> str:
     return f"{{{distribution.lower()}: {{{', '.join(f'{short.get(name, name)}: …' for name in fields)}}}}}"
 
 
-def _short_words(entry: Json) -> Iterator[str]:
-    """Yield the short words in an entry, including those in its distribution."""
+_VARIED: Final = _EntryKind(
+    _varied, {"parameter": "?", "distribution": "CONSTANT", "value": 0}, f"p1: {_mapping_form('HOMOGENEOUS')}"
+)
+_DECLARATION: Final = _EntryKind(
+    _declared, {"name": "?", "path": "?", "type": "FLOAT"}, "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
+)
+_TRAJECTORY: Final = _EntryKind(
+    _trajectory, {"path": "?", "keyframes": [{"time": 0, "?": 0}]}, "[person-1, [time, x, y], [time, x, y], …]"
+)
+
+
+def _short_words(entry: Json) -> Iterator[tuple[str, str]]:
+    """Yield (field of the model, word that stands for it) of an entry, including those in its distribution."""
     if isinstance(entry, dict):
         for key, value in entry.items():
             if key in _WORDS:
-                yield key
+                yield _WORDS[key], key
+            model = DISTRIBUTIONS.get(key.upper())
+            if model is not None and len(model.listed) == 1 and not isinstance(value, dict):
+                yield model.listed[0], key
             yield from _short_words(value)
 
 

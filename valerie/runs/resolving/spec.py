@@ -8,6 +8,7 @@ r"""Read a spec from text, and resolve it against its asset.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
 
@@ -45,6 +46,8 @@ __all__ = [
 _TAGS: Final = frozenset(DISTRIBUTIONS)
 #: Names of types that pydantic adds to the places of problems within a plain union.
 _TYPES: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
+#: Members of the unions `valerie.runs.values.Quantity` and `Scalar`.
+_NUMBERS: Final = frozenset({"int", "float", "str"})
 
 
 def parse(source: str | bytes | Mapping[str, Json] | RunSpec) -> RunSpec:
@@ -76,19 +79,29 @@ def parse(source: str | bytes | Mapping[str, Json] | RunSpec) -> RunSpec:
 
 def _problems(error: ValidationError, places: Mapping[str, str]) -> list[InvalidInput]:
     problems: dict[str, InvalidInput] = {}
+    refused: dict[str, set[str]] = defaultdict(set)
     for problem in error.errors(include_url=False):
         if problem["type"] == "too_short" and problem["input"]:
             continue  # Pydantic dropped its invalid items, which are reported separately.
         parts = [part for part in problem["loc"] if part not in _TAGS and part not in _TYPES]
         place = written_place(".".join(map(str, parts)), places)
-        # A union reports a problem for each of its members; the first is enough.
-        problems.setdefault(place, _problem(problem, place))
+        # A union reports a problem for each of its members.
+        refused[place].add(str(problem["loc"][-1]))
+        if refused[place] >= _NUMBERS:
+            message = "a single value is needed here" if "bool" in refused[place] else "a number is needed here"
+            value = None if isinstance(problem["input"], dict) else problem["input"]
+            problems[place] = InvalidInput(message, field=place, value=value)
+        else:
+            problems.setdefault(place, _problem(problem, place))
     return list(problems.values())
 
 
 def _problem(problem: Any, place: str) -> InvalidInput:
     if problem["type"] == "extra_forbidden":
         *parents, name = problem["loc"]
+        if not parents and "." in str(name):
+            limit = "a parameter stands below vary or constants, indented"
+            return InvalidInput(f"unknown field {name!r}", field=place, limit=limit)
         return UnknownName("field", str(name), _fields(parents), field=place)
     if problem["type"] == "model_type":
         fields = _model(problem["loc"]).model_fields.items()

@@ -208,6 +208,9 @@ def _asset_folder(name: str, arguments: AssetArguments, asset_dir: Path | None) 
         folder = asset_dir / name
         if name not in asset_names(asset_dir):
             # Only names of the folder's own entries are accepted, so no path can lead outside it.
+            if "/" in name:
+                limit = "the name of a folder in VALERIE_ASSET_DIR"
+                raise UnknownName("asset", name, asset_names(asset_dir), field="asset", limit=limit)
             raise PACKS.unknown(name, asset_names(asset_dir), field="asset")
     if arguments:
         raise UnknownName("argument", next(iter(arguments)), (), field="asset")

@@ -81,8 +81,8 @@ def test_trends_follow_the_data(table):
     over = {"over": "occlusion_rate"}
     assert outcomes(table, trend={**over, "shape": "falling"}, functions=["b-net"]) == [ClaimOutcome.REPRODUCED]
     assert outcomes(table, trend={**over, "shape": "rising"}, functions=["b-net"]) == [ClaimOutcome.NOT_REPRODUCED]
-    seen = "occlusion_rate < 0.25"
-    level = outcomes(table, trend={**over, "shape": "level"}, where=seen, functions=["b-net"])
+    region = "occlusion_rate < 0.25"
+    level = outcomes(table, trend={**over, "shape": "level"}, where=region, functions=["b-net"])
     assert level == [ClaimOutcome.UNDECIDED]  # a level is shown by a narrow band alone
 
 

@@ -95,24 +95,24 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: VersionCompariso
 
 def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: VersionComparison) -> None:
     changes = comparison.changes(1)
-    better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
+    better, worse = ([change_sentence(change) for change in changes if sign * change.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
     assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (−20.0 points" in line for line in worse)
     assert any("class road: pooled IoU" in line for line in worse)
     assert any("person precision, pooled: 85.7 → " in line for line in worse)
-    assert [abs(one.step) for one in changes] == sorted((abs(one.step) for one in changes), reverse=True)
+    assert [abs(change.step) for change in changes] == sorted((abs(change.step) for change in changes), reverse=True)
     (document,) = comparison.as_document()["changes"].values()
-    assert [one["step"] for one in document] == [one.step for one in changes]
+    assert [one["step"] for one in document] == [change.step for change in changes]
 
 
 def test_rows_are_matched_by_frame_and_person() -> None:
-    one = table("old", np.full(N, 0.5))
+    old = table("old", np.full(N, 0.5))
     other = table("new", np.full(N, 0.5), order=np.arange(N - 1, 4, -1))
-    first, second = aligned([one, other])
+    first, second = aligned([old, other])
     assert len(first) == len(second) == N - 5
     assert first.arrow["frame_id"].to_pylist() == second.arrow["frame_id"].to_pylist()
     with pytest.raises(InvalidInput, match="other frames"):
-        compare({"old": (one, scores(1, 1)), "new": (other, scores(1, 1))})
+        compare({"old": (old, scores(1, 1)), "new": (other, scores(1, 1))})
 
 
 def test_one_version_cannot_be_compared() -> None:
@@ -145,8 +145,8 @@ def shown(comparison: VersionComparison) -> str:
 
 
 def classed(*numeric_classes: str) -> VersionComparison:
-    one = table("old", np.full(N, 0.5))
-    versions = {"old": (one, scores(50, 1)), "new": (one, scores(50, 1))}
+    old = table("old", np.full(N, 0.5))
+    versions = {"old": (old, scores(50, 1)), "new": (old, scores(50, 1))}
     return compare(versions, numeric_classes=numeric_classes)
 
 
@@ -161,11 +161,11 @@ def test_the_numeric_class_of_every_version_is_shown() -> None:
 def test_versions_are_compared_over_the_classes_that_all_are_judged_by() -> None:
     matrix = np.zeros((19, 20), np.int64)
     matrix[PERSON.train_id, PERSON.train_id], matrix[0, 19] = 100, 1000
-    one = table("old", np.full(N, 1.0), fp=0)
+    old = table("old", np.full(N, 1.0), fp=0)
     persons = collection_scores([matrix], [PERSON.train_id])
-    comparison = compare({"old": (one, persons), "new": (one, persons)})
+    comparison = compare({"old": (old, persons), "new": (old, persons)})
     assert comparison.judged_by == tuple(comparison.classes) == ("person",)
     assert comparison.overall["miou"] == ((1.0, 1.0), (1.0, 1.0))
     assert "person alone: mean / pooled" in shown(comparison)
     with pytest.raises(InvalidInput, match="other classes"):
-        compare({"old": (one, persons), "new": (one, scores(100, 0))})
+        compare({"old": (old, persons), "new": (old, scores(100, 0))})

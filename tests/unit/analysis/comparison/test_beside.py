@@ -38,13 +38,13 @@ def test_rows_are_paired_by_scene_whatever_their_order_and_names() -> None:
     here = scores(0.0, 0.0, 1)
     there = scores(0.0, -0.1, 2)
     order = np.random.default_rng(3).permutation(len(SCENES))[:80]
-    found = put_beside(
+    comparison = put_beside(
         side("a", here, SCENES, function="net"),
         side("b", there[order], [SCENES[k] for k in order], function="other", sensor="dusk"),
     )
-    (function,) = found.functions  # a single function and sensor setting are the same, whatever they are called
+    (function,) = comparison.functions  # a single function and sensor setting are the same, whatever they are called
     whole = function.slices[0]
-    assert (found.frames, found.frames_here, found.frames_there, whole.pairs) == (80, 120, 80, 80)
+    assert (comparison.frames, comparison.frames_here, comparison.frames_there, whole.pairs) == (80, 120, 80, 80)
     before, after = here[order], there[order]
     assert whole.here == pytest.approx(before.mean(), abs=1e-9)
     assert whole.there == pytest.approx(after.mean(), abs=1e-9)
@@ -65,10 +65,10 @@ def test_a_claim_that_only_one_run_shows_is_named() -> None:
     claims = parse_claims({"title": "A paper", "claims": [claim]})
 
     def agreement(effect_there: float) -> str:
-        found = put_beside(
+        comparison = put_beside(
             side("a", scores(0.1, 0, 1), SCENES), side("b", scores(effect_there, 0, 2), SCENES), claims=claims
         )
-        return found.conclusions[0].agreement
+        return comparison.conclusions[0].agreement
 
     assert agreement(0.1) == "holds in both"
     assert agreement(-0.1) == "holds only here"

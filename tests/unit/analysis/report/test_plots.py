@@ -44,10 +44,10 @@ def test_plotly_accepts_the_figure(panel):
 
 def test_the_static_figure_is_a_picture_with_the_curves_colours(panel):
     picture = np.asarray(Image.open(io.BytesIO(static_figure(panel))).convert("RGB"))
-    wanted = [int(COMBINED_COLOR[i : i + 2], 16) for i in (1, 3, 5)]
+    colour = [int(COMBINED_COLOR[i : i + 2], 16) for i in (1, 3, 5)]
 
     assert picture.shape[1] == 900
-    assert (np.abs(picture.astype(int) - wanted).max(axis=2) < 12).sum() > 500
+    assert (np.abs(picture.astype(int) - colour).max(axis=2) < 12).sum() > 500
 
 
 def test_the_static_figure_has_the_same_bytes_each_time(panel):

@@ -64,8 +64,8 @@ def test_csv_has_the_same_values_as_text(rows, parameters, tmp_path):
     path = tmp_path / "table.csv"
     table.to_csv(path)
     with path.open(newline="") as stream:
-        written = list(csv.DictReader(stream))
-    for text, row in zip(written, table.arrow.to_pylist(), strict=True):
+        lines = list(csv.DictReader(stream))
+    for text, row in zip(lines, table.arrow.to_pylist(), strict=True):
         for name, value in row.items():
             if value is None:
                 assert text[name] == ""

@@ -154,15 +154,15 @@ def test_unequal_numeric_classes_are_compared_on_request_alone() -> None:
 
 def test_what_cannot_be_compared_is_refused_by_name() -> None:
     before, _ = planted()
-    one = run({"net": before})
+    baseline = run({"net": before})
     with pytest.raises(InvalidInput, match="no requirements, and there is no baseline"):
-        gate(one)
+        gate(baseline)
     with pytest.raises(UnknownName, match=r"--baseline.*did you mean net"):
-        gate(one, "nett")
+        gate(baseline, "nett")
     with pytest.raises(UnknownName, match=r"--function.*did you mean net"):
-        gate(one, one, function="nett")
+        gate(baseline, baseline, function="nett")
     with pytest.raises(InvalidInput, match="no other function"):
-        gate(one, "net")
+        gate(baseline, "net")
 
 
 def verdicts() -> tuple[RequirementVerdict, ...]:
@@ -183,16 +183,16 @@ def test_requirements_that_are_not_met_fail_and_undecided_ones_unless_they_are_a
         ((met, undecided), False, True),
         ((met, missed), False, False),
     ):
-        one = run({"net": before}, verdicts=given)
-        assert gate(one).passed == strict
-        assert gate(one, allow_undecided=True).passed == lenient
+        baseline = run({"net": before}, verdicts=given)
+        assert gate(baseline).passed == strict
+        assert gate(baseline, allow_undecided=True).passed == lenient
 
 
 @pytest.mark.parametrize("lenient", [False, True])
 def test_junit_xml_has_a_case_for_every_requirement_and_slice(lenient: bool) -> None:
     before, after = planted()
-    given = run({"old": before, "new": after}, columns=DISTANCE, verdicts=verdicts())
-    result = gate(given, "old", allow_undecided=lenient)
+    gate_run = run({"old": before, "new": after}, columns=DISTANCE, verdicts=verdicts())
+    result = gate(gate_run, "old", allow_undecided=lenient)
     root = ET.fromstring(junit_xml(result))  # written by this test
     first, second = root
     assert first.attrib == {
@@ -238,11 +238,11 @@ def test_places_said_before_are_enough_for_the_gate() -> None:
     """The gate finds a planted drop in at least 90 % of versions; one-sided 0.1 % of Binomial(200, 0.9) is 165."""
     (need,) = places_before(run({"old": planted()[0]}), effect=0.05, deviation=0.1)
     assert need.needed is not None
-    found = 0
+    detections = 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
         baseline = rng.uniform(0.4, 0.8, need.needed)
         version = baseline + rng.normal(-0.05, 0.1, need.needed)
         places = run({"old": baseline, "new": np.clip(version, 0, 1)})
-        found += "all" in gate(places, "old").versions[0].gate.worse
-    assert found >= 165
+        detections += "all" in gate(places, "old").versions[0].gate.worse
+    assert detections >= 165

@@ -113,8 +113,8 @@ def test_a_region_over_several_blocks_that_draw_is_not_judged_and_one_block_of_i
     assert "several blocks" in verdict.reason
     for first, last, basis in ((0, 60, Basis.SAMPLE), (60, 62, Basis.GRID)):
         region = (np.arange(62) >= first) & (np.arange(62) < last)
-        one = judged("mean(pacc) >= 0.5", table, space, regions={"R": region})
-        assert (one.outcome, one.basis) == (Outcome.MET, basis)
+        judgement = judged("mean(pacc) >= 0.5", table, space, regions={"R": region})
+        assert (judgement.outcome, judgement.basis) == (Outcome.MET, basis)
 
 
 def test_rows_without_a_value_are_outside_and_counted_by_reason() -> None:

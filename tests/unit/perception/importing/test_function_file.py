@@ -49,9 +49,9 @@ def test_a_file_comes_back_as_it_was_written_in_half_precision(write) -> None:
 
 def test_equal_inputs_in_any_order_give_equal_bytes() -> None:
     provenance = {f"fact-{i}": str(i) for i in range(20)}
-    one = function_file_bytes(TENSORS, **GIVEN | {"provenance": provenance})
+    file = function_file_bytes(TENSORS, **GIVEN | {"provenance": provenance})
     turned = dict(reversed(TENSORS.items())), dict(reversed(provenance.items()))
-    assert function_file_bytes(turned[0], **GIVEN | {"provenance": turned[1]}) == one
+    assert function_file_bytes(turned[0], **GIVEN | {"provenance": turned[1]}) == file
 
 
 def test_values_beyond_half_precision_are_stored_in_single_precision(write) -> None:

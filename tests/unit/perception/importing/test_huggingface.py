@@ -92,8 +92,8 @@ def test_the_labels_are_those_of_the_librarys_own_post_processing(folder: Path) 
         output = model(pixel_values=values)
     processor = transformers.SegformerImageProcessorPil()
     (expected,) = processor.post_process_semantic_segmentation(output, target_sizes=[(64, 96)])
-    found = open_function(*read_huggingface(folder, "tiny")).predict(picture)
-    np.testing.assert_array_equal(found, np.array([255, 11, 10])[expected.numpy()])
+    labels = open_function(*read_huggingface(folder, "tiny")).predict(picture)
+    np.testing.assert_array_equal(labels, np.array([255, 11, 10])[expected.numpy()])
 
 
 @pytest.mark.parametrize("engine", ["openvino", "onnxruntime"])

@@ -34,9 +34,9 @@ def check(tmp_path: Path) -> Any:
 
 def test_a_plain_network_comes_back_as_it_was_written(check) -> None:
     weights = numpy_helper.from_array(np.ones((19, 3, 1, 1), np.float32), "w")
-    written = model(helper.make_node("Conv", ["x", "w"], ["y"]), constants=(weights,))
-    assert check(written) == written
-    assert operator_set(check(written)) == 17
+    network = model(helper.make_node("Conv", ["x", "w"], ["y"]), constants=(weights,))
+    assert check(network) == network
+    assert operator_set(check(network)) == 17
 
 
 def test_nodes_of_inner_graphs_are_counted(check, monkeypatch) -> None:
@@ -44,12 +44,12 @@ def test_nodes_of_inner_graphs_are_counted(check, monkeypatch) -> None:
         [helper.make_node("Relu", ["x"], ["b"])], "b", [], [helper.make_tensor_value_info("b", 1, None)]
     )
     condition = numpy_helper.from_array(np.array(True), "c")
-    written = model(helper.make_node("If", ["c"], ["y"], then_branch=inner, else_branch=inner), constants=(condition,))
+    network = model(helper.make_node("If", ["c"], ["y"], then_branch=inner, else_branch=inner), constants=(condition,))
     monkeypatch.setattr(onnx_files, "MAX_NODES", 3)
-    check(written)
+    check(network)
     monkeypatch.setattr(onnx_files, "MAX_NODES", 2)
     with pytest.raises(InvalidInput, match="too many operators"):
-        check(written)
+        check(network)
 
 
 def test_a_graph_in_two_parts_is_checked_as_an_engine_joins_it(check) -> None:
@@ -108,12 +108,12 @@ def test_random_numbers_are_refused(check) -> None:
 
 
 def test_local_functions_are_refused(check) -> None:
-    written = model()
-    written.functions.append(
-        helper.make_function("own", "F", ["a"], ["b"], [helper.make_node("Relu", ["a"], ["b"])], written.opset_import)
+    network = model()
+    network.functions.append(
+        helper.make_function("own", "F", ["a"], ["b"], [helper.make_node("Relu", ["a"], ["b"])], network.opset_import)
     )
     with pytest.raises(InvalidInput, match="local functions; inline them"):
-        check(written)
+        check(network)
 
 
 def test_a_tensor_that_states_more_than_it_holds_is_refused(check) -> None:

@@ -133,12 +133,12 @@ def test_a_frame_too_large_for_padding_is_refused_with_both_sizes() -> None:
     ],
 )
 def test_frames_above_the_longest_side_are_reduced_to_it(frame: tuple[int, int], piece: tuple[int, int]) -> None:
-    made = plan(InputDocument(multiple_of=32, longest_side=960), *frame)
-    assert made.piece == piece
-    assert made.labels == (piece if max(frame) <= 960 else frame)
-    (given,) = made.pieces(np.zeros((*frame, 3), np.uint8))
+    adaptation = plan(InputDocument(multiple_of=32, longest_side=960), *frame)
+    assert adaptation.piece == piece
+    assert adaptation.labels == (piece if max(frame) <= 960 else frame)
+    (given,) = adaptation.pieces(np.zeros((*frame, 3), np.uint8))
     assert given.shape == (*piece, 3)
-    assert made.joined([np.zeros(made.labels, np.uint8)]).shape == frame
+    assert adaptation.joined([np.zeros(adaptation.labels, np.uint8)]).shape == frame
 
 
 def test_a_longest_side_is_never_exceeded_by_rounding() -> None:
@@ -148,8 +148,8 @@ def test_a_longest_side_is_never_exceeded_by_rounding() -> None:
 def test_a_reduced_frame_is_the_mean_of_areas_and_its_labels_keep_their_places() -> None:
     picture = np.zeros((64, 128, 3), np.uint8)
     picture[:32, :64] = 200
-    made = plan(InputDocument(multiple_of=8, longest_side=32), 64, 128)
-    (small,) = made.pieces(picture)
+    adaptation = plan(InputDocument(multiple_of=8, longest_side=32), 64, 128)
+    (small,) = adaptation.pieces(picture)
     expected = np.zeros((16, 32, 3), np.uint8)
     expected[:8, :16] = 200
     np.testing.assert_array_equal(small, expected)

@@ -70,8 +70,8 @@ def open_shares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Ope
     def opened(engine: str, taken: dict[str, Any], *, stride: int = 1) -> PerceptionFunction:
         network = Shares(stride).eval().requires_grad_(requires_grad=False)
         monkeypatch.setattr("valerie.perception.running.engines.modules.open_module", lambda *_: network)
-        given = {"name": "shares", "kind": "network", "architecture": "shares", "engine": engine}
-        document = parse_function({**given, "input": taken, "output": {"classes": CLASSES}}, payload=payload)
+        fields = {"name": "shares", "kind": "network", "architecture": "shares", "engine": engine}
+        document = parse_function({**fields, "input": taken, "output": {"classes": CLASSES}}, payload=payload)
         functions.append(open_function(document, path))
         return functions[-1]
 
@@ -86,7 +86,7 @@ def bands(length: int) -> NDArray[np.uint8]:
 
 
 def pools(way: str) -> int:
-    """How coarse the network's answer may be for bands to come back exactly.
+    """Return the coarsest stride of the network's answer from which bands come back exactly.
 
     Interpolated between the means of cells, a straight edge moves by at most 0.086 cells: by less than half a pixel where cells
     are smaller than 5.8.
@@ -143,8 +143,8 @@ def test_a_resampled_frame_has_the_labels_of_means_and_straight_lines_between_th
         shares = np.moveaxis(np.tensordot(back @ there, shares, axes=(1, axis)), 0, axis)
     highest = np.sort(shares, axis=2)
     clear = highest[..., 3] - highest[..., 2] > 2 / 255  # pictures hold whole numbers
-    found = open_shares(engine, WAYS[way], stride=stride).predict(COLOURS[colours])
-    np.testing.assert_array_equal(found[clear], TRAIN_IDS[shares.argmax(axis=2)][clear])
+    labels = open_shares(engine, WAYS[way], stride=stride).predict(COLOURS[colours])
+    np.testing.assert_array_equal(labels[clear], TRAIN_IDS[shares.argmax(axis=2)][clear])
     assert clear.mean() > 0.95  # or little would be compared
 
 

@@ -63,16 +63,16 @@ def test_the_request_follows_the_contract(server: Server) -> None:
 
 
 def test_the_picture_arrives_bit_for_bit(server: Server) -> None:
-    seen = []
+    requests = []
 
     def remember(handler: BaseHTTPRequestHandler, picture: NDArray[np.uint8]) -> None:
-        seen.append(picture.copy())
+        requests.append(picture.copy())
         server.good(handler, picture)
 
     server.answer = remember
     picture = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     opened(server.url).predict(picture)
-    np.testing.assert_array_equal(seen[0], picture)
+    np.testing.assert_array_equal(requests[0], picture)
 
 
 def test_no_connection_is_made_to_an_address_that_the_operator_did_not_list(server: Server) -> None:

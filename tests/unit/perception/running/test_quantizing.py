@@ -10,8 +10,8 @@ from valerie.errors import InvalidInput
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.running.opening import open_engine, open_function
 from valerie.perception.running.quantizing import quantize
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import file_document, function_path
-from valerie.testing.onnx_function import small_onnx
 
 ENGINES = pytest.mark.parametrize("engine", ["openvino", "onnxruntime"])
 

@@ -29,9 +29,9 @@ def _one_thread() -> Iterator[None]:
 
 
 def settings(**changes) -> TrainingSettings:
-    given = {"architecture": "semantic-fpn-small", "steps": 6, "batch": 2, "precision": "fp32", "device": "cpu"}
-    given |= {"warmup_steps": 2, "crops": CROPS, "loader_threads": 2}
-    return TrainingSettings.model_validate(given | changes)
+    recipe = {"architecture": "semantic-fpn-small", "steps": 6, "batch": 2, "precision": "fp32", "device": "cpu"}
+    recipe |= {"warmup_steps": 2, "crops": CROPS, "loader_threads": 2}
+    return TrainingSettings.model_validate(recipe | changes)
 
 
 def same_weights(one: torch.nn.Module, other: torch.nn.Module) -> bool:
@@ -91,18 +91,20 @@ def test_an_interrupted_run_resumes_to_the_same_weights(make_frames, tmp_path: P
 
     with pytest.raises(_InterruptedError):
         train(settings(checkpoint_every=3), frames, progress=stop_after_four, checkpoint=checkpoint)
-    seen: list[int] = []
-    resumed = train(settings(checkpoint_every=3), frames, progress=lambda p: seen.append(p.step), checkpoint=checkpoint)
-    assert seen == [4, 5, 6]
+    steps: list[int] = []
+    resumed = train(
+        settings(checkpoint_every=3), frames, progress=lambda p: steps.append(p.step), checkpoint=checkpoint
+    )
+    assert steps == [4, 5, 6]
     assert same_weights(resumed.network, whole.network)
     assert resumed.final_loss == whole.final_loss
 
 
 def test_a_finished_run_is_not_trained_again(make_frames, tmp_path: Path) -> None:
     first = train(settings(), make_frames(3), checkpoint=tmp_path / "c")
-    seen: list[int] = []
-    again = train(settings(), make_frames(3), checkpoint=tmp_path / "c", progress=lambda p: seen.append(p.step))
-    assert seen == []
+    steps: list[int] = []
+    again = train(settings(), make_frames(3), checkpoint=tmp_path / "c", progress=lambda p: steps.append(p.step))
+    assert steps == []
     assert same_weights(first.network, again.network)
 
 
@@ -174,8 +176,8 @@ def test_running_variances_beyond_half_precision_are_kept(make_frames, tmp_path:
     tensors = {name: value.numpy() for name, value in network.state_dict().items() if value.is_floating_point()}
     name = next(name for name in tensors if name.endswith("running_var"))
     tensors[name] = tensors[name] + 1e5
-    given = {"architecture": header.architecture, "mean": header.mean, "std": header.std, "provenance": {}}
-    path.write_bytes(function_file_bytes(tensors, **given))
+    header_fields = {"architecture": header.architecture, "mean": header.mean, "std": header.std, "provenance": {}}
+    path.write_bytes(function_file_bytes(tensors, **header_fields))
     model = train(settings(steps=1, keep_norm_statistics=True), make_frames(2), start_from=path)
     path.write_bytes(model.to_bytes({}))
     assert same_weights(load_network(path)[0], model.network)

@@ -20,10 +20,10 @@ def in_rows(of: torch.Tensor) -> np.ndarray:
 def test_labelled_pixels_cost_scikit_learns_weighted_cross_entropy() -> None:
     given, labels = logits(2, 5, 7), torch.arange(70).reshape(2, 5, 7) % 19
     weights = torch.linspace(0.5, 2.0, 19)
-    wanted = log_loss(
+    expected = log_loss(
         labels.flatten(), in_rows(given), sample_weight=weights[labels.flatten()].numpy(), labels=list(range(19))
     )
-    assert pixel_loss(given, labels, weights).item() == pytest.approx(wanted, rel=1e-4)
+    assert pixel_loss(given, labels, weights).item() == pytest.approx(expected, rel=1e-4)
 
 
 def test_void_pixels_cost_nothing_by_default() -> None:
@@ -36,8 +36,8 @@ def test_void_pixels_cost_nothing_by_default() -> None:
 def test_void_pixels_cost_the_cross_entropy_of_person_or_not() -> None:
     given, labels = logits(1, 6, 6), torch.full((1, 6, 6), VOID)
     person = in_rows(given)[:, PERSON.train_id]
-    wanted = log_loss(np.zeros(36), person, labels=[0, 1])
-    assert pixel_loss(given, labels, torch.ones(19), void_weight=0.5).item() == pytest.approx(wanted, rel=1e-4)
+    expected = log_loss(np.zeros(36), person, labels=[0, 1])
+    assert pixel_loss(given, labels, torch.ones(19), void_weight=0.5).item() == pytest.approx(expected, rel=1e-4)
 
 
 def test_void_pixels_count_by_their_weight_beside_the_others() -> None:
@@ -49,14 +49,14 @@ def test_void_pixels_count_by_their_weight_beside_the_others() -> None:
 
 
 def test_a_sure_person_on_void_costs_much_and_pushes_the_person_down() -> None:
-    given = torch.zeros((1, 19, 1, 1))
-    given[:, PERSON.train_id] = 40.0
-    given.requires_grad_()
-    loss = pixel_loss(given, torch.full((1, 1, 1), VOID), torch.ones(19), void_weight=1.0)
+    scores = torch.zeros((1, 19, 1, 1))
+    scores[:, PERSON.train_id] = 40.0
+    scores.requires_grad_()
+    loss = pixel_loss(scores, torch.full((1, 1, 1), VOID), torch.ones(19), void_weight=1.0)
     torch.autograd.backward(loss)
     assert loss.item() == pytest.approx(40.0 - math.log(18.0), rel=1e-5)
-    assert given.grad is not None
-    assert given.grad[0, PERSON.train_id, 0, 0].item() == pytest.approx(1.0, abs=1e-5)
+    assert scores.grad is not None
+    assert scores.grad[0, PERSON.train_id, 0, 0].item() == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_batch_that_is_void_throughout_costs_nothing_and_is_finite() -> None:

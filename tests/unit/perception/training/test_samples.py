@@ -100,8 +100,8 @@ def test_recolouring_brightens_or_darkens_by_the_given_stops_at_most() -> None:
 
 
 def settings(**changes) -> TrainingSettings:
-    given = {"architecture": "semantic-fpn-small", "steps": 3, "batch": 2, "crops": crop()}
-    return TrainingSettings.model_validate(given | changes)
+    recipe = {"architecture": "semantic-fpn-small", "steps": 3, "batch": 2, "crops": crop()}
+    return TrainingSettings.model_validate(recipe | changes)
 
 
 def test_batches_do_not_depend_on_threads(make_frames) -> None:
@@ -129,9 +129,9 @@ def test_another_seed_gives_other_batches(make_frames) -> None:
 
 def test_every_frame_is_taken_once_per_pass() -> None:
     frames = [TrainingFrame(np.full((32, 64, 3), n, np.uint8), np.zeros((32, 64), np.uint8), 0) for n in range(6)]
-    taken = [
+    samples = [
         int(picture[0, 0, 0])
         for pictures, _ in batches(frames, settings(crops=crop(scales=(1.0,))), 0)
         for picture in pictures
     ]
-    assert sorted(taken) == [0, 1, 2, 3, 4, 5]
+    assert sorted(samples) == [0, 1, 2, 3, 4, 5]

@@ -44,8 +44,8 @@ def test_blue_first_and_8_bit_values_become_red_first_and_the_unit_without_chang
     picture = np.random.default_rng(3).integers(0, 256, (64, 96, 3))
     original = filled_network(document.architecture, read_tensors(payload))
     expected = logits(original, (picture[..., ::-1] - mean) / std)
-    found = logits(begun, (picture / 255 - np.array(header.mean)) / np.array(header.std))
-    assert torch.allclose(found, expected, atol=1e-4)
+    scores = logits(begun, (picture / 255 - np.array(header.mean)) / np.array(header.std))
+    assert torch.allclose(scores, expected, atol=1e-4)
 
 
 def test_a_function_file_is_its_own_start_file(network, tmp_path: Path) -> None:

@@ -51,11 +51,11 @@ def test_another_count_or_order_is_another_set(make_folder) -> None:
 def test_facts_that_folders_share_stand_once_and_others_for_each(make_folder) -> None:
     a = make_folder("a", 1000, 1, **{"frame-size": "960x540", "renderer": "raster"})
     b = make_folder("b", 1001, 1, **{"frame-size": "1920x1080", "renderer": "raster", "region": "far"})
-    said = open_training_set([b, a]).provenance()
-    assert said["renderer"] == "raster"
-    assert said["frame-size"] == "1920x1080; 960x540"
-    assert said["region"] == "far; unstated"
-    assert said["times-each-counts"] == "1; 1"
+    provenance = open_training_set([b, a]).provenance()
+    assert provenance["renderer"] == "raster"
+    assert provenance["frame-size"] == "1920x1080; 960x540"
+    assert provenance["region"] == "far; unstated"
+    assert provenance["times-each-counts"] == "1; 1"
 
 
 def test_sites_of_runs_and_held_out_ones_are_not_learned_from(make_folder) -> None:

@@ -366,5 +366,5 @@ def test_a_replay_refuses_frames_that_the_spec_has_not(run: tuple[Pipeline, str]
     listed = json.loads((folder / "frames.json").read_text())
     listed["frames"] = [listed["frames"][0] | {"variant": 10**6}]
     (folder / "frames.json").write_text(json.dumps(listed))
-    with pytest.raises(Refused, match="is no frame of the spec"):
+    with pytest.raises(Refused, match="is not a frame of the spec"):
         replay(folder, 1, run[0].settings)

@@ -59,9 +59,9 @@ def test_a_thumbnail_is_a_part_of_the_whole_picture(drawn: tuple[DrawnWorld, str
         Tile(FrameKey(run, variant, 0), 24_001, function, "default") for variant in (0, 3, 6) for function in FUNCTIONS
     ]
     height = WIDTH if crop else WIDTH * 9 // 16
-    wanted = Image.new("RGB", (len(tiles) * WIDTH, height))
+    sprite = Image.new("RGB", (len(tiles) * WIDTH, height))
     for k, tile in enumerate(tiles):
-        wanted.paste(expected(world, tile, kind, crop=crop), (k * WIDTH, 0))
+        sprite.paste(expected(world, tile, kind, crop=crop), (k * WIDTH, 0))
     shown = Tiles(world.context).sheet(tiles, kind=kind, crop=crop, width=WIDTH)
     # Pillow keeps the edges of a box in single precision.
-    assert np.abs(pixels(shown) - pixels(jpeg(wanted))).mean() < 0.1
+    assert np.abs(pixels(shown) - pixels(jpeg(sprite))).mean() < 0.1

@@ -72,12 +72,12 @@ def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pip
     persons = [row for row in rows if row["pixel_area"]]
     assert len({row["frame_id"] for row in rows}) == 24
     assert len(persons) == 24
-    one = next(row for row in persons if row["frame_id"] == f"{run_id}.5.1.0")
-    assert one["pixel_area_amodal"] >= one["pixel_area"] == 32 * 18
-    assert one["distance_m"] > 0
-    assert -3.0 <= one["scene.person-1.pos.x"] <= -2.7
-    assert (tmp_path / "set" / one["picture"]).is_file()
-    assert (tmp_path / "set" / one["label_ids"]).is_file()
+    person = next(row for row in persons if row["frame_id"] == f"{run_id}.5.1.0")
+    assert person["pixel_area_amodal"] >= person["pixel_area"] == 32 * 18
+    assert person["distance_m"] > 0
+    assert -3.0 <= person["scene.person-1.pos.x"] <= -2.7
+    assert (tmp_path / "set" / person["picture"]).is_file()
+    assert (tmp_path / "set" / person["label_ids"]).is_file()
     assert not (tmp_path / "set/coco").exists()
 
 
@@ -101,8 +101,8 @@ def test_croissant_describes_every_file_and_every_column(run: tuple[Pipeline, st
     folder = tmp_path / "set"
     export_run(pipeline.context, run_id, folder, ExportSettings(predictions=("blank",), polygons=True))
     document = json.loads((folder / "croissant.json").read_text())
-    files = {one["@id"]: one for one in document["distribution"] if one["@type"] == "cr:FileObject"}
-    sets = [one for one in document["distribution"] if one["@type"] == "cr:FileSet"]
+    files = {entry["@id"]: entry for entry in document["distribution"] if entry["@type"] == "cr:FileObject"}
+    sets = [entry for entry in document["distribution"] if entry["@type"] == "cr:FileSet"]
     for path, one in files.items():
         assert one["contentUrl"] == path
         assert one["sha256"] == hashlib.sha256((folder / path).read_bytes()).hexdigest()
@@ -170,8 +170,11 @@ def test_cityscapes_scripts_find_every_segment_of_the_panoptic_pictures_where_th
     theirs = json.loads((tmp_path / "cityscapes_panoptic_val.json").read_text())
     ours = json.loads((out / "coco/panoptic_val.json").read_text())
     images = {image["id"]: image["file_name"] for image in ours["images"]}
-    named = {images[one["image_id"]]: one for one in ours["annotations"]}
-    truth = {f"{one['image_id'].split('_')[0]}/{one['image_id']}_leftImg8bit.png": one for one in theirs["annotations"]}
+    named = {images[annotation["image_id"]]: annotation for annotation in ours["annotations"]}
+    truth = {
+        f"{annotation['image_id'].split('_')[0]}/{annotation['image_id']}_leftImg8bit.png": annotation
+        for annotation in theirs["annotations"]
+    }
     assert truth.keys() == named.keys()
     categories = {category["id"]: category for category in theirs["categories"]}
     pairs = [(truth[file], named[file]) for file in truth]

@@ -20,12 +20,12 @@ from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.opening import open_function
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.functions import bounded, registry
 from valerie.pipeline.functions.bounded import open_bounded
 from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
-from valerie.testing.onnx_function import small_onnx
 
 #: Far more than the process of the tests needs.
 MANY_MB = 300_000
@@ -71,8 +71,8 @@ class TestMemory:
 
     def test_an_allocation_that_fails_names_the_limit(self) -> None:
         function = open_bounded(Hungry, settings(), name="hungry")
-        said = "hungry needs more memory than it may have: Unable to allocate 6.00 GiB; limit: 300000 MB"
-        with pytest.raises(TransientError, match=said):
+        message = "hungry needs more memory than it may have: Unable to allocate 6.00 GiB; limit: 300000 MB"
+        with pytest.raises(TransientError, match=message):
             function.predict(PICTURE)
 
     @pytest.mark.parametrize("reference", ["blank", "small"])
@@ -100,15 +100,15 @@ class TestTime:
     @pytest.fixture
     def limits(self, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
         """(what, seconds) of every limit that was set; none of them ends anything."""
-        seen: list[tuple[str, float]] = []
+        calls: list[tuple[str, float]] = []
 
         @contextmanager
         def note(seconds: float, *, what: str, before_end: object) -> Iterator[None]:
-            seen.append((what, seconds))
+            calls.append((what, seconds))
             yield
 
         monkeypatch.setattr(bounded, "time_limit", note)
-        return seen
+        return calls
 
     def test_is_bounded_for_opening_each_picture_and_several_together(self, limits: list[tuple[str, float]]) -> None:
         function = open_bounded(Batches, settings(infer_seconds=7), name="f")
@@ -173,4 +173,6 @@ def test_a_bounded_function_answers_as_the_function_itself() -> None:
     assert (function.card, function.numeric_class, function.revision) == (inner.card, inner.numeric_class, 1)
     pictures: Sequence[NDArray[np.uint8]] = np.random.default_rng(0).integers(0, 256, (2, 8, 8, 3), np.uint8)
     np.testing.assert_array_equal(function.predict(pictures[0]), inner.predict(pictures[0]))
-    np.testing.assert_array_equal(function.predict_many(list(pictures)), [inner.predict(one) for one in pictures])
+    np.testing.assert_array_equal(
+        function.predict_many(list(pictures)), [inner.predict(picture) for picture in pictures]
+    )

@@ -7,16 +7,18 @@ import pickle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import onnx
 import pytest
 
 from valerie.errors import InvalidInput
 from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import function_path
 from valerie.pipeline.functions import guarded_import
 from valerie.pipeline.functions.guarded_import import ImportedFunction, ImportRequest, import_function
 from valerie.pipeline.functions.import_job import Trial
 from valerie.settings import Settings, load_settings
-from valerie.testing.onnx_function import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 
@@ -49,11 +51,51 @@ def bring(path: Path, work: Path, settings: Settings, document: str = SIDE, **mo
 
 def test_an_onnx_file_is_taken_unchanged_and_tried_out(tmp_path: Path, work: Path, settings: Settings) -> None:
     path = small_onnx(tmp_path)[1]
-    found = bring(path, work, settings)
-    assert found.payload == path
-    assert (found.document.name, found.document.kind) == ("small", "onnx")
-    assert found.trial.picture == (256, 128)
-    assert found.document.provenance["source"] == "small.onnx"
+    imported = bring(path, work, settings)
+    assert imported.payload == path
+    assert (imported.document.name, imported.document.kind) == ("small", "onnx")
+    assert imported.trial.picture == (256, 128)
+    assert imported.document.provenance["source"] == "small.onnx"
+
+
+def saved_network(path: Path, shape: list[int | str], channels: int, **metadata: str) -> Path:
+    """Write a network that answers ``channels`` maps of its first input channel, in the layout of ``shape``."""
+    axis = 1 if shape[1] == 3 else 3
+    answer = [*shape]
+    answer[axis] = channels
+    indices = onnx.numpy_helper.from_array(np.zeros(channels, np.int64), "indices")
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("Gather", ["x", "indices"], ["y"], axis=axis)],
+        "gathered",
+        [onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, shape)],
+        [onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, answer)],
+        [indices],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8)
+    onnx.helper.set_model_props(model, metadata)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_size_layout_and_classes_come_from_the_onnx_file(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = saved_network(tmp_path / "net.onnx", [1, 64, 96, 3], 3, names="{0: 'road', 1: 'person', 2: 'car'}")
+    found = bring(path, work, settings, "").document
+    assert (found.input.layout, found.input.mode, found.input.size) == ("nhwc", "resize", (96, 64))
+    assert found.output.classes == ("road", "person", "car")
+    own = bring(
+        path, work, settings, "input: {mode: tile, size: [96, 64]}\noutput: {classes: [sky, person, car]}"
+    ).document
+    assert (own.input.mode, own.output.classes) == ("tile", ("sky", "person", "car"))
+    free = bring(saved_network(tmp_path / "free.onnx", [1, 3, "h", "w"], 34), work, settings, "").document
+    assert (free.input.mode, free.input.size, free.output.classes[24]) == ("pad", None, "person")
+
+
+def test_an_onnx_file_without_names_of_its_classes_asks_for_them(
+    tmp_path: Path, work: Path, settings: Settings
+) -> None:
+    path = saved_network(tmp_path / "net.onnx", [1, 3, "h", "w"], 5)
+    with pytest.raises(InvalidInput, match=r"output\.classes: neither .* got 5 channels; limit: output: \{classes: "):
+        bring(path, work, settings, "")
 
 
 def test_a_checkpoint_becomes_a_document_with_a_file_of_our_format(
@@ -61,13 +103,13 @@ def test_a_checkpoint_becomes_a_document_with_a_file_of_our_format(
 ) -> None:
     path = tmp_path / "Our Net.safetensors"
     path.write_bytes(function_path("semantic-fpn-small").read_bytes())
-    found = bring(path, work, settings, "provenance: {note: tried}", engine="torch")
-    assert found.document.name == "our-net"
-    assert found.document.architecture == "semantic-fpn-small"
-    assert found.document.provenance["note"] == "tried"
-    assert found.document.payload is not None
-    assert found.payload == work / "payload.safetensors"
-    assert (found.trial.numeric_class or "").startswith("torch-")
+    imported = bring(path, work, settings, "provenance: {note: tried}", engine="torch")
+    assert imported.document.name == "our-net"
+    assert imported.document.architecture == "semantic-fpn-small"
+    assert imported.document.provenance["note"] == "tried"
+    assert imported.document.payload is not None
+    assert imported.payload == work / "payload.safetensors"
+    assert (imported.trial.numeric_class or "").startswith("torch-")
 
 
 def test_equal_files_under_equal_names_are_one_version(tmp_path: Path, work: Path, settings: Settings) -> None:
@@ -122,13 +164,13 @@ def test_programs_of_torch_are_kept_as_onnx_where_the_operator_allows_them(
     side = SIDE + "input: {mode: resize, size: [96, 64]}\n"
     with pytest.raises(InvalidInput, match="the operator of this deployment can allow it with VALERIE_IMPORT_PROGRAMS"):
         bring(path, work, settings, side)
-    found = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
-    assert found.document.kind == "onnx"
-    assert found.payload == work / "payload.onnx"
-    (picture,) = read_onnx(found.payload).graph.input
+    imported = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
+    assert imported.document.kind == "onnx"
+    assert imported.payload == work / "payload.onnx"
+    (picture,) = read_onnx(imported.payload).graph.input
     assert picture.name == "picture"
     assert [axis.dim_value for axis in picture.type.tensor_type.shape.dim] == [1, 3, 64, 96]
-    assert (found.trial.numeric_class or "").startswith("onnxruntime-")
+    assert (imported.trial.numeric_class or "").startswith("onnxruntime-")
 
 
 def test_a_safetensors_file_with_a_lying_header_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:
@@ -213,26 +255,26 @@ def test_an_onnx_file_of_millions_of_operators_ends_the_child_alone(tmp_path: Pa
 def test_secrets_of_the_environment_do_not_reach_the_child(
     tmp_path: Path, work: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: dict[str, str] = {}
+    environment: dict[str, str] = {}
     run = guarded_import.subprocess.run
 
     def watched(*arguments: Any, env: dict[str, str], **options: Any) -> Any:
-        seen.update(env)
+        environment.update(env)
         return run(*arguments, env=env, **options)
 
     monkeypatch.setenv("VALERIE_API_TOKEN", "t" * 20)
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "s")
     monkeypatch.setattr(guarded_import.subprocess, "run", watched)
     bring(small_onnx(tmp_path)[1], work, settings)
-    assert "PATH" in seen
-    assert not {"VALERIE_API_TOKEN", "AWS_SECRET_ACCESS_KEY"} & seen.keys()
+    assert "PATH" in environment
+    assert not {"VALERIE_API_TOKEN", "AWS_SECRET_ACCESS_KEY"} & environment.keys()
 
 
 def test_a_document_alone_is_enough_for_kinds_without_a_file(work: Path, settings: Settings) -> None:
     text = "name: elsewhere\nkind: predictions\noutput: {classes: [road, person]}"
-    found = import_function(ImportRequest(None, document=text), work, settings)
-    assert found.payload is None
-    assert found.trial == Trial(skipped="nothing to open: kind predictions")
+    imported = import_function(ImportRequest(None, document=text), work, settings)
+    assert imported.payload is None
+    assert imported.trial == Trial(skipped="nothing to open: kind predictions")
 
 
 def test_a_document_that_needs_a_file_says_so(work: Path, settings: Settings) -> None:

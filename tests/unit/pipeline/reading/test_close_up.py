@@ -36,13 +36,13 @@ def test_a_close_up_shows_the_person_with_a_margin_and_what_was_found(pipeline: 
     for offset in (0, FACTOR - 1):  # every pixel of the picture is a square
         assert np.array_equal(near[offset::FACTOR, offset:width:FACTOR], picture)
     right = near[::FACTOR, -width::FACTOR]
-    found = (reader.prediction(source.prediction) == PERSON.train_id)[:, window]
+    labels = (reader.prediction(source.prediction) == PERSON.train_id)[:, window]
     person = (truth.class_map == PERSON.id)[:, window]
-    green, orange = (right[person & found], right[person & ~found])
+    green, orange = (right[person & labels], right[person & ~labels])
     assert len(green) + len(orange)
     assert (green[:, 1] > green[:, 0]).all()
     assert (orange[:, 0] > orange[:, 1]).all()
-    assert not np.ptp(right[~person & ~found], axis=-1).any()  # grey
+    assert not np.ptp(right[~person & ~labels], axis=-1).any()  # grey
 
 
 def test_a_person_who_is_not_seen_leaves_the_whole_frame(pipeline: Pipeline) -> None:

@@ -7,11 +7,11 @@ import pytest
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.analysis.claims.claims import parse_claims
-from valerie.analysis.wording import duration
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.reading.reports import compare_runs, report_with
+from valerie.runs.moments import duration
 
 CLAIMS = parse_claims(
     {
@@ -27,15 +27,15 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     # A row of places more, another sensor, and the variants in another order.
     there = pipeline.submit(spec(xs=5, ys=3, name="dark", sensors=[{"name": "dark", "exposure_ev": -2.0}]))
     assert [pipeline.run(run) for run in (here, there)] == ["completed"] * 2
-    found = compare_runs(pipeline.context, here, there, claims=CLAIMS)
-    assert (found.frames, found.frames_here, found.frames_there) == (24, 24, 30)
-    assert found.differs == (
+    comparison = compare_runs(pipeline.context, here, there, claims=CLAIMS)
+    assert (comparison.frames, comparison.frames_here, comparison.frames_there) == (24, 24, 30)
+    assert comparison.differs == (
         "sensors.0.name (default here, dark there)",
         "sensors.0.exposure_ev (0.0 here, -2.0 there)",
     )
-    (function,) = found.functions
+    (function,) = comparison.functions
     assert function.slices[0].pairs == 24  # the second person of each frame stands outside
-    assert [one.text for one in found.conclusions] == ["Everybody is seen."]
+    assert [conclusion.text for conclusion in comparison.conclusions] == ["Everybody is seen."]
     report = report_with(pipeline.context, here, claims=CLAIMS, other=there)
     assert [entry.says for entry in report.ledger] == ["Everybody is seen."]
     for words in (

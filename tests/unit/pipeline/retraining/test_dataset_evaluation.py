@@ -85,13 +85,13 @@ def test_the_data_set_is_read_once_per_function_and_functions_are_closed(folder:
     opened: list[Forgetful] = []
 
     def keep(reference: str) -> PerceptionFunction:
-        assert all(one.closed for one in opened)  # one network at a time
+        assert all(call.closed for call in opened)  # one network at a time
         opened.append(Forgetful(reference, 0.9))
         return opened[-1]
 
     evaluate_dataset(folder, ["a", "b"], open_function=keep)
     assert len(opened) == 2
-    assert all(one.closed for one in opened)
+    assert all(call.closed for call in opened)
 
 
 def test_persons_have_counts_of_their_own_and_nothing_that_labels_cannot_tell(
@@ -111,17 +111,17 @@ def test_persons_have_counts_of_their_own_and_nothing_that_labels_cannot_tell(
 
 
 def test_documents_and_tables_are_written_and_read_back(result: DatasetResult, tmp_path: Path) -> None:
-    written = result.write(tmp_path / "out")
-    assert [path.name for path in written] == ["evaluation.json", "frames.parquet", "persons.parquet"]
-    document = json.loads(written[0].read_text())
+    files = result.write(tmp_path / "out")
+    assert [path.name for path in files] == ["evaluation.json", "frames.parquet", "persons.parquet"]
+    document = json.loads(files[0].read_text())
     good = document["functions"]["good"]
     assert good["classes"]["person"]["pacc"]["pooled"] == result.functions[0].scores.of(PERSON).pacc.pooled
     assert np.array(good["confusion"]).sum() == sum((to_train_ids(labelled(n).class_map) < 19).sum() for n in range(4))
     assert len(document["digest"]) == 64
     assert good["person_pacc"]["defined"] == 2 * FRAMES
-    rows = pq.read_table(written[1]).to_pylist()
+    rows = pq.read_table(files[1]).to_pylist()
     assert len(rows) == 2 * FRAMES
-    assert len(EvaluationTable.from_parquet(written[2])) == 4 * FRAMES
+    assert len(EvaluationTable.from_parquet(files[2])) == 4 * FRAMES
 
 
 def test_without_instance_ids_there_are_frames_but_no_persons(folder: CityscapesFolder, tmp_path: Path) -> None:

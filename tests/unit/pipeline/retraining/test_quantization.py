@@ -59,8 +59,8 @@ def test_the_command_prints_the_comparison_and_the_line_for_a_spec(
     drawn: tuple[Context, str], version: QuantizedVersion
 ) -> None:
     context, run_id = drawn
-    given = ["function", "quantize", "semantic-fpn-small", "--from", run_id, "--frames", "3", "--name", "fast"]
-    result = CliRunner().invoke(app, [*given, "--data-dir", str(context.settings.data_dir)], catch_exceptions=False)
+    arguments = ["function", "quantize", "semantic-fpn-small", "--from", run_id, "--frames", "3", "--name", "fast"]
+    result = CliRunner().invoke(app, [*arguments, "--data-dir", str(context.settings.data_dir)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "pACC" in result.stdout
     assert f"registered already as fast@{version.registered.digest[:12]}" in result.stderr

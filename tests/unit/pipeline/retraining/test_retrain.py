@@ -13,6 +13,7 @@ from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.importing.function_file import read_header
+from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import file_document, function_path
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder
 from valerie.pipeline.base.context import Context
@@ -22,7 +23,6 @@ from valerie.pipeline.retraining.retrain import register_retrained, retrain, tra
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.runs.products.pins import FunctionPin
 from valerie.runs.study.retraining import RetrainSettings
-from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"
 PLACES = [

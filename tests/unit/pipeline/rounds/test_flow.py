@@ -64,8 +64,8 @@ def document(**more: Any) -> StudyDocument:
         "batch": 16,
         "rounds": {"most": 1, "search": 16, "training": TRAINING},
     }
-    asked = spec("flow", asset=TOWN, vary=vary, functions=[FUNCTION], cameras=["camera-1"])
-    return parse_study(asked | study | more)
+    run_document = spec("flow", asset=TOWN, vary=vary, functions=[FUNCTION], cameras=["camera-1"])
+    return parse_study(run_document | study | more)
 
 
 class Machine:

@@ -10,11 +10,11 @@ import pytest
 from tests.world.boxes import write_box_street
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON, TRAIN_LABELS
+from valerie.perception.running.small_network import small_onnx
 from valerie.pipeline.work.trying import contact_sheet, render_frames, try_function
 from valerie.runs.document.run_spec import RunSpec
 from valerie.runs.resolving.spec import parse
 from valerie.settings import Settings, load_settings
-from valerie.testing.onnx_function import small_onnx
 
 ROAD = next(label.train_id for label in TRAIN_LABELS if label.name == "road")
 

@@ -294,18 +294,18 @@ def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, 
     scene = replace(scene, nodes=nodes, materials=grey, environment=replace(scene.environment, sky_strength=0.0))
     camera, triangles = scene.cameras["camera-1"], triangles_of(scene)
     toward_sun, sky = scene.sun_direction(), sky_of(scene)
-    seen = footprints(triangles, camera, view)
-    cosine = np.maximum(seen.normals @ toward_sun, 0.3)
-    seen = replace(seen, flat=seen.flat & (seen.normals @ toward_sun > 0.3))
+    surfaces = footprints(triangles, camera, view)
+    cosine = np.maximum(surfaces.normals @ toward_sun, 0.3)
+    surfaces = replace(surfaces, flat=surfaces.flat & (surfaces.normals @ toward_sun > 0.3))
     # An edge is blurred by half the sun's disc seen from the highest caster, the roof at 8 m; by the smallest kernel, three
     # quarters of a texel; and by half a texel's diagonal, up to which the map is off. The map's box reaches two metres beyond
     # the ground and one beyond that, so that its texels are at most the box's diagonal by their number wide.
     texel = math.hypot(40 + 6, 60 + 6) / STATIC_MAP
     blur = 8.0 / toward_sun[2] * math.tan(scene.sun.angular_diameter / 2) + (0.75 + math.sqrt(0.5)) * texel
     dark, lit = dark_and_lit(
-        seen, lambda points: blocked(triangles, points + 0.012 * toward_sun, toward_sun), blur / cosine, error=0.006
+        surfaces, lambda points: blocked(triangles, points + 0.012 * toward_sun, toward_sun), blur / cosine, error=0.006
     )
-    passed = np.exp(-sky.extinction[1] * np.linalg.norm(seen.points[0] - camera.position, axis=2))
+    passed = np.exp(-sky.extinction[1] * np.linalg.norm(surfaces.points[0] - camera.position, axis=2))
     share = raster.full(scene, view).pixels[..., 1] / (albedo * sky.sun[1] * cosine * passed)
     # Light reflected any number of times by surfaces in the full sun.
     reflected = albedo / (1 - albedo) / cosine

@@ -28,48 +28,53 @@ def resolved(street: Manifest, **given: Any) -> ResolvedRun:
 
 
 def products(run: Plan) -> dict[str, tuple[int, int]]:
-    return {f"{one.kind}{one.maker and ' '}{one.maker}": (one.needed, one.present) for one in run.products}
+    return {
+        f"{product.kind}{product.maker and ' '}{product.maker}": (product.needed, product.present)
+        for product in run.products
+    }
 
 
 def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
     """The oracle: each product of each legal frame, one by one."""
     inputs = ProductInputs(run, asset_digest=run.asset_digest, pins=pins)
-    found: dict[str, set[str]] = {kind: set() for kind in ("background", "layer", "truth", "prediction", "evaluation")}
+    digests: dict[str, set[str]] = {
+        kind: set() for kind in ("background", "layer", "truth", "prediction", "evaluation")
+    }
     for assignment, camera in itertools.product(run.space, range(len(run.cameras))):
         if rejection_reason(assignment.values, run.manifest) or run.space.violated(assignment.values):
             continue
         frame = inputs.frame(assignment.values, camera)
-        found["background"].add(frame.products.background)
-        found["layer"].add(frame.products.layer)
-        found["truth"].add(frame.products.truth)
-        found["prediction"] |= {one.prediction for one in frame.evaluations}
-        found["evaluation"] |= {one.scores for one in frame.evaluations}
-    return found
+        digests["background"].add(frame.products.background)
+        digests["layer"].add(frame.products.layer)
+        digests["truth"].add(frame.products.truth)
+        digests["prediction"] |= {evaluation.prediction for evaluation in frame.evaluations}
+        digests["evaluation"] |= {evaluation.scores for evaluation in frame.evaluations}
+    return digests
 
 
 def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: Pins) -> None:
     places = {"car-1.pos.x": {"choice": [0, 4.6]}, "car-1.pos.y": {"choice": [9, 20, 30]}}
     run = resolved(traffic(), vary=places, constants={"bicycle-1.visible": True})
-    found = plan(run, pins=pins)
-    assert found.rejected == {
+    forecast = plan(run, pins=pins)
+    assert forecast.rejected == {
         "person-1 stands inside car-1": 1,
         "car-1 leaves its level ground": 3,
         "car-1 and bicycle-1 overlap": 1,
     }
-    assert found.accepted == 1
+    assert forecast.accepted == 1
 
 
 def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES, constraints=["person-1.pos.x != 4"])
-    found = plan(run, pins=pins)
+    forecast = plan(run, pins=pins)
     # Of 5 × 2 places, the building takes (-4, 50), (-2, 50) and (0, 50), the constraint (4, 30) and (4, 50).
-    assert found.variants == 20
-    assert found.rejected == {
+    assert forecast.variants == 20
+    assert forecast.rejected == {
         "person-1 stands inside building-3": 6,
         "the constraint person-1.pos.x != 4 is not met": 4,
     }
-    assert (found.accepted, found.frames, found.evaluations) == (10, 30, 60)
-    assert products(found) == {
+    assert (forecast.accepted, forecast.frames, forecast.evaluations) == (10, 30, 60)
+    assert products(forecast) == {
         "background raster": (6, 0),
         "layer raster": (30, 0),
         "truth": (15, 0),
@@ -77,18 +82,18 @@ def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: Pins
         "prediction semantic-fpn-small": (30, 0),
         "evaluation": (60, 0),
     }
-    assert (found.renders, found.inferences) == (51, 60)
-    assert not found.estimated
-    assert found.units == {"sun-1.azimuth": "deg", "person-1.pos.x": "m", "person-1.pos.y": "m"}
+    assert (forecast.renders, forecast.inferences) == (51, 60)
+    assert not forecast.estimated
+    assert forecast.units == {"sun-1.azimuth": "deg", "person-1.pos.x": "m", "person-1.pos.y": "m"}
 
 
 def test_the_counts_are_those_of_all_frames_one_by_one(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}])
     expected = {kind: len(digests) for kind, digests in every_digest(run, pins).items()}
-    found: dict[str, int] = dict.fromkeys(expected, 0)
-    for one in plan(run, pins=pins).products:
-        found[one.kind] += one.needed
-    assert found == expected
+    counts: dict[str, int] = dict.fromkeys(expected, 0)
+    for product in plan(run, pins=pins).products:
+        counts[product.kind] += product.needed
+    assert counts == expected
 
 
 def test_what_is_there_already_is_not_made_again(street: Manifest, pins: Pins) -> None:
@@ -96,7 +101,7 @@ def test_what_is_there_already_is_not_made_again(street: Manifest, pins: Pins) -
     stored = set().union(*every_digest(run, pins).values())
     again = plan(run, pins=pins, present=lambda digests: digests & stored)
     assert (again.renders, again.inferences, again.cpu_seconds, again.bytes) == (0, 0, 0, 0)
-    assert all(one.needed == one.present for one in again.products)
+    assert all(product.needed == product.present for product in again.products)
 
 
 def test_adding_a_function_only_infers(street: Manifest, pins: Pins) -> None:
@@ -109,11 +114,11 @@ def test_adding_a_function_only_infers(street: Manifest, pins: Pins) -> None:
 
 
 def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_so(street: Manifest) -> None:
-    found = plan(resolved(street, vary=PLACES), present=lambda digests: digests)
-    assert found.renders > 0
-    assert {one.present for one in found.products} == {None}
-    assert all(one["present"] is None for one in found.model_dump(mode="json")["products"])
-    assert "stored products are unknown" in found.warnings[-1]
+    forecast = plan(resolved(street, vary=PLACES), present=lambda digests: digests)
+    assert forecast.renders > 0
+    assert {product.present for product in forecast.products} == {None}
+    assert all(product["present"] is None for product in forecast.model_dump(mode="json")["products"])
+    assert "stored products are unknown" in forecast.warnings[-1]
 
 
 def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: Manifest, pins: Pins) -> None:
@@ -124,10 +129,10 @@ def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: 
         pins=pins,
         costs=CostTable({CostKey(ProductKind.LAYER, "raster", 960, 540): Cost(2.0, 1000.0)}),
     )
-    basis = {(one.kind, one.maker): one.basis for one in recorded.products}
+    basis = {(product.kind, product.maker): product.basis for product in recorded.products}
     assert basis[ProductKind.LAYER, "raster"] is CostBasis.RECORDED
     assert basis[ProductKind.TRUTH, ""] is CostBasis.SHIPPED
-    (layer,) = (one for one in recorded.products if one.kind is ProductKind.LAYER)
+    (layer,) = (product for product in recorded.products if product.kind is ProductKind.LAYER)
     assert (layer.cpu_seconds, layer.bytes) == (2.0 * layer.needed, 1000 * layer.needed)
     assert "recorded here: layer raster" in recorded.cost_basis
     assert "recorded" not in shipped.cost_basis
@@ -146,8 +151,8 @@ def test_an_engine_of_ones_own_is_guessed_to_be_the_dearest() -> None:
 
 def test_a_plan_costs_what_the_engines_settings_ask_for(street: Manifest) -> None:
     def cpu_seconds(**settings: object) -> float:
-        found = plan(resolved(street, vary=PLACES, renderer={"name": "cycles", **settings}))
-        return sum(one.cpu_seconds for one in found.products if one.maker == "cycles")
+        forecast = plan(resolved(street, vary=PLACES, renderer={"name": "cycles", **settings}))
+        return sum(product.cpu_seconds for product in forecast.products if product.maker == "cycles")
 
     assert cpu_seconds(samples=256) == pytest.approx(4 * cpu_seconds(quality="standard"))
 
@@ -165,10 +170,10 @@ def test_shipped_costs_grow_with_pixels_and_are_all_positive() -> None:
 
 def test_truths_share_their_statics_wherever_a_camera_stands(street: Manifest, pins: Pins) -> None:
     def truth(**more: Any) -> Any:
-        found = plan(
+        forecast = plan(
             resolved(street, vary={"person-1.pos.y": {"choice": [8, 9, 10]}, **more}, cameras=["camera-1"]), pins=pins
         )
-        return next(product for product in found.products if product.kind is ProductKind.TRUTH)
+        return next(product for product in forecast.products if product.kind is ProductKind.TRUTH)
 
     table = CostTable()
     each, statics = table.cost(CostKey(ProductKind.TRUTH, "", 960, 540))[0], table.statics(960, 540)
@@ -202,19 +207,19 @@ def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: 
         vary=[["p1", "HOMOGENEOUS", 0, 9, 1]],
         constants={"person-1.pos.y": 50},
     )
-    found = plan(run, pins=pins)
-    assert [one.index for one in (*found.first, *found.last)] == [0, 1, 2, 7, 8, 9]
-    assert found.first[0].values == {"person-1.pos.y": 50.0, "p1": 0.0}
-    assert found.first[0].rejection == "person-1 stands inside building-3"
-    assert found.last[-1].rejection is None
+    forecast = plan(run, pins=pins)
+    assert [one.index for one in (*forecast.first, *forecast.last)] == [0, 1, 2, 7, 8, 9]
+    assert forecast.first[0].values == {"person-1.pos.y": 50.0, "p1": 0.0}
+    assert forecast.first[0].rejection == "person-1 stands inside building-3"
+    assert forecast.last[-1].rejection is None
     single = plan(resolved(street), pins=pins)
     assert [one.index for one in (*single.first, *single.last)] == [0]
 
 
 def test_a_run_whose_variants_are_all_rejected_is_warned_of(street: Manifest, pins: Pins) -> None:
-    found = plan(resolved(street, constants={"person-1.pos.x": -5, "person-1.pos.y": 50}), pins=pins)
-    assert (found.accepted, found.frames, found.renders) == (0, 0, 0)
-    assert "every variant is rejected" in found.warnings[-1]
+    forecast = plan(resolved(street, constants={"person-1.pos.x": -5, "person-1.pos.y": 50}), pins=pins)
+    assert (forecast.accepted, forecast.frames, forecast.renders) == (0, 0, 0)
+    assert "every variant is rejected" in forecast.warnings[-1]
 
 
 LARGE = [
@@ -245,8 +250,8 @@ def test_reuse_is_estimated_from_the_sample_as_well(street: Manifest, pins: Pins
     def half(digests: set[str]) -> set[str]:
         return {digest for digest in digests if digest[0] in "01234567"}
 
-    found = plan(resolved(street, vary=LARGE), pins=pins, present=half)
-    needed, present = products(found)["layer raster"]
+    forecast = plan(resolved(street, vary=LARGE), pins=pins, present=half)
+    needed, present = products(forecast)["layer raster"]
     assert present / needed == pytest.approx(0.5, abs=0.03)
 
 
@@ -260,9 +265,9 @@ def test_estimated_products_that_repeat_are_not_counted_in_proportion(street: Ma
             ["sun-1.elevation", "HOMOGENEOUS", 10, 40, 1],
         ],
     )
-    found = plan(run, pins=pins)
-    assert found.estimated
-    assert products(found)["truth"][0] == pytest.approx(19 * 3, abs=2)
+    forecast = plan(run, pins=pins)
+    assert forecast.estimated
+    assert products(forecast)["truth"][0] == pytest.approx(19 * 3, abs=2)
 
 
 def test_the_estimate_of_distinct_products_is_near_the_truth(street: Manifest, pins: Pins) -> None:
@@ -282,26 +287,26 @@ def test_a_billion_variants_are_planned_without_being_listed(street: Manifest, p
         street,
         vary=[["person-1.pos.x", "HOMOGENEOUS", 0, 19.9999, 0.0001], ["person-1.pos.y", "HOMOGENEOUS", 0, 99.99, 0.01]],
     )
-    found = plan(run, pins=pins)
-    assert found.variants == 2 * 10**9
-    assert found.last[-1].index == 2 * 10**9 - 1
+    forecast = plan(run, pins=pins)
+    assert forecast.variants == 2 * 10**9
+    assert forecast.last[-1].index == 2 * 10**9 - 1
 
 
 def test_digests_that_end_in_zero_bytes_are_asked_for_whole(street: Manifest, pins: Pins) -> None:
-    asked: set[str] = set()
+    digests_asked: set[str] = set()
 
     def remember(digests: set[str]) -> set[str]:
-        asked.update(digests)
+        digests_asked.update(digests)
         return set()
 
     run = resolved(street, vary=[["person-1.pos.x", "HOMOGENEOUS", 1, 19, 0.02]], cameras=["camera-1"])
     plan(run, pins=pins, present=remember)
     expected = set().union(*every_digest(run, pins).values())
-    assert asked == expected
+    assert digests_asked == expected
     assert np.any([digest.endswith("00") for digest in expected]), "the case must occur"
 
 
 def test_a_plan_survives_json(street: Manifest, pins: Pins) -> None:
-    found = plan(resolved(street, vary=PLACES), pins=pins)
-    assert Plan.model_validate_json(found.model_dump_json()) == found
-    assert {"variants", "frames", "renders", "cpu_seconds", "bytes", "warnings"} <= set(found.model_dump())
+    forecast = plan(resolved(street, vary=PLACES), pins=pins)
+    assert Plan.model_validate_json(forecast.model_dump_json()) == forecast
+    assert {"variants", "frames", "renders", "cpu_seconds", "bytes", "warnings"} <= set(forecast.model_dump())

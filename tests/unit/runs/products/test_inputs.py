@@ -34,21 +34,21 @@ def with_function(pins: Pins, name: str, **changes: Any) -> Pins:
 
 
 def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
-    found = {
+    digests = {
         name
         for name in ("background", "layer", "truth")
         if getattr(before.products, name) != getattr(after.products, name)
     }
     pairs = list(zip(before.evaluations, after.evaluations, strict=False))
-    found |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
-    return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
+    digests |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
+    return digests | {"evaluation" for a, b in pairs if a.scores != b.scores}
 
 
 def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, pins: Pins) -> None:
     without, asked = frame(street, pins, {}), frame(street, pins, {}, annotations=["normals", "boxes"])
     assert without.annotations == ()
     assert changed(without, asked) == set()
-    assert [(one.kind, one.inputs) for one in asked.annotations] == [
+    assert [(annotation.kind, annotation.inputs) for annotation in asked.annotations] == [
         ("normals", (asked.products.truth,)),
         ("boxes", (asked.products.truth,)),
     ]
@@ -65,12 +65,14 @@ def test_the_prediction_of_a_background_follows_from_it_alone_and_changes_evalua
     sensors = [{"name": "plain"}, {"name": "dark", "exposure_ev": -2}, deep]
     plain, asked = (frame(street, pins, {}, sensors=sensors, infer_backgrounds=on) for on in (False, True))
     assert changed(plain, asked) == {"evaluation"}
-    assert {one.empty for one in plain.evaluations} == {None}
+    assert {evaluation.empty for evaluation in plain.evaluations} == {None}
     # One for each sensor and function; a defocused lens needs depths, which are those of the whole frame.
-    assert len({one.empty for one in asked.evaluations if one.sensor_index < 2}) == 4
-    assert {one.empty for one in asked.evaluations if one.sensor_index == 2} == {None}
+    assert len({evaluation.empty for evaluation in asked.evaluations if evaluation.sensor_index < 2}) == 4
+    assert {evaluation.empty for evaluation in asked.evaluations if evaluation.sensor_index == 2} == {None}
     moved = frame(street, pins, {X: 4.0}, sensors=sensors, infer_backgrounds=True)
-    assert [one.empty for one in moved.evaluations] == [one.empty for one in asked.evaluations]
+    assert [evaluation.empty for evaluation in moved.evaluations] == [
+        evaluation.empty for evaluation in asked.evaluations
+    ]
     uploaded = with_function(pins, FUNCTIONS[0], route=UPLOADED_ROUTE)
     first, second, *_ = frame(street, uploaded, {}, infer_backgrounds=True).evaluations
     assert first.empty is None
@@ -178,9 +180,17 @@ def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_defa
 
 
 def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: Pins) -> None:
-    found = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
-    assert [(one.sensor_index, one.function_index) for one in found] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    assert len({one.prediction for one in found} | {one.scores for one in found}) == 8
+    evaluations = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
+    assert [(evaluation.sensor_index, evaluation.function_index) for evaluation in evaluations] == [
+        (0, 0),
+        (0, 1),
+        (1, 0),
+        (1, 1),
+    ]
+    assert (
+        len({evaluation.prediction for evaluation in evaluations} | {evaluation.scores for evaluation in evaluations})
+        == 8
+    )
 
 
 def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
@@ -190,13 +200,13 @@ def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
 
 
 def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: Pins) -> None:
-    found = frame(street, pins, {})
-    assert found.evaluations[0].scores == digest(
-        1, "evaluation", EVALUATION_REVISION, found.evaluations[0].prediction, found.products.truth
+    products = frame(street, pins, {})
+    assert products.evaluations[0].scores == digest(
+        1, "evaluation", EVALUATION_REVISION, products.evaluations[0].prediction, products.products.truth
     )
     inputs = split({}, street, "camera-1")
     engine = {"name": "raster", "revision": 1, "numeric_class": pins.engine.numeric_class}
-    assert found.products.layer == digest(1, "layer", engine, found.products.background, inputs.layer)
+    assert products.products.layer == digest(1, "layer", engine, products.products.background, inputs.layer)
 
 
 @pytest.mark.parametrize(

@@ -72,8 +72,8 @@ def problems(document: dict[str, Any] | str) -> dict[str, str]:
     with pytest.raises(InvalidInput) as caught:
         parse(document)
     error = caught.value
-    found = error.problems if isinstance(error, InvalidInputs) else (error,)
-    return {problem.field: str(problem) for problem in found}
+    problems_listed = error.problems if isinstance(error, InvalidInputs) else (error,)
+    return {problem.field: str(problem) for problem in problems_listed}
 
 
 def test_all_notations_say_the_same() -> None:
@@ -84,11 +84,11 @@ def test_all_notations_say_the_same() -> None:
 
 @pytest.mark.parametrize("source", [LISTS, MAPPINGS, OBJECTS])
 def test_a_spec_survives_its_file_its_column_and_its_body(source: Any) -> None:
-    given = parse(source)
-    assert parse(given.to_yaml()) == given
-    assert parse(given.model_dump(mode="json")) == given
-    assert RunSpec.model_validate_json(given.model_dump_json()) == given
-    assert parse(given.to_yaml()).digest == given.digest
+    document = parse(source)
+    assert parse(document.to_yaml()) == document
+    assert parse(document.model_dump(mode="json")) == document
+    assert RunSpec.model_validate_json(document.model_dump_json()) == document
+    assert parse(document.to_yaml()).digest == document.digest
 
 
 def required(statistic: str = "mean(pacc) >= 0.8", **values: Any) -> dict[str, Any]:
@@ -131,8 +131,8 @@ def test_a_spec_cannot_be_changed() -> None:
 
 
 def test_three_numbers_of_a_gaussian_are_refused_with_the_right_form() -> None:
-    found = problems(spec(vary=[["p1", "GAUSSIAN", 0, 10, 1]]))
-    assert "limit: [p1, GAUSSIAN, mean, standard_deviation]" in found["vary.0"]
+    refusals = problems(spec(vary=[["p1", "GAUSSIAN", 0, 10, 1]]))
+    assert "limit: [p1, GAUSSIAN, mean, standard_deviation]" in refusals["vary.0"]
 
 
 @pytest.mark.parametrize(
@@ -151,33 +151,33 @@ def test_three_numbers_of_a_gaussian_are_refused_with_the_right_form() -> None:
     ],
 )
 def test_an_entry_in_neither_notation_is_refused_with_the_right_form(entry: Any, expected: str) -> None:
-    found = problems(spec(vary=[["p0", "CONSTANT", 1], entry]))
-    assert all(field.startswith("vary.1") for field in found)
-    assert expected in "".join(found.values())
+    refusals = problems(spec(vary=[["p0", "CONSTANT", 1], entry]))
+    assert all(field.startswith("vary.1") for field in refusals)
+    assert expected in "".join(refusals.values())
 
 
 def test_every_problem_is_listed_at_the_place_where_it_was_written() -> None:
-    found = problems(
+    refusals = problems(
         spec(
             blocks=[{"vary": [["p1", "HOMO", 1], {"p2": {"homogeneous": {"from": 0, "too": 3, "step": True}}}]}],
             seed=1.5, functions="f", sed=3, resolution={"width": 8, "hight": 100}, cameras=[],
             sensors=[{"name": "a", "exposure": 1}], detection_threshold=0, iteration=-1, constraints=[3],
         )
     )  # fmt: skip
-    assert set(found) == {
+    assert set(refusals) == {
         "blocks.0.vary.0", "blocks.0.vary.1.maximum", "blocks.0.vary.1.too", "blocks.0.vary.1.step", "seed", "functions",
         "sed", "resolution.width", "resolution.hight", "cameras", "sensors.0.exposure", "detection_threshold",
         "iteration", "constraints.0",
     }  # fmt: skip
-    assert "did you mean seed" in found["sed"]
-    assert "did you mean height" in found["resolution.hight"]
-    assert "did you mean exposure_ev" in found["sensors.0.exposure"]
-    assert "got 8; limit: >= 16" in found["resolution.width"]
+    assert "did you mean seed" in refusals["sed"]
+    assert "did you mean height" in refusals["resolution.hight"]
+    assert "did you mean exposure_ev" in refusals["sensors.0.exposure"]
+    assert "got 8; limit: >= 16" in refusals["resolution.width"]
 
 
 def test_a_mapping_names_its_entries_in_errors() -> None:
-    found = problems(spec(vary={"p1": {"homogeneous": {"from": 0, "to": 1}}}))
-    assert found == {"vary.p1.step": "vary.p1.step: this field is missing"}
+    refusals = problems(spec(vary={"p1": {"homogeneous": {"from": 0, "to": 1}}}))
+    assert refusals == {"vary.p1.step": "vary.p1.step: this field is missing"}
 
 
 def test_one_block_stands_at_the_top_or_below_blocks_and_not_both() -> None:
@@ -229,6 +229,32 @@ def test_one_block_stands_at_the_top_or_below_blocks_and_not_both() -> None:
 )
 def test_bad_input_is_named_by_its_field(given: dict[str, Any], field: str) -> None:
     assert field in problems(spec(**given))
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"functions": "f"}, "functions: a list is needed here; got f; limit: [f]"),
+        ({"sensors": {"name": "a", "gamma": 2}}, "sensors: a list is needed here; limit: [{name: …}]"),
+        ({"vary": None}, "vary: entries are needed here, indented; limit: p1: {homogeneous: {from: …, to: …, step: …}}"),
+        ({"vary": ["p1", "CONSTANT", 1]}, "vary: brackets around each entry are missing; got ['p1', 'CONSTANT', 1]; limit: [["),
+        ({"vary": {"p1": [1, 2]}}, "limit: p1: {choice: [1, 2]}"),
+        ({"vary": {"p1": "3 m"}}, "limit: p1: {constant: 3 m}"),
+        ({"vary": {"p1": {"choice": 3}}}, "vary.p1.choice: a list is needed here; got 3; limit: [3]"),
+        ({"vary": {"p1": {"choice": []}}}, "vary.p1.choice: out of bounds; got []; limit: at least 1 entry"),
+        ({"vary": {"p1": {"normal": {"mean": 1, "sigma": 2}}}}, "unknown distribution 'normal'; did you mean gaussian?"),
+        ({"vary": {"p1": {"uniform": {"from": [1], "to": 2}}}}, "vary.p1.from: a number is needed here; got [1]"),
+        ({"constants": {"p1": [1]}}, "constants.p1: a single value is needed here; got [1]"),
+        ({"p1.pos.x": {"constant": 1}}, "p1.pos.x: unknown field 'p1.pos.x'; limit: a parameter stands below vary"),
+        ({"name": 12}, "name: text is needed here; got 12; limit: '12' in quotes"),
+        ({"name": True}, "name: text is needed here; got True; limit: 'true' in quotes"),
+        ({"name": ""}, "limit: at least 1 character"),
+        ({"cameras": []}, "limit: at least 1 entry"),
+        ({"schema_version": 2}, "schema_version: not an accepted value; got 2; limit: 1"),
+    ],
+)  # fmt: skip
+def test_an_error_says_what_is_right(given: dict[str, Any], expected: str) -> None:
+    assert expected in "\n".join(problems(spec(**given)).values())
 
 
 @given(

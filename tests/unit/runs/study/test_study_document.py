@@ -67,6 +67,12 @@ def test_the_written_template_is_a_study() -> None:
         ({"budget": {"variants": 7}}, "budget.variants.*7.*>= 8"),
         ({"budget": {}}, "budget.variants"),
         ({"budgte": {"variants": 9}}, "budgte.*budget"),
+        ({"budget": 40}, "budget: a mapping is needed here; got 40"),
+        (
+            {"budget": {"variants": 40, "deadline": "tomorrow"}},
+            "budget.deadline: a moment is needed here; got tomorrow; limit: as 2027-01-31T18:00",
+        ),
+        ({"goal": {"name": "find", "bach": 3}}, "goal.bach: this field is unknown; got 3"),
         ({"batch": 1001}, "batch.*1001.*<= 1000"),
         ({"batch": 300}, "batch.*300.*256"),
         ({"mode": "by foot"}, "mode"),

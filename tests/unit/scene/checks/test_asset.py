@@ -46,14 +46,14 @@ def test_the_test_asset_itself_has_no_findings() -> None:
 
 
 def test_an_unknown_class_is_an_error_and_named(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, renamed("building-1", "house-1"))), "no-class")
-    assert (found.severity, found.where) == (Severity.ERROR, "scene.house-1")
-    assert "'house' is not a known class" in found.message
+    finding = only(asset_findings(written(tmp_path, renamed("building-1", "house-1"))), "no-class")
+    assert (finding.severity, finding.where) == (Severity.ERROR, "scene.house-1")
+    assert "'house' is not a known class" in finding.message
 
 
 def test_a_plain_name_without_class_is_named(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, renamed("building-1", "Cube"))), "no-class")
-    assert (found.where, found.value, found.limit) == ("scene.Cube", "Cube", "e.g. building-3")
+    finding = only(asset_findings(written(tmp_path, renamed("building-1", "Cube"))), "no-class")
+    assert (finding.where, finding.value, finding.limit) == ("scene.Cube", "Cube", "e.g. building-3")
 
 
 def test_no_person_is_an_error(tmp_path: Path) -> None:
@@ -63,8 +63,8 @@ def test_no_person_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_manifest_without_persons_is_an_error(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, persons=[])), "no-person")
-    assert "nobody is under test" in found.message
+    finding = only(asset_findings(written(tmp_path, persons=[])), "no-person")
+    assert "nobody is under test" in finding.message
 
 
 def test_a_missing_person_is_reported_with_nodes_to_rename_and_hides_no_other_finding(tmp_path: Path) -> None:
@@ -99,17 +99,17 @@ def test_a_missing_person_is_suspected_in_a_person_that_the_manifest_does_not_na
 
 def test_nothing_else_is_taken_for_a_missing_person(tmp_path: Path) -> None:
     nodes = {path: node for path, node in BASE.nodes.items() if "person-1" not in path}
-    found = only(asset_findings(written(tmp_path, nodes)), "no-person")
-    assert found.where == "scene.person-1"
-    assert found.message.endswith("; nothing looks like it: call its node person-1, or take it out of the manifest")
+    finding = only(asset_findings(written(tmp_path, nodes)), "no-person")
+    assert finding.where == "scene.person-1"
+    assert finding.message.endswith("; nothing looks like it: call its node person-1, or take it out of the manifest")
 
 
 def test_a_missing_node_is_reported_once_for_all_fields_that_name_it(tmp_path: Path) -> None:
     changes = {"movable": [*simple_asset().manifest.movable, "scene.car-2"], "grounded": ["scene.car-2"]}
-    found = only(asset_findings(written(tmp_path, **changes)), "declared")
-    assert found.where == "scene.car-2"
-    assert "no such car in the files, and the manifest names it under movable, grounded;" in found.message
-    assert "scene.car-1 is a car" in found.message
+    finding = only(asset_findings(written(tmp_path, **changes)), "declared")
+    assert finding.where == "scene.car-2"
+    assert "no such car in the files, and the manifest names it under movable, grounded;" in finding.message
+    assert "scene.car-1 is a car" in finding.message
 
 
 def test_parameters_that_the_scene_cannot_take_are_all_listed_and_hide_nothing(tmp_path: Path) -> None:
@@ -118,18 +118,18 @@ def test_parameters_that_the_scene_cannot_take_are_all_listed_and_hide_nothing(t
         {"path": "scene.building-1.light.intensity_cd", "minimum": 0, "maximum": 10, "default": 1},
     ]
     findings = asset_findings(written(tmp_path, parameters=parameters, extent=[3000, 3000, 4000, 4000]))
-    assert [f.where for f in findings if f.code == "declared"] == [one["path"] for one in parameters]
+    assert [f.where for f in findings if f.code == "declared"] == [parameter["path"] for parameter in parameters]
     assert only(findings, "extent").severity is Severity.WARNING
 
 
 def test_a_person_that_is_a_building_is_an_error(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, persons=["scene.person-1", "scene.building-1"])), "no-person")
-    assert (found.where, found.value, found.limit) == ("scene.building-1", "building", "person")
+    finding = only(asset_findings(written(tmp_path, persons=["scene.person-1", "scene.building-1"])), "no-person")
+    assert (finding.where, finding.value, finding.limit) == ("scene.building-1", "building", "person")
 
 
 def test_a_person_that_varies_without_being_movable_is_suspected(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, movable=["scene.person-2", "scene.car-1"])), "not-movable")
-    assert found.where == "scene.person-1"
+    finding = only(asset_findings(written(tmp_path, movable=["scene.person-2", "scene.car-1"])), "not-movable")
+    assert finding.where == "scene.person-1"
 
 
 def test_a_mesh_in_centimetres_is_suspected_with_its_height(tmp_path: Path) -> None:
@@ -147,8 +147,8 @@ def test_an_origin_at_the_hips_is_suspected(tmp_path: Path) -> None:
         lowered = nodes[path].transform.copy()
         lowered[2, 3] -= 0.9
         nodes[path] = replace(nodes[path], transform=lowered)
-    found = only(asset_findings(written(tmp_path, nodes)), "origin")
-    assert (found.where, found.value) == ("scene.person-1", "lowest point at -0.90 m")
+    finding = only(asset_findings(written(tmp_path, nodes)), "origin")
+    assert (finding.where, finding.value) == ("scene.person-1", "lowest point at -0.90 m")
 
 
 def test_an_origin_beside_the_body_is_suspected(tmp_path: Path) -> None:
@@ -164,8 +164,8 @@ def test_a_flat_node_is_suspected_and_a_mirrored_one_is_not(tmp_path: Path) -> N
     def scaled(across: float) -> list[str]:
         nodes = dict(BASE.nodes)
         nodes["scene.building-1"] = replace(nodes["scene.building-1"], transform=np.diag([across, 1.0, 1.0, 1.0]))
-        found = asset_findings(written(tmp_path, nodes))
-        return [finding.where for finding in found if finding.code in {"flat", "mirrored"}]
+        findings = asset_findings(written(tmp_path, nodes))
+        return [finding.where for finding in findings if finding.code in {"flat", "mirrored"}]
 
     assert scaled(0.0) == ["scene.building-1"]
     assert scaled(-1.0) == []
@@ -176,8 +176,8 @@ def test_an_object_of_very_many_triangles_is_suspected_with_those_of_all_its_mes
 ) -> None:
     # Of boxes of 12 triangles each, the person that is shown has three, the car two, everything else one.
     monkeypatch.setattr(shapes, "MAX_TRIANGLES", 35)
-    found = only(asset_findings(written(tmp_path)), "huge-mesh")
-    assert (found.where, found.value, found.limit) == ("scene.person-1", "36 triangles", "35")
+    finding = only(asset_findings(written(tmp_path)), "huge-mesh")
+    assert (finding.where, finding.value, finding.limit) == ("scene.person-1", "36 triangles", "35")
 
 
 def test_a_scene_of_very_many_triangles_is_suspected_with_its_heaviest_objects(
@@ -204,13 +204,13 @@ def test_a_texture_without_coordinates_is_suspected(tmp_path: Path) -> None:
     road = nodes["scene.road-1"]
     bare = replace(road.meshes[0], uvs=np.zeros_like(road.meshes[0].uvs))
     nodes["scene.road-1"] = replace(road, meshes=(bare,))
-    found = only(asset_findings(written(tmp_path, nodes)), "no-texture-coordinates")
-    assert "paving" in found.message
+    finding = only(asset_findings(written(tmp_path, nodes)), "no-texture-coordinates")
+    assert "paving" in finding.message
 
 
 def test_a_scene_in_another_unit_than_its_extent_is_suspected(tmp_path: Path) -> None:
-    found = only(asset_findings(written(tmp_path, extent=[3000, 3000, 4000, 4000])), "extent")
-    assert found.limit == "(3000, 3000) to (4000, 4000) m"
+    finding = only(asset_findings(written(tmp_path, extent=[3000, 3000, 4000, 4000])), "extent")
+    assert finding.limit == "(3000, 3000) to (4000, 4000) m"
 
 
 def test_a_street_that_lies_elsewhere_leaves_nothing_to_stand_on(tmp_path: Path) -> None:
@@ -259,8 +259,8 @@ def test_a_car_that_moves_without_an_outline_is_noted(tmp_path: Path) -> None:
     ]
     parameters = [*simple_asset().manifest.model_dump(mode="json")["parameters"], *place]
     assert asset_findings(written(tmp_path, parameters=parameters)) == []
-    found = only(asset_findings(written(tmp_path, parameters=parameters, obstacles=[])), "no-outline")
-    assert (found.severity, found.where) == (Severity.NOTE, "scene.car-1")
+    finding = only(asset_findings(written(tmp_path, parameters=parameters, obstacles=[])), "no-outline")
+    assert (finding.severity, finding.where) == (Severity.NOTE, "scene.car-1")
 
 
 def test_a_parameter_of_something_that_the_scene_lacks_is_an_error(tmp_path: Path) -> None:
@@ -271,16 +271,16 @@ def test_a_parameter_of_something_that_the_scene_lacks_is_an_error(tmp_path: Pat
 def test_overlapping_instance_ids_name_both_nodes(tmp_path: Path) -> None:
     nodes = {**BASE.nodes, "scene.static-1": replace(BASE.nodes["scene.car-1"], path="scene.static-1", meshes=())}
     nodes["scene.car-01"] = replace(BASE.nodes["scene.car-1"], path="scene.car-01")
-    found = only(asset_findings(written(tmp_path, nodes)), "scene")
-    assert "scene.car-1 and scene.car-01 are the same car (instance id 26001)" in found.message
+    finding = only(asset_findings(written(tmp_path, nodes)), "scene")
+    assert "scene.car-1 and scene.car-01 are the same car (instance id 26001)" in finding.message
 
 
 def test_a_broken_file_is_reported_and_not_raised(tmp_path: Path) -> None:
     written(tmp_path)
     (tmp_path / "simple.glb").write_bytes((tmp_path / "simple.glb").read_bytes()[:5000])
-    found = only(asset_findings(tmp_path), "file")
-    assert found.where == "simple.glb"
-    assert "truncated" in found.message
+    finding = only(asset_findings(tmp_path), "file")
+    assert finding.where == "simple.glb"
+    assert "truncated" in finding.message
 
 
 def test_a_broken_manifest_is_reported_field_by_field(tmp_path: Path) -> None:
@@ -301,9 +301,9 @@ def test_every_missing_texture_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_finding_shows_severity_place_value_and_limit() -> None:
-    found = Doubt(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
-    assert str(found) == "warning: scene.person-1: too high; got 18 m; limit: 0.4…2.6 m"
-    assert found.document()["value"] == "18 m"
+    doubt = Doubt(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
+    assert str(doubt) == "warning: scene.person-1: too high; got 18 m; limit: 0.4…2.6 m"
+    assert doubt.document()["value"] == "18 m"
 
 
 def test_a_folder_with_findings_that_are_no_errors_still_loads(tmp_path: Path) -> None:

@@ -40,8 +40,8 @@ def middle_of(path: str) -> tuple[float, float, float]:
 
 
 def test_a_camera_inside_a_building_is_reported() -> None:
-    found = [f for f in findings(moved(camera=(middle_of("scene.building-1"), 0.0, 0.0))) if f.code == "inside-solid"]
-    assert [(f.where, "scene.building-1" in f.message) for f in found] == [("scene.camera-1", True)]
+    doubts = [f for f in findings(moved(camera=(middle_of("scene.building-1"), 0.0, 0.0))) if f.code == "inside-solid"]
+    assert [(f.where, "scene.building-1" in f.message) for f in doubts] == [("scene.camera-1", True)]
 
 
 def test_a_camera_just_outside_of_a_building_is_fine() -> None:
@@ -57,10 +57,10 @@ def test_a_camera_below_the_ground_is_reported() -> None:
 
 def test_a_person_behind_every_camera_by_default_is_reported_with_the_visible_share_of_its_range() -> None:
     # From (0, 10.5) along +y: person-1 stands at (0, 10), and may stand at y up to 50.
-    found = [f for f in findings(moved(camera=((0.0, 11.0, 1.5), 0.0, 0.0))) if f.code == "out-of-view"]
-    assert [f.where for f in found] == ["scene.person-1"]
-    assert "of its range is in view" in found[0].message
-    assert "outside the image" in found[0].message
+    doubts = [f for f in findings(moved(camera=((0.0, 11.0, 1.5), 0.0, 0.0))) if f.code == "out-of-view"]
+    assert [f.where for f in doubts] == ["scene.person-1"]
+    assert "of its range is in view" in doubts[0].message
+    assert "outside the image" in doubts[0].message
 
 
 def test_a_person_that_no_camera_can_see_is_reported() -> None:

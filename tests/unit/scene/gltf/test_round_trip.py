@@ -169,11 +169,11 @@ def test_meshes_that_nodes_share_are_shared_again(tmp_path: Path) -> None:
 
 def test_another_program_reads_the_same_triangles_with_y_up(written: Path) -> None:
     other = trimesh.load_scene(written)
-    found = [
+    differences = [
         trimesh.transform_points(other.geometry[name].vertices, transform)
         for name, transform in ((other.graph[n][1], other.graph[n][0]) for n in other.graph.nodes_geometry)
     ]
-    theirs = np.vstack(found)
+    theirs = np.vstack(differences)
     base = simple_asset().base
     ours = np.vstack(
         [
@@ -195,6 +195,14 @@ def test_a_camera_of_another_program_keeps_its_view(written: Path) -> None:
     camera = load_gltf(embedded(written, document, binary)).cameras["camera-1"]
     assert camera.focal_length_mm == pytest.approx(35.0)
     assert camera.focal_length_px(1920) == pytest.approx(35.0 / 36.0 * 1920)
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.0, 100.0), (-1.0, 100.0), (5.0, 5.0), (10.0, 2.0)])
+def test_a_camera_that_sees_nothing_is_refused(written: Path, near: float, far: float) -> None:
+    document, binary = chunks_of(written)
+    document["cameras"][0]["perspective"] |= {"znear": near, "zfar": far}
+    with pytest.raises(InvalidInput, match=r"camera-\d.*got znear.*limit: 0 < znear < zfar"):
+        load_gltf(embedded(written, document, binary))
 
 
 def test_the_sun_of_another_program_comes_from_the_same_side(written: Path) -> None:

@@ -23,11 +23,11 @@ ACCURACY_DEG = 0.5
 def test_the_published_example_of_the_solar_position_algorithm_is_met() -> None:
     # Reda and Andreas 2004 (doi:10.1016/j.solener.2003.12.003), table A5.1: Golden, Colorado, 17 October 2003,
     # 12:30:30 at UTC − 7: zenith 50.11162°, azimuth 194.34024°.
-    found = sun_angles(
+    sun = sun_angles(
         time_of_day=12 + 30.5 / 60, day_of_year=290, latitude=39.742476, longitude=-105.1786, utc_offset=-7
     )
-    assert found.elevation == pytest.approx(90 - 50.11162, abs=ACCURACY_DEG)
-    assert found.azimuth == pytest.approx(194.34024, abs=ACCURACY_DEG)
+    assert sun.elevation == pytest.approx(90 - 50.11162, abs=ACCURACY_DEG)
+    assert sun.azimuth == pytest.approx(194.34024, abs=ACCURACY_DEG)
 
 
 @pytest.mark.parametrize("year", [2019, 2024])
@@ -37,18 +37,16 @@ def test_an_independent_library_finds_the_sun_in_the_same_place(year: int, latit
     for day in range(3, 365, 17):
         for hour in (2.0, 7.5, 12.0, 16.25, 21.0):
             moment = dt.datetime(year, 1, 1, tzinfo=dt.UTC) + dt.timedelta(days=day - 1, hours=hour)
-            found = sun_angles(
-                time_of_day=hour, day_of_year=day, latitude=latitude, longitude=longitude, utc_offset=0.0
-            )
+            sun = sun_angles(time_of_day=hour, day_of_year=day, latitude=latitude, longitude=longitude, utc_offset=0.0)
             height = elevation(observer, moment, with_refraction=False)
-            assert found.elevation == pytest.approx(height, abs=ACCURACY_DEG)
+            assert sun.elevation == pytest.approx(height, abs=ACCURACY_DEG)
             # Along the sky: near the zenith a small way is a large angle of the compass.
-            assert between(found.azimuth, azimuth(observer, moment)) * math.cos(math.radians(height)) < ACCURACY_DEG
+            assert between(sun.azimuth, azimuth(observer, moment)) * math.cos(math.radians(height)) < ACCURACY_DEG
 
 
 def test_at_the_summer_solstice_the_sun_stands_overhead_at_the_tropic() -> None:
-    found = sun_angles(time_of_day=12.03, day_of_year=172, latitude=23.44, longitude=0.0, utc_offset=0.0)
-    assert found.elevation == pytest.approx(90.0, abs=ACCURACY_DEG)
+    sun = sun_angles(time_of_day=12.03, day_of_year=172, latitude=23.44, longitude=0.0, utc_offset=0.0)
+    assert sun.elevation == pytest.approx(90.0, abs=ACCURACY_DEG)
 
 
 def test_in_the_morning_it_stands_in_the_east_and_in_the_evening_in_the_west() -> None:

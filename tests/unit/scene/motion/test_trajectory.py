@@ -43,11 +43,11 @@ def circle(count: int = 25, radius: float = 5.0, seconds: float = 10.0) -> Traje
 )
 def test_a_walking_person_faces_its_way(x: float, y: float, heading: float) -> None:
     trajectory = walk((0, 0, 10), (2, x, y))
-    found = moment(trajectory, 1.0)
-    assert (found["pos.x"], found["pos.y"]) == pytest.approx((x / 2, 5 + y / 2))
+    state = moment(trajectory, 1.0)
+    assert (state["pos.x"], state["pos.y"]) == pytest.approx((x / 2, 5 + y / 2))
     if (x, y) == (-3, 15):
         heading = math.degrees(math.atan2(3, 5))
-    assert found["heading"] == pytest.approx(heading, abs=1e-6)
+    assert state["heading"] == pytest.approx(heading, abs=1e-6)
     # The heading of the scene is the one that the geometry turns by: a nose ahead of the body.
     scene = apply(Motion([trajectory], MANIFEST.by_path).at({}, 1.0), simple_asset())
     nose = scene.world_transform(PERSON)[:3, :3] @ [0.0, 1.0, 0.0]
@@ -59,11 +59,11 @@ def test_on_a_circle_position_and_heading_follow_it() -> None:
     # 4.4 mm.
     for time in np.linspace(0.05, 9.95, 34).tolist():
         angle = 2 * math.pi * time / 10
-        found = moment(circle(), time)
-        assert (found["pos.x"], found["pos.y"]) == pytest.approx(
+        state = moment(circle(), time)
+        assert (state["pos.x"], state["pos.y"]) == pytest.approx(
             (5 * math.cos(angle), 20 + 5 * math.sin(angle)), abs=5e-3
         )
-        turned = (found["heading"] - math.degrees(angle) + 180) % 360 - 180  # along the tangent, it faces +y at angle 0
+        turned = (state["heading"] - math.degrees(angle) + 180) % 360 - 180  # along the tangent, it faces +y at angle 0
         assert abs(turned) < 1.0
 
 
@@ -78,8 +78,8 @@ def test_keyframes_that_give_the_heading_decide_it_and_it_turns_the_shortest_way
         {"time": 0.0, "pos.x": 0.0, "pos.y": 10.0, "heading": 350.0},
         {"time": 2.0, "pos.x": 2.0, "pos.y": 10.0, "heading": 30.0},
     )
-    found = moment(Trajectory(path=PERSON, keyframes=keys), 1.0)
-    assert found["heading"] == pytest.approx(10.0)
+    state = moment(Trajectory(path=PERSON, keyframes=keys), 1.0)
+    assert state["heading"] == pytest.approx(10.0)
     kept = moment(walk((0, 0, 10), (2, 2, 10), facing="kept"), 1.0)
     assert "heading" not in kept
 
@@ -145,11 +145,11 @@ def test_a_variant_whose_movement_cannot_be_is_rejected_with_the_moment() -> Non
 
 def test_parameters_of_keyframes_have_type_unit_and_range_of_the_moved_parameter() -> None:
     motion = Motion([walk((0, 0, 10), (2, 4, 10))], MANIFEST.by_path, start=0.5)
-    found = {definition.name: definition for definition in motion.parameters}
-    assert found["time"].default == 0.5
-    key = found["person-1.trajectory.key-2.pos.x"]
+    definitions = {definition.name: definition for definition in motion.parameters}
+    assert definitions["time"].default == 0.5
+    key = definitions["person-1.trajectory.key-2.pos.x"]
     assert (key.unit, key.minimum, key.maximum, key.default) == ("m", -15, 15, 4)
-    assert found["person-1.trajectory.key-2.time"].unit == "s"
+    assert definitions["person-1.trajectory.key-2.time"].unit == "s"
     assert set(motion.moved) == {f"{PERSON}.pos.x", f"{PERSON}.pos.y", f"{PERSON}.heading"}
 
 

@@ -32,24 +32,24 @@ def street() -> Manifest:
 
 
 def test_the_defaults_are_the_declared_angles_and_a_dry_road(street: Manifest) -> None:
-    found = conditions({}, street)
-    assert (found.sun_azimuth_deg, found.sun_elevation_deg, found.road_friction) == (180.0, 40.0, 0.85)
+    measures = conditions({}, street)
+    assert (measures.sun_azimuth_deg, measures.sun_elevation_deg, measures.road_friction) == (180.0, 40.0, 0.85)
 
 
 def test_time_and_place_come_to_angles(street: Manifest) -> None:
-    found = conditions({TIME: 8.0, DAY: 172, "scene.environment-1.rain": 5.0}, street)
+    measures = conditions({TIME: 8.0, DAY: 172, "scene.environment-1.rain": 5.0}, street)
     # At 10° east 8:00 is 7:38 by the sun: 65.4° before noon, with a declination of 23.44° at 50° north.
     # `valerie.scene.light.solar` is accurate to 0.5°.
-    assert found.sun_azimuth_deg == pytest.approx(92.5, abs=0.5)
-    assert found.sun_elevation_deg == pytest.approx(33.4, abs=0.5)
+    assert measures.sun_azimuth_deg == pytest.approx(92.5, abs=0.5)
+    assert measures.sun_elevation_deg == pytest.approx(33.4, abs=0.5)
     # In rain of 5 mm/h, a share exp(−5 / 0.8) = 0.002 of the road is still dry.
-    assert found.road_friction == pytest.approx(0.65, abs=5e-4)
+    assert measures.road_friction == pytest.approx(0.65, abs=5e-4)
 
 
 def test_conditions_are_unknown_where_the_asset_declares_no_parameter_for_them() -> None:
-    found = conditions({}, simple_manifest())
-    assert found.sun_elevation_deg == 45.0
-    assert found.road_friction is None
+    measures = conditions({}, simple_manifest())
+    assert measures.sun_elevation_deg == 45.0
+    assert measures.road_friction is None
 
 
 def test_a_sun_gives_the_same_inputs_in_both_notations(street: Manifest) -> None:

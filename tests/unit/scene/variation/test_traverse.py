@@ -82,8 +82,8 @@ def test_every_light_lists_its_colour_strength_and_cone_and_each_can_be_written(
     assert listed[paths["green"]] == 0.5
     assert listed[paths["outer_deg"]] == pytest.approx(60.0)
     assert "scene.building-1.light.red" not in ENTRIES
-    given = {paths[name]: value for name, value in values.items() if name != "intensity_cd"}
-    changed = apply(given, replace(ASSET, base=base, manifest=manifest)).nodes["scene.pole-1"].light
+    assignment = {paths[name]: value for name, value in values.items() if name != "intensity_cd"}
+    changed = apply(assignment, replace(ASSET, base=base, manifest=manifest)).nodes["scene.pole-1"].light
     assert changed is not None
     assert changed.color == (0.9, 0.4, 0.1)
     assert (changed.inner, changed.outer, changed.radius) == pytest.approx((math.radians(10), math.radians(50), 0.2))

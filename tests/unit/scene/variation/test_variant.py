@@ -148,10 +148,10 @@ def test_the_result_depends_on_the_values_and_not_on_which_of_them_were_given() 
 
 
 def test_the_pose_of_an_absent_person_changes_no_byte_of_the_scene() -> None:
-    one = apply({f"{PERSON}.character": "absent"}, ASSET)
+    variant = apply({f"{PERSON}.character": "absent"}, ASSET)
     other = apply({f"{PERSON}.character": "absent", f"{PERSON}.pos.x": 7, f"{PERSON}.cloth.metallic": 1}, ASSET)
-    assert one.nodes[PERSON].transform.tobytes() == other.nodes[PERSON].transform.tobytes()
-    assert dict(one.materials) == dict(other.materials)
+    assert variant.nodes[PERSON].transform.tobytes() == other.nodes[PERSON].transform.tobytes()
+    assert dict(variant.materials) == dict(other.materials)
 
 
 @pytest.mark.parametrize(
@@ -207,10 +207,10 @@ def test_the_sensor_takes_its_own_parameters_alone() -> None:
 
 def test_an_absent_persons_pose_is_no_input_of_anything() -> None:
     hidden = {f"{PERSON}.character": "absent"}
-    one = split(hidden, ASSET.manifest, "camera-1")
+    parts = split(hidden, ASSET.manifest, "camera-1")
     other = split({**hidden, f"{PERSON}.pos.y": 33, f"{PERSON}.cloth.roughness": 0}, ASSET.manifest, "camera-1")
-    assert one == other
-    assert one != split({}, ASSET.manifest, "camera-1")
+    assert parts == other
+    assert parts != split({}, ASSET.manifest, "camera-1")
 
 
 def test_a_full_turn_is_no_turn() -> None:

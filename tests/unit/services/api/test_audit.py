@@ -33,8 +33,8 @@ def server(tmp_path: Path) -> Iterator[httpx.Client]:
 def rows(client: httpx.Client, **query: int) -> list[dict[str, Any]]:
     answer = client.get("/v1/audit", params=query)
     assert answer.status_code == 200, answer.text
-    found: list[dict[str, Any]] = answer.json()
-    return found
+    entries: list[dict[str, Any]] = answer.json()
+    return entries
 
 
 def issued(client: httpx.Client, name: str, role: str) -> dict[str, str]:

@@ -73,6 +73,6 @@ def test_every_import_names_a_file_and_something_that_it_exports() -> None:
 def test_every_address_that_the_scripts_ask_for_exists(api: httpx.Client) -> None:
     known = [re.sub(r"\{\w+\}", "x", path) for path in api.get("/openapi.json").json()["paths"]]
     text = "".join((FOLDER / name).read_text() for name in FILES if name.endswith(".js"))
-    asked = {re.sub(r"\$\{[^}]*\}", "x", one).split("?")[0] for one in re.findall(r"[\"`](/v1/[^\"`]*?)[\"`]", text)}
-    assert len(asked) >= 6
-    assert asked <= set(known)
+    requests = {re.sub(r"\$\{[^}]*\}", "x", one).split("?")[0] for one in re.findall(r"[\"`](/v1/[^\"`]*?)[\"`]", text)}
+    assert len(requests) >= 6
+    assert requests <= set(known)

@@ -48,25 +48,25 @@ def test_every_question_takes_an_expression_and_names_what_is_wrong_with_it(
 
 
 def test_selected_rows_are_exported_as_they_are_listed(api: httpx.Client, drawn: DrawnRuns) -> None:
-    asked = {"run": drawn.finished, "where": f"function == '{FUNCTIONS[0]}' and camera == 'camera-1'"}
-    listed = api.get("/v1/explore/rows", params={**asked, "limit": 1000}).json()
+    query = {"run": drawn.finished, "where": f"function == '{FUNCTIONS[0]}' and camera == 'camera-1'"}
+    listed = api.get("/v1/explore/rows", params={**query, "limit": 1000}).json()
     assert 0 < len(listed["items"]) == listed["selected"]
     parquet = pa.parquet.read_table(
-        io.BytesIO(api.get("/v1/explore/rows", params={**asked, "format": "parquet"}).content)
+        io.BytesIO(api.get("/v1/explore/rows", params={**query, "format": "parquet"}).content)
     )
     assert parquet["frame_id"].to_pylist() == [row["frame_id"] for row in listed["items"]]
-    arrow = pa.ipc.open_stream(api.get("/v1/explore/rows", params={**asked, "format": "arrow"}).content).read_all()
+    arrow = pa.ipc.open_stream(api.get("/v1/explore/rows", params={**query, "format": "arrow"}).content).read_all()
     assert arrow.num_rows == listed["selected"]
-    csv = api.get("/v1/explore/rows", params={**asked, "format": "csv"}).text.splitlines()
+    csv = api.get("/v1/explore/rows", params={**query, "format": "csv"}).text.splitlines()
     assert len(csv) == listed["selected"] + 1
 
 
 def test_a_confusion_matrix_counts_the_pixels_of_the_selected_frames_and_names_those_of_a_cell(
     api: httpx.Client, drawn: DrawnRuns
 ) -> None:
-    asked = {"run": drawn.finished, "where": "camera == 'camera-1' and distance_m < 40", "function": FUNCTIONS[1]}
-    answer = api.get("/v1/explore/confusion", params={**asked, "truth": "person", "predicted": "building"}).json()
-    listing = {"run": drawn.finished, "where": asked["where"], "limit": 1000}
+    query = {"run": drawn.finished, "where": "camera == 'camera-1' and distance_m < 40", "function": FUNCTIONS[1]}
+    answer = api.get("/v1/explore/confusion", params={**query, "truth": "person", "predicted": "building"}).json()
+    listing = {"run": drawn.finished, "where": query["where"], "limit": 1000}
     rows = api.get("/v1/explore/rows", params=listing).json()["items"]
     frames = sorted({row["frame_id"] for row in rows if row["function"] == FUNCTIONS[1]})
     expected, of_cell = np.zeros((19, 20), np.int64), {}
@@ -86,26 +86,26 @@ def test_a_confusion_matrix_counts_the_pixels_of_the_selected_frames_and_names_t
     matrix = answer["confusion"]
     assert matrix["evaluations"] == len(frames) > 3
     np.testing.assert_array_equal(matrix["counts"], expected)
-    listed = [(answer["rows"][str(one["row"])]["frame_id"], one["pixels"]) for one in matrix["frames"]]
+    listed = [(answer["rows"][str(frame["row"])]["frame_id"], frame["pixels"]) for frame in matrix["frames"]]
     assert dict(listed) == {frame: pixels for frame, pixels in of_cell.items() if pixels}
     assert [pixels for _, pixels in listed] == sorted((pixels for _, pixels in listed), reverse=True)
     for wrong in ({"truth": "person"}, {"truth": "persn", "predicted": "void"}, {"function": "nobody"}):
-        refused = api.get("/v1/explore/confusion", params={**asked, **wrong})
+        refused = api.get("/v1/explore/confusion", params={**query, **wrong})
         assert refused.status_code == 422
     assert (
         "did you mean person"
-        in api.get("/v1/explore/confusion", params={**asked, "truth": "persn", "predicted": "void"}).text
+        in api.get("/v1/explore/confusion", params={**query, "truth": "persn", "predicted": "void"}).text
     )
 
 
 def test_a_sheet_holds_a_thumbnail_for_each_tile(api: httpx.Client, drawn: DrawnRuns) -> None:
     rows = api.get("/v1/explore/rows", params={"run": drawn.finished, "limit": 10}).json()["items"]
     tiles = [f"{row['frame_id']}:{row['instance_id'] or 0}:{row['function']}:{row['sensor']}" for row in rows]
-    asked: dict[str, Any] = {"tile": [*tiles, f"{drawn.finished}.99999.0.0:0:{FUNCTIONS[0]}:default"], "width": 64}
-    whole = Image.open(io.BytesIO(api.get("/v1/explore/sheet", params=asked).content))
+    query: dict[str, Any] = {"tile": [*tiles, f"{drawn.finished}.99999.0.0:0:{FUNCTIONS[0]}:default"], "width": 64}
+    whole = Image.open(io.BytesIO(api.get("/v1/explore/sheet", params=query).content))
     assert whole.size == (8 * 64, 2 * 36)
     cropped = Image.open(
-        io.BytesIO(api.get("/v1/explore/sheet", params={**asked, "crop": True, "kind": "errors"}).content)
+        io.BytesIO(api.get("/v1/explore/sheet", params={**query, "crop": True, "kind": "errors"}).content)
     )
     assert cropped.size == (8 * 64, 2 * 64)
     missing = cropped.crop((2 * 64 + 8, 64 + 8, 3 * 64 - 8, 128 - 8)).convert("L").getextrema()
@@ -121,22 +121,33 @@ def test_a_selection_becomes_the_spec_of_a_run_that_looks_closer(api: httpx.Clie
     varied = {one.parameter: one for one in block.vary}
     assert (child.parent_run, child.iteration, block.count) == (drawn.finished, 1, 7)
     assert (varied["scene.person-1.pos.y"].minimum, varied["scene.person-1.pos.y"].maximum) == (15.0, 35.0)
-    assert block.constants["scene.person-1.character"] == CHARACTERS[0]
+    assert child.constants["scene.person-1.character"] == CHARACTERS[0]
+    draft = api.post("/v1/draft", json={"text": answer["yaml"]}).json()
+    assert not draft["several_blocks"], "a form shows it"
     assert api.post("/v1/plan", content=answer["yaml"], headers={"Content-Type": "application/yaml"}).status_code == 200
+
+
+def test_a_selection_is_compared_with_another_that_may_overlap_it(api: httpx.Client, drawn: DrawnRuns) -> None:
+    asked = {"run": drawn.finished, "where": "distance_m > 20"}
+    alone = api.get("/v1/explore/rates", params={"run": drawn.finished, "where": "distance_m > 10"}).json()
+    both = api.get("/v1/explore/rates", params={**asked, "beside": "distance_m > 10"}).json()
+    assert [one["beside"] for one in both["groups"]] == [one["selected"] for one in alone["groups"]]
+    refused = api.get("/v1/explore/rates", params={**asked, "beside": "nope > 1"})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "beside")
 
 
 def test_two_runs_are_explored_together_and_matched(api: httpx.Client, drawn: DrawnRuns) -> None:
     sides = {"before": f"{drawn.finished}:{FUNCTIONS[0]}", "after": f"{drawn.failed}:{FUNCTIONS[0]}"}
-    asked: dict[str, Any] = {"run": [drawn.finished, drawn.failed]}
-    answer = api.get("/v1/explore/comparison", params={**asked, **sides, "outcome": "both found"}).json()
-    one = answer["comparison"]
-    assert 0 < one["matched"] <= min(one["rows"])
-    assert sum(one["outcomes"].values()) == one["matched"]
-    for pair in one["pairs"]:
+    query: dict[str, Any] = {"run": [drawn.finished, drawn.failed]}
+    answer = api.get("/v1/explore/comparison", params={**query, **sides, "outcome": "both found"}).json()
+    comparison = answer["comparison"]
+    assert 0 < comparison["matched"] <= min(comparison["rows"])
+    assert sum(comparison["outcomes"].values()) == comparison["matched"]
+    for pair in comparison["pairs"]:
         a, b = (answer["rows"][str(pair[side])] for side in ("before", "after"))
         assert (a["run_id"], b["run_id"]) == (drawn.finished, drawn.failed)
         assert a["frame_id"].split(".")[1:] == b["frame_id"].split(".")[1:]
-    refused = api.get("/v1/explore/comparison", params={**asked, **sides, "after": "x:y"})
+    refused = api.get("/v1/explore/comparison", params={**query, **sides, "after": "x:y"})
     assert refused.json()["errors"][0]["field"] == "after"
 
 
@@ -184,8 +195,8 @@ def test_more_like_these_moves_selected_variants_by_half_a_step_and_mixes_none(
 ) -> None:
     # Two corners of the grid of 3.5 m across and 10 m along: no variant may lie between them.
     where = "(person-1.pos.x == -1 and person-1.pos.y == 5) or (person-1.pos.x == 2.5 and person-1.pos.y == 35)"
-    asked: dict[str, Any] = {"run": drawn.finished, "where": where, "form": "nearby", "count": 40}
-    child = parse(api.get("/v1/explore/spec", params=asked).json()["yaml"])
+    query: dict[str, Any] = {"run": drawn.finished, "where": where, "form": "nearby", "count": 40}
+    child = parse(api.get("/v1/explore/spec", params=query).json()["yaml"])
     (block,) = child.blocks
     assert (block.design, len(block.points), child.parent_run) == ("points", 40, drawn.finished)
     corners = {(-1.0, 5.0): 0, (2.5, 35.0): 0}
@@ -198,7 +209,7 @@ def test_more_like_these_moves_selected_variants_by_half_a_step_and_mixes_none(
         assert 5 <= y <= 35
     assert min(corners.values()) > 0
     assert len({str(point) for point in block.points}) == 40
-    nobody = api.get("/v1/explore/spec", params={**asked, "where": "pacc > 2"})
+    nobody = api.get("/v1/explore/spec", params={**query, "where": "pacc > 2"})
     assert nobody.status_code == 422
 
 

@@ -16,7 +16,7 @@ from tests.world.drawn import DrawnRuns, DrawnWorld
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.perception.running.label_png import encode_png
-from valerie.testing.onnx_function import small_onnx
+from valerie.perception.running.small_network import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 
@@ -43,16 +43,16 @@ def test_an_onnx_file_with_its_document_is_registered_once(fresh: httpx.Client, 
     again = post(fresh, onnx, document=SIDE)
     assert (again.status_code, again.json()["digest"]) == (200, function["digest"])
     listed = [one for one in fresh.get("/v1/functions").json() if one["name"] == "small"]
-    assert [(one["version"], one["digest"]) for one in listed] == [(1, function["digest"])]
+    assert [(function["version"], function["digest"]) for function in listed] == [(1, function["digest"])]
 
 
 def test_a_version_is_read_by_name_or_digest_and_its_file_is_unchanged(fresh: httpx.Client, onnx: Path) -> None:
-    one = post(fresh, onnx, document=SIDE, name="mine").json()
+    version = post(fresh, onnx, document=SIDE, name="mine").json()
     two = post(fresh, onnx, document=SIDE + "provenance: {note: second}", name="mine").json()
     assert fresh.get("/v1/functions/mine").json()["digest"] == two["digest"]
-    read = fresh.get(f"/v1/functions/mine@{one['digest'][:8]}").json()
-    assert (read["digest"], read["version"]) == (one["digest"], 1)
-    payload = fresh.get(f"/v1/functions/{one['reference']}/payload")
+    read = fresh.get(f"/v1/functions/mine@{version['digest'][:8]}").json()
+    assert (read["digest"], read["version"]) == (version["digest"], 1)
+    payload = fresh.get(f"/v1/functions/{version['reference']}/payload")
     assert payload.content == onnx.read_bytes()
     assert payload.headers["ETag"]
 

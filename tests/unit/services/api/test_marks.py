@@ -36,8 +36,8 @@ def test_runs_are_listed_by_tag(fresh: httpx.Client, drawn: DrawnRuns) -> None:
     put(fresh, drawn.finished, tags=["night"])
     put(fresh, drawn.failed, tags=["night", "rain"])
     put(fresh, drawn.running, kind="frame", name="0.0.0", tags=["night"])
-    found = fresh.get("/v1/runs", params={"tag": "night"}).json()["items"]
-    assert [(run["id"], run["tags"]) for run in found] == [
+    items = fresh.get("/v1/runs", params={"tag": "night"}).json()["items"]
+    assert [(run["id"], run["tags"]) for run in items] == [
         (drawn.failed, ["night", "rain"]),
         (drawn.finished, ["night"]),
     ]

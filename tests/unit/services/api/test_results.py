@@ -129,7 +129,7 @@ def test_points_over_a_varied_parameter_are_those_of_its_column(
     points = api.get(f"/v1/runs/{drawn.finished}/points", params={"column": column}).json()
     drawn = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
     assert drawn == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
-    (axis,) = [one for one in points["axes"] if one["column"] == column]
+    (axis,) = [axis for axis in points["axes"] if axis["column"] == column]
     assert axis == {"column": column, "title": "person-1.pos.y", "unit": "m", "scale": 1.0, "group": "varied"}
 
 
@@ -154,12 +154,12 @@ def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, d
 
 def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
     rows = api.get(f"/v1/runs/{drawn.finished}/summary").json()["summary"]["rows"]
-    one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "red-coat"))
+    row = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "red-coat"))
     values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "red-coat"]
     defined = [value for value in values if value is not None]
-    assert one["persons"] == len(values)
-    assert one["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
-    assert (one["pacc_min"], one["pacc_max"]) == (min(defined), max(defined))
+    assert row["persons"] == len(values)
+    assert row["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
+    assert (row["pacc_min"], row["pacc_max"]) == (min(defined), max(defined))
 
 
 def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns) -> None:
@@ -172,10 +172,10 @@ def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns
 def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, drawn: DrawnRuns) -> None:
     path = f"/v1/runs/{drawn.finished}/variants"
     whole = api.get(path).json()["items"]
-    assert [one["index"] for one in whole] == list(range(24))
+    assert [run["index"] for run in whole] == list(range(24))
     first = api.get(path, params={"limit": 12}).json()
     second = api.get(path, params={"limit": 12, "cursor": first["next"]}).json()
     assert first["items"] + second["items"] == whole
     assert second["next"] is None
     accepted = api.get(path, params={"rejected": False}).json()["items"]
-    assert accepted == [one for one in whole if one["rejection"] is None]
+    assert accepted == [run for run in whole if run["rejection"] is None]

@@ -100,9 +100,9 @@ def test_a_caller_learns_what_its_role_may_not_do(guarded: Guarded) -> None:
 
 def test_the_dashboard_asks_for_the_role_of_endpoints_that_exist() -> None:
     scripts = (Path(services.api.__file__).parent / "dashboard").glob("*.js")
-    asked = {name for script in scripts for name in re.findall(r'may\("([^"]+)"\)', script.read_text())}
-    assert asked
-    assert asked <= ROLES.keys()
+    rights = {name for script in scripts for name in re.findall(r'may\("([^"]+)"\)', script.read_text())}
+    assert rights
+    assert rights <= ROLES.keys()
 
 
 def test_a_viewer_reads_a_run_and_cannot_delete_it(guarded: Guarded) -> None:

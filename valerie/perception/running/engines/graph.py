@@ -15,6 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from valerie.errors import InvalidInput
 from valerie.perception.documents.function import InputDocument, OutputDocument
+from valerie.perception.importing.onnx_files import dimensions
 from valerie.perception.running.adaptation import Size
 
 #: Names of the whole graph's input and output.
@@ -155,14 +156,8 @@ def _output(graph: onnx.GraphProto, name: str) -> onnx.ValueInfoProto:
     raise InvalidInput("the network has no such output", field="options.output", value=name, limit=names)
 
 
-def _dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
-    """Return the fixed lengths of the axes, None for free ones; empty if the file states no shape."""
-    shape = value.type.tensor_type.shape
-    return [axis.dim_value if axis.HasField("dim_value") else None for axis in shape.dim]
-
-
 def _require_size(source: onnx.ValueInfoProto, document: InputDocument, piece: Size) -> None:
-    axes = _dimensions(source)
+    axes = dimensions(source)
     shape = [1, 3, *piece] if document.layout == "nchw" else [1, *piece, 3]
     if axes and (len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, shape, strict=True))):
         text = " × ".join("free" if axis is None else str(axis) for axis in axes)
@@ -197,7 +192,7 @@ def _preprocessing(builder: _Builder, source: onnx.ValueInfoProto, document: Inp
 def _postprocessing(
     builder: _Builder, result: onnx.ValueInfoProto, answer: OutputDocument, layout: str, labels: Size
 ) -> None:
-    axes = _dimensions(result)
+    axes = dimensions(result)
     if answer.kind == "labels":
         _ids_of_labels(builder, result.name, len(axes), labels)
         return

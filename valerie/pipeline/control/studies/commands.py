@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from valerie.pipeline.control.studies.advancing import basis_digest, informed_pu
 from valerie.pipeline.control.studies.resolving import resolve_document, resolve_row
 from valerie.pipeline.control.submit import new_id
 from valerie.runs.forecasting.forecast import Plan
+from valerie.runs.moments import moment_text
 from valerie.runs.products.states import RunState
 from valerie.runs.resolving.spec import RunSpec
 from valerie.runs.study.study_document import StudyDocument, StudyState
@@ -59,6 +61,7 @@ def plan_study(context: Context, document: StudyDocument) -> NextBatch:
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
+    _require_time(context, document)
     pursuit = Pursuit(resolve_document(context, document))
     proposal = pursuit.ask((), document.batch)
     legal = int(np.count_nonzero(pursuit.study.domain.legal(proposal.points)))
@@ -88,10 +91,9 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
     require_possible_batch(context.settings, owner, document.batch)
+    now = _require_time(context, document)
     resolved = resolve_document(context, document)
     Pursuit(resolved).ask((), document.batch)  # refuses a domain without legal variants, and a budget too small
-    with reading(context.engine) as connection:
-        now = database_moment(connection)
     study = StudyRow(
         id=new_id("s", now.timestamp()),
         name=document.name,
@@ -108,6 +110,21 @@ def begin(context: Context, document: StudyDocument, *, owner: str | None = None
     with writing(context.engine) as connection:
         studies.create(connection, study)
     return study.id
+
+
+def _require_time(context: Context, document: StudyDocument) -> datetime:
+    """Return the present moment; refuse a study whose deadline has passed, since it would propose nothing."""
+    with reading(context.engine) as connection:
+        now = database_moment(connection)
+    deadline = document.budget.deadline
+    if deadline is not None and deadline <= now:
+        raise InvalidInput(
+            "the deadline has passed",
+            field="budget.deadline",
+            value=moment_text(deadline),
+            limit=f"a moment after {moment_text(now)}",
+        )
+    return now
 
 
 def next_batch(context: Context, study_id: str) -> NextBatch:

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.raster.gl.tiles import Spans
+from valerie.rendering.raster.gl.tiles import Area, Spans
 from valerie.rendering.raster.gl.uniforms import Uniforms, bind, set_uniforms
 
 #: Samples per pixel and direction of the image. The truth has one sample, at the pixel's centre.
@@ -115,12 +115,10 @@ def surface_target(gl: moderngl.Context, view: View) -> RenderTarget:
     return RenderTarget(gl, fine, ((4, "f1"), (4, "nu2"), (2, "u2")), depth=True)
 
 
-def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[int, int, int, int]:
-    """Convert a rectangle of the image to OpenGL's (x, y, width, height), from the bottom left, in samples."""
+def area_of(rectangle: Rectangle, view: View, samples: int = 1) -> Area:
+    """Return the area of a rectangle of the image, in samples."""
     bottom = view.height - rectangle.y - rectangle.height
-    return (
-        rectangle.x * samples, bottom * samples, rectangle.width * samples, rectangle.height * samples,
-    )  # fmt: skip
+    return Area(rectangle.x, bottom, rectangle.width, rectangle.height).scaled(samples)
 
 
 class ScreenPass:
@@ -174,9 +172,3 @@ class ScreenPass:
         """Free the vertex array."""
         self._array.release()
         self._corners.release()
-
-
-def one_span(area: tuple[int, int, int, int]) -> Spans:
-    """Return an area (x, y, width, height) as a single part."""
-    x, y, width, height = area
-    return np.array([[x, y, x + width, y + height]])

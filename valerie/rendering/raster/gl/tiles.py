@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +16,40 @@ TILE: Final = 8
 Mask = NDArray[np.bool_]
 #: (N, 4) int: x0, y0, x1, y1 in pixels from the bottom left, ends exclusive; no two overlap.
 Spans = NDArray[np.int64]
+
+
+class Area(NamedTuple):
+    """A rectangle of pixels or samples, counted from the bottom left as in OpenGL."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Slices (rows, columns) of an array whose rows count from the bottom."""
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+    def inside(self, other: Area) -> tuple[slice, slice]:
+        """Return the slices of this area in an array that holds another one."""
+        return Area(self.x - other.x, self.y - other.y, self.width, self.height).slices
+
+    @property
+    def span(self) -> Spans:
+        """The area as a single part."""
+        return np.array([[self.x, self.y, self.x + self.width, self.y + self.height]])
+
+    def scaled(self, factor: int) -> Area:
+        """Return the area in units that are smaller by a factor."""
+        return Area(*(factor * number for number in self))
+
+    def common(self, other: Area) -> Area:
+        """Return the intersection with an area that overlaps this one."""
+        x, y = max(self.x, other.x), max(self.y, other.y)
+        right = min(self.x + self.width, other.x + other.width)
+        top = min(self.y + self.height, other.y + other.height)
+        return Area(x, y, right - x, top - y)
 
 
 class TileGrid:
@@ -33,20 +67,20 @@ class TileGrid:
         """Return an empty mask."""
         return np.zeros(self.shape, np.bool_)
 
-    def touching(self, area: tuple[int, int, int, int]) -> Mask:
-        """Return the tiles that share a pixel with an area: x, y, width, height in pixels from the bottom left."""
+    def touching(self, area: Area) -> Mask:
+        """Return the tiles that share a pixel with an area."""
         mask = self.none()
         x, y, width, height = area
         if width > 0 and height > 0:
             mask[y // TILE : -(-(y + height) // TILE), x // TILE : -(-(x + width) // TILE)] = True
         return mask
 
-    def around(self, mask: Mask) -> tuple[int, int, int, int]:
-        """Return the area (x, y, width, height) of pixels that bounds a mask with at least one tile."""
+    def around(self, mask: Mask) -> Area:
+        """Return the area of pixels that bounds a mask with at least one tile."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         x, y = int(columns[0]) * TILE, int(rows[0]) * TILE
         right = min((int(columns[-1]) + 1) * TILE, self.width)
-        return x, y, right - x, min((int(rows[-1]) + 1) * TILE, self.height) - y
+        return Area(x, y, right - x, min((int(rows[-1]) + 1) * TILE, self.height) - y)
 
     def spans(self, mask: Mask) -> Spans:
         """Return the tiles of a mask as rectangles, one per run of neighbours in a row."""
@@ -61,7 +95,7 @@ class TileGrid:
         x1, y1 = np.minimum(last * TILE, self.width), np.minimum((rows + 1) * TILE, self.height)
         return np.stack([first * TILE, rows * TILE, x1, y1], axis=1)
 
-    def pixels(self, mask: Mask, area: tuple[int, int, int, int]) -> Mask:
+    def pixels(self, mask: Mask, area: Area) -> Mask:
         """Return a mask of an area's pixels, (height, width), that lie in the tiles of a mask."""
         x, y, width, height = area
         rows, columns = np.arange(y, y + height) // TILE, np.arange(x, x + width) // TILE

@@ -17,7 +17,7 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import Lamp
 from valerie.rendering.projection import Points, light_axes
 from valerie.rendering.raster.gl.bounds import covered_rectangle, grown, union
-from valerie.rendering.raster.gl.tiles import Mask, TileGrid
+from valerie.rendering.raster.gl.tiles import Area, Mask, TileGrid
 from valerie.scene.graph.model import Camera, Matrix
 
 #: Largest number of static lamps with shadow maps, and of lamps on movables.
@@ -158,7 +158,7 @@ def lamp_shadowed_tiles(
         for lamp in lamps.shadowed:
             shadow = _shadow(box, camera, view, lamp, lowest)
             bottom = view.height - shadow.y - shadow.height
-            tiles |= grid.touching((shadow.x, bottom, shadow.width, shadow.height))
+            tiles |= grid.touching(Area(shadow.x, bottom, shadow.width, shadow.height))
     return tiles
 
 

@@ -54,12 +54,12 @@ def imported(recipe: ModuleType, reference: Callable[[str], dict[str, Any]]) -> 
 
     @lru_cache(maxsize=1)
     def convert_reference(name: str) -> ImportedNetwork:
-        told = reference(name)
-        if "keys" in told:
-            shapes = {key: tuple(shape) for key, shape in told["keys"].items()}
+        listed = reference(name)
+        if "keys" in listed:
+            shapes = {key: tuple(shape) for key, shape in listed["keys"].items()}
         else:
-            layout = layout_of(told)
-            shapes = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
+            layout = layout_of(listed)
+            shapes = {layout.name_of(key): shape for key, shape in tensor_shapes(listed["architecture"]).items()}
         tensors = {
             key: np.array(0) if key.endswith("num_batches_tracked") else recipe.tensor(key, shape)
             for key, shape in shapes.items()
@@ -81,12 +81,12 @@ PAIRS = [(name, each) for groups in (WHOLE, OTHERS) for name, more in groups.ite
 
 @pytest.mark.parametrize(("weights", "name"), PAIRS, ids=[name for _, name in PAIRS])
 def test_logits_are_those_of_the_original_code(imported, reference, recipe, weights: str, name: str) -> None:
-    told = reference(name)
-    network = filled_network(settings_of(told), imported(weights).tensors)
+    listed = reference(name)
+    network = filled_network(settings_of(listed), imported(weights).tensors)
     with torch.inference_mode():
         logits = network(torch.from_numpy(recipe.picture()))
         whole = functional.interpolate(logits, (64, 96), mode="bilinear", align_corners=network.align_corners)
-    expected = np.array(told["logits"])
+    expected = np.array(listed["logits"])
     assert expected.shape == (19, 4, 6)
     assert expected.std() > 0.3  # or equality within 1e-4 would say little
     # Processors sum in other orders. Each of up to 60 layers may round a sum by one unit in the last place of its largest terms.
@@ -96,26 +96,26 @@ def test_logits_are_those_of_the_original_code(imported, reference, recipe, weig
 
 @pytest.mark.parametrize("name", WHOLE)
 def test_every_tensor_of_the_original_is_used_or_known_to_be_useless(reference, recipe, name: str) -> None:
-    told = reference(name)
-    layout = layout_of(told)
-    ours = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
+    listed = reference(name)
+    layout = layout_of(listed)
+    ours = {layout.name_of(key): shape for key, shape in tensor_shapes(listed["architecture"]).items()}
     theirs = {
         key: tuple(shape)
-        for key, shape in told["keys"].items()
+        for key, shape in listed["keys"].items()
         if not key.startswith(layout.ignored) and not key.endswith("num_batches_tracked")
     }
     assert ours == theirs
-    assert recipe.digest({key: tuple(shape) for key, shape in told["keys"].items()}) == told["keys_sha256"]
+    assert recipe.digest({key: tuple(shape) for key, shape in listed["keys"].items()}) == listed["keys_sha256"]
 
 
 @pytest.mark.parametrize(
     "name", sorted(set(OTHERS) | {each for more in [*WHOLE.values(), *OTHERS.values()] for each in more})
 )
 def test_the_list_of_tensors_has_the_digest_of_the_original_list(reference, recipe, name: str) -> None:
-    told = reference(name)
-    layout = layout_of(told)
-    ours = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
-    assert recipe.digest(ours) == told["weights_sha256"]
+    listed = reference(name)
+    layout = layout_of(listed)
+    ours = {layout.name_of(key): shape for key, shape in tensor_shapes(listed["architecture"]).items()}
+    assert recipe.digest(ours) == listed["weights_sha256"]
 
 
 def test_every_architecture_of_every_layout_has_a_reference(reference) -> None:
@@ -135,8 +135,8 @@ def test_another_architecture_with_the_same_tensors_gives_other_logits(imported,
 
 def test_a_reference_states_its_origin(reference) -> None:
     for _, name in PAIRS:
-        told = reference(name)
-        assert all(told[entry] for entry in ("source", "file", "made", "settings"))
-        assert re.fullmatch("[0-9a-f]{40}", told["commit"])
-        assert (ROOT / told["script"]).is_file()
-        assert told["packages"]["torch"]
+        listed = reference(name)
+        assert all(listed[entry] for entry in ("source", "file", "made", "settings"))
+        assert re.fullmatch("[0-9a-f]{40}", listed["commit"])
+        assert (ROOT / listed["script"]).is_file()
+        assert listed["packages"]["torch"]

@@ -87,11 +87,11 @@ def test_a_pickle_of_detectron2_becomes_a_network_for_blue_first(detectron, tmp_
 
 
 def test_statistics_beside_the_weights_of_detectron2_are_taken(detectron) -> None:
-    given = {
+    state = {
         "pixel_mean": np.array([[[1.5]], [[2.5]], [[123.675]]], np.float32),
         "pixel_std": np.full((3, 1, 1), 57.375, np.float32),
     }
-    imported = convert(stored(detectron | given), field="f")
+    imported = convert(stored(detectron | state), field="f")
     assert imported.units.mean == (1.5, 2.5, 123.675)
     assert imported.units.std == (57.375,) * 3
     assert "normalisation" not in imported.provenance.get("assumed", "")
@@ -221,8 +221,8 @@ def test_weights_whose_logits_are_not_finite_fail_the_self_check(fpn) -> None:
 
 
 def test_half_precision_is_kept_and_double_becomes_single(fpn) -> None:
-    given = {name: array.astype(np.float16 if "neck" in name else np.float64) for name, array in fpn.items()}
-    kinds = {name: array.dtype for name, array in convert(stored(given), field="f").tensors.items()}
+    state = {name: array.astype(np.float16 if "neck" in name else np.float64) for name, array in fpn.items()}
+    kinds = {name: array.dtype for name, array in convert(stored(state), field="f").tensors.items()}
     assert kinds["fpn.lateral.0.weight"] == np.float16
     assert kinds["predictor.weight"] == np.float32
 

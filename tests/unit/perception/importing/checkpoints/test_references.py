@@ -53,13 +53,15 @@ def made(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
 
 def test_a_script_writes_what_the_code_computes_from_the_recipe(made, checkout: Path) -> None:
     assert made("--write") == 0
-    told = json.loads((checkout.parent / "few.json").read_text())
-    assert told["keys"]["conv.weight"] == [2, 3, 1, 1]
-    assert told["weights_sha256"] == recipe.digest({"conv.weight": [2, 3, 1, 1]}) != told["keys_sha256"]
+    document = json.loads((checkout.parent / "few.json").read_text())
+    assert document["keys"]["conv.weight"] == [2, 3, 1, 1]
+    assert document["weights_sha256"] == recipe.digest({"conv.weight": [2, 3, 1, 1]}) != document["keys_sha256"]
     scale, mean = (recipe.tensor(name, [2])[1] for name in ("norm.weight", "norm.running_mean"))
     shift, variance = (recipe.tensor(name, [2])[1] for name in ("norm.bias", "norm.running_var"))
     point = recipe.tensor("conv.weight", [2, 3, 1, 1])[1, :, 0, 0] @ recipe.picture()[0, :, 19, 37]
-    assert told["logits"][1][1][2] == pytest.approx((point - mean) / (variance + 1e-5) ** 0.5 * scale + shift, abs=1e-5)
+    assert document["logits"][1][1][2] == pytest.approx(
+        (point - mean) / (variance + 1e-5) ** 0.5 * scale + shift, abs=1e-5
+    )
 
 
 def test_a_reference_that_the_code_reproduces_is_the_same(made, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,10 +73,10 @@ def test_a_reference_that_the_code_reproduces_is_the_same(made, capsys: pytest.C
 def test_a_logit_or_a_setting_that_differs_is_named(made, checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made("--write")
     path = checkout.parent / "few.json"
-    told = json.loads(path.read_text())
-    told["logits"][0][0][0] += 0.01
-    told["settings"] = {"width": 3}
-    path.write_text(json.dumps(told))
+    document = json.loads(path.read_text())
+    document["logits"][0][0][0] += 0.01
+    document["settings"] = {"width": 3}
+    path.write_text(json.dumps(document))
     assert made() == 1
     assert "few: DIFFERS, largest difference of a logit 1.0e-02; other entries that differ: settings" in (
         capsys.readouterr().out

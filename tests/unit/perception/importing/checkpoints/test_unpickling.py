@@ -31,35 +31,35 @@ class Calls:
 
 @pytest.mark.parametrize("protocol", range(2, 6))
 def test_objects_of_checkpoints_come_back_equal(protocol: int) -> None:
-    given = {
+    state = {
         "a": [1, 2.5, "text", None, True],
         "b": OrderedDict(x=(1, 2), y=b"bytes"),
         "c": np.float64(0.75),
         "d": {1, 2},
     }
     if protocol < 4:
-        del given["d"]  # a set is a call of a built-in function there
-    assert load(pickle.dumps(given, protocol)) == given
+        del state["d"]  # a set is a call of a built-in function there
+    assert load(pickle.dumps(state, protocol)) == state
 
 
 @pytest.mark.parametrize("protocol", range(2, 6))
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<f2", "<i8", "|u1", "|b1"])
 def test_an_array_comes_back_with_its_numbers(protocol: int, dtype: str) -> None:
-    given = np.arange(12).reshape(3, 4).astype(dtype)
-    array = load(pickle.dumps(given, protocol))
+    values = np.arange(12).reshape(3, 4).astype(dtype)
+    array = load(pickle.dumps(values, protocol))
     assert isinstance(array, PickledArray)
-    np.testing.assert_array_equal(array.array(), given)
+    np.testing.assert_array_equal(array.array(), values)
     assert array.array().dtype.isnative
-    turned = load(pickle.dumps(np.asfortranarray(given), protocol))
+    turned = load(pickle.dumps(np.asfortranarray(values), protocol))
     assert isinstance(turned, PickledArray)
-    np.testing.assert_array_equal(turned.array(), given)
+    np.testing.assert_array_equal(turned.array(), values)
 
 
 def test_an_array_that_python_2_wrote_comes_back() -> None:
-    made = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R"
+    opcodes = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R"
     dtype = b"cnumpy\ndtype\nU\x02f4K\x00K\x01\x87R(K\x03U\x01<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
     data = b"\x00\x00\x80?\x00\x00\x00\xc0"  # text there, where Python 3 has bytes
-    array = load(b"\x80\x02" + made + b"(K\x01K\x02\x85" + dtype + b"\x89U\x08" + data + b"tb.")
+    array = load(b"\x80\x02" + opcodes + b"(K\x01K\x02\x85" + dtype + b"\x89U\x08" + data + b"tb.")
     assert isinstance(array, PickledArray)
     assert array.array().tolist() == [1.0, -2.0]
 

@@ -92,8 +92,8 @@ def random_function_file(architecture: str) -> bytes:
 )
 def test_a_known_label_map_comes_back_exactly(write_onnx, engine: str, taken: dict[str, Any]) -> None:
     picture, labels = blocks(90, 150)
-    found = predicted(write_onnx, picture, {"engine": engine, "input": {"scale": 1, **taken}})
-    np.testing.assert_array_equal(found, labels)
+    classes_of_pixels = predicted(write_onnx, picture, {"engine": engine, "input": {"scale": 1, **taken}})
+    np.testing.assert_array_equal(classes_of_pixels, labels)
 
 
 @ENGINES
@@ -105,17 +105,17 @@ def test_a_network_that_answers_labels_is_resampled_to_the_nearest(write_onnx, e
         "input": {"scale": 1, "size": [30, 20], "mode": "resize"},
         "output": {"kind": "labels"},
     }
-    found = predicted(write_onnx, picture, document, answer="labels", rank=rank)
-    np.testing.assert_array_equal(found, labels)
+    classes_of_pixels = predicted(write_onnx, picture, document, answer="labels", rank=rank)
+    np.testing.assert_array_equal(classes_of_pixels, labels)
 
 
 @ENGINES
 def test_logits_of_a_coarser_grid_lie_on_the_pixels_that_caused_them(write_onnx, engine: str) -> None:
     picture, labels = blocks(64, 128, side=32, classes=2)
-    found = predicted(write_onnx, picture, {"engine": engine}, stride=4)
+    classes_of_pixels = predicted(write_onnx, picture, {"engine": engine}, stride=4)
     inside = (np.arange(64) % 32 >= 2) & (np.arange(64) % 32 < 30)
     across = (np.arange(128) % 32 >= 2) & (np.arange(128) % 32 < 30)
-    np.testing.assert_array_equal(found[inside][:, across], labels[inside][:, across])
+    np.testing.assert_array_equal(classes_of_pixels[inside][:, across], labels[inside][:, across])
 
 
 @ENGINES
@@ -129,11 +129,11 @@ def test_upsampling_equals_torchs(write_onnx, engine: str) -> None:
     for aligned in (False, True):
         full = torch.nn.functional.interpolate(logits, size=(48, 80), mode="bilinear", align_corners=aligned)
         expected = full.argmax(1)[0].numpy()
-        found = predicted(write_onnx, picture, {"engine": engine, "output": {"align_corners": aligned}}, stride=4)
+        labels = predicted(write_onnx, picture, {"engine": engine, "output": {"align_corners": aligned}}, stride=4)
         # Where two classes are equal but for rounding, either is right.
         top = full.topk(2, dim=1).values[0]
         clear = ((top[0] - top[1]) > 1e-2).numpy()
-        np.testing.assert_array_equal(found[clear], expected[clear])
+        np.testing.assert_array_equal(labels[clear], expected[clear])
         assert clear.mean() > 0.99  # or little would be compared
 
 
@@ -175,8 +175,8 @@ def test_more_classes_than_are_upsampled_at_once(write_onnx, engine: str) -> Non
     numbers = np.arange(32 * 64).reshape(32, 64) % 26
     picture[..., 0] = numbers * 10
     document = {"engine": engine, "output": {"classes": names, "class_map": {"class 25": "person", "class 3": "road"}}}
-    found = predicted(write_onnx, picture, document, classes=70)
-    np.testing.assert_array_equal(found, np.select([numbers == 25, numbers == 3], [11, 0], 255))
+    labels = predicted(write_onnx, picture, document, classes=70)
+    np.testing.assert_array_equal(labels, np.select([numbers == 25, numbers == 3], [11, 0], 255))
 
 
 @ENGINES
@@ -192,8 +192,8 @@ def test_person_or_not_with_a_single_channel(write_onnx, engine: str) -> None:
 def test_person_or_not_with_two_channels(write_onnx, engine: str) -> None:
     picture, labels = blocks(32, 32, classes=2)
     document = {"engine": engine, "output": {"classes": ["not", "human"], "class_map": {"human": "person"}}}
-    found = predicted(write_onnx, picture, document, classes=2)
-    np.testing.assert_array_equal(found, np.where(labels == 1, 11, 255))
+    classes_of_pixels = predicted(write_onnx, picture, document, classes=2)
+    np.testing.assert_array_equal(classes_of_pixels, np.where(labels == 1, 11, 255))
 
 
 @ENGINES
@@ -208,8 +208,8 @@ def test_labels_beyond_a_byte_are_void(write_onnx, engine: str) -> None:
     document = {"engine": engine, "input": {"scale": 1, "mean": [200, 0, 0], "std": [0.05, 1, 1]}}
     picture = np.zeros((16, 16, 3), np.uint8)
     picture[:8] = 255  # (255 − 200) / 0.05 / 10 = 110, and (0 − 200) / 0.05 / 10 = −400
-    found = predicted(write_onnx, picture, {**document, "output": {"kind": "labels"}}, answer="labels")
-    assert set(found.ravel().tolist()) == {255}
+    labels = predicted(write_onnx, picture, {**document, "output": {"kind": "labels"}}, answer="labels")
+    assert set(labels.ravel().tolist()) == {255}
 
 
 @ENGINES

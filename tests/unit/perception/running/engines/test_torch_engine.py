@@ -111,10 +111,10 @@ def pictures(count: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("taken", [{}, {"size": (64, 32), "mode": "tile", "multiple_of": 1, "overlap": 8}])
 def test_pictures_have_the_same_labels_together_and_alone(write_function, taken: dict) -> None:
     function, _ = watched(write_function(), batch_size=4, **taken)
-    given = pictures(5)
-    together = function.predict_many(given)
+    batch = pictures(5)
+    together = function.predict_many(batch)
     assert len(together) == 5
-    for picture, labels in zip(given, together, strict=True):
+    for picture, labels in zip(batch, together, strict=True):
         np.testing.assert_array_equal(labels, function.predict(picture))
 
 
@@ -169,10 +169,10 @@ def test_a_network_with_classes_of_its_own(tmp_path, classes: tuple[str, ...]) -
     path = tmp_path / "own.safetensors"
     path.write_bytes(data)
     payload = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": "safetensors"}
-    given = {"name": "own", "kind": "network", "architecture": "semantic-fpn-small", "input": {"multiple_of": 32}}
+    fields = {"name": "own", "kind": "network", "architecture": "semantic-fpn-small", "input": {"multiple_of": 32}}
     labels = {}
     for engine in ("torch", "onnxruntime"):
-        document = parse_function({**given, "engine": engine, "output": {"classes": list(classes)}}, payload=payload)
+        document = parse_function({**fields, "engine": engine, "output": {"classes": list(classes)}}, payload=payload)
         function = open_function(document, path)
         labels[engine] = function.predict(pictures(1)[0])
         function.close()

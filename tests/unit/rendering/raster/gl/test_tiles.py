@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.gl.tiles import TILE, TileGrid, widened
+from valerie.rendering.raster.gl.tiles import TILE, Area, TileGrid, widened
 
 #: Sides that are no multiples of a tile: the last column and row are cut off.
 GRID = TileGrid(View("camera-1", 5 * TILE + 3, 3 * TILE + 1))
@@ -38,10 +38,10 @@ def test_the_tiles_that_hold_a_true_pixel_are_found_wherever_the_part_begins(
 
 
 def test_an_area_touches_every_tile_that_it_shares_a_pixel_with() -> None:
-    assert GRID.touching((TILE - 1, 0, 2, 1)).sum() == 2
-    assert GRID.touching((0, 0, TILE, TILE)).sum() == 1
-    assert GRID.touching((0, 0, GRID.width, GRID.height)).all()
-    assert not GRID.touching((3, 3, 0, 5)).any()
+    assert GRID.touching(Area(TILE - 1, 0, 2, 1)).sum() == 2
+    assert GRID.touching(Area(0, 0, TILE, TILE)).sum() == 1
+    assert GRID.touching(Area(0, 0, GRID.width, GRID.height)).all()
+    assert not GRID.touching(Area(3, 3, 0, 5)).any()
 
 
 def test_the_area_around_a_mask_ends_with_the_image() -> None:

@@ -124,15 +124,15 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
     scene = replace(scene, materials=grey, environment=replace(scene.environment, sky_strength=0.0))
     triangles, camera, sky = triangles_of(scene), scene.cameras["camera-1"], sky_of(scene)
     (lamp,) = lit_lamps(scene, sky)
-    seen = footprints(triangles, camera, view)
-    way = seen.points[0] - np.array(lamp.position)
+    surfaces = footprints(triangles, camera, view)
+    way = surfaces.points[0] - np.array(lamp.position)
     distance, along = np.linalg.norm(way, axis=2), way @ np.array(lamp.direction)
-    cosine = -(way * seen.normals).sum(axis=2) / distance
-    seen = replace(seen, flat=seen.flat & (cosine > 0.3) & (along / distance > math.cos(1.0)))
+    cosine = -(way * surfaces.normals).sum(axis=2) / distance
+    surfaces = replace(surfaces, flat=surfaces.flat & (cosine > 0.3) & (along / distance > math.cos(1.0)))
     # What the map's offset and filter reach, on a surface that is tilted from the light.
     blur = (0.01 + FILTER_TEXELS * LampView.of(lamp).texel * along) / np.maximum(cosine, 0.3)
-    dark, lit = dark_and_lit(seen, lambda points: hidden(triangles, lamp.position, points), blur)
-    passed = np.exp(-sky.extinction[1] * np.linalg.norm(seen.points[0] - camera.position, axis=2))
+    dark, lit = dark_and_lit(surfaces, lambda points: hidden(triangles, lamp.position, points), blur)
+    passed = np.exp(-sky.extinction[1] * np.linalg.norm(surfaces.points[0] - camera.position, axis=2))
     without_shadows = albedo * lamp.strength[1] * cosine / distance**2 * passed
     share = raster.full(scene, view).pixels[..., 1] / without_shadows
     assert share[dark].max() < ALIKE

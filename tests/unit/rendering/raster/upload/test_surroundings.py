@@ -127,10 +127,10 @@ class TestReflected:
         sky = replace(even_sky(), ground=np.zeros(3))
         white, black = (light_of(walls, openness, np.full((2, 3), albedo), np.ones(2), sky) for albedo in (1.0, 0.0))
         whole = light_of(walls, open_to_all(walls), np.zeros((2, 3)), np.ones(2), sky)
-        seen = whole.on_walls - black.on_walls  # the share of its view in which a wall sees the other
+        share = whole.on_walls - black.on_walls  # the share of its view in which a wall sees the other
         # More than one reflection, and less than the sum of all.
-        assert (white.on_walls > black.on_walls * (1 + seen)).all()
-        assert (white.on_walls < black.on_walls / (1 - seen)).all()
+        assert (white.on_walls > black.on_walls * (1 + share)).all()
+        assert (white.on_walls < black.on_walls / (1 - share)).all()
         # The upper hemisphere is walls or sky, and neither is brighter than the sky.
         assert (white.on_walls < 0.5).all()
 
