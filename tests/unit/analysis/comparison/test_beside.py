@@ -89,5 +89,5 @@ def test_a_comparison_of_an_older_release_is_read_without_estimands():
     older = Beside.from_json(json.dumps(document))
     difference = older.functions[0].slices[0].difference
     assert difference.estimand is None
-    assert span_text(difference) == ", 95 % [−5.5, +2.7]"
+    assert span_text(difference) == ", 95 % [−9.0, +5.6]"
     assert older.slices_table()["estimand"].null_count == older.slices_table().num_rows
