@@ -329,7 +329,7 @@ def test_the_register_names_condition_insufficiency_evidence_and_re_test(source,
     for entry in entries:
         assert f"{entry.id} {entry.triggering_condition} against {entry.reference_condition}" in page.words
         assert entry.functional_insufficiency in page.words
-    assert "It is no statement of compliance." in page.words
+    assert "It is not a statement of compliance." in page.words
 
 
 def test_the_domain_lists_levels_holes_pairs_and_what_was_held(source, html):
