@@ -520,7 +520,7 @@ def _named_columns(name: str, count: int, rows: int, repetitions: int) -> Row:
         scores = np.clip(curve(ndtr(contrast)) + NOISE * rng.standard_normal(count), 0, 1)
         columns = {"contrast": contrast, **{f"decoy-{k}": decoys[:, k] for k in range(len(DECOYS))}}
         results = measured_importance(scores, place, columns, seed=repetition)
-        names = {one.column for one in results if one.named}
+        names = {result.column for result in results if result.named}
         hits += "contrast" in names
         false.append(len(names - {"contrast"}) / max(len(names), 1))
     return {

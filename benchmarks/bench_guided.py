@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks import guided_goals, planted_modes, planted_scores, results
+from benchmarks import guided_goals, planted_modes, planted_scores, planted_streets, results
 from valerie.guided.domain import Cube, Domain
 from valerie.guided.estimate import Estimate
 from valerie.guided.explain import Explain
@@ -40,7 +40,7 @@ SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.5
 #: Random points among which a failing and a passing one are sought for a minimal pair.
 SOUGHT: Final = 2**14
-#: From this budget on, a search for modes is repeated a quarter as often.
+#: From this budget on, a search for modes is repeated a tenth as often.
 LARGE: Final = 10_000
 #: Number of estimates per planted score.
 DRAWS: Final = 5
@@ -179,21 +179,24 @@ def show(rows: Sequence[Row]) -> None:
         )
 
 
-def measure_others(goals: Sequence[str], seed: int, repetitions: int, budgets: Sequence[int]) -> None:
-    """Measure the goals other than estimates, a fifteenth as often if a repetition is expensive; store each line."""
-    few = max(repetitions // 15, 2)
+def measure_others(
+    goals: Sequence[str], families: Sequence[str], seed: int, repetitions: int, budgets: Sequence[int]
+) -> None:
+    """Measure the goals other than estimates, a tenth as often with a large budget; store each line."""
     runs: list[Callable[[], Any]] = []
     if "find" in goals:
         small, large = (tuple(b for b in budgets if (b >= LARGE) == size) for size in (False, True))
-        for family in planted_modes.FAMILIES:
-            for chosen, times in ((small, few), (large, max(few // 4, 1))):
+        for family in (name for name in planted_modes.FAMILIES if name in families):
+            for chosen, times in ((small, repetitions), (large, max(repetitions // 10, 1))):
                 if chosen:
                     runs.append(
                         partial(guided_goals.measure_find, family, seed=seed, repetitions=times, budgets=chosen)
                     )
     if "map" in goals:
         runs += [
-            partial(guided_goals.measure_map, family, seed=seed, repetitions=few) for family in planted_scores.FAMILIES
+            partial(guided_goals.measure_map, family, seed=seed, repetitions=repetitions)
+            for family in (*planted_scores.MARGINS, *planted_streets.LOADS)
+            if family in families
         ]
     if "compare" in goals:
         runs += [
@@ -225,21 +228,21 @@ def main() -> None:
     parser.add_argument("--rate", type=float, help="one cell alone, with --budget and --batch")
     parser.add_argument("--budget", type=int, default=1024)
     parser.add_argument("--batch", type=int, default=128)
-    every = (*planted_scores.FAMILIES, *planted_scores.HELD_OUT)
-    parser.add_argument("--families", nargs="+", choices=every, default=every, help="of the estimates")
+    every = (*planted_scores.MARGINS, *planted_streets.LOADS, *planted_modes.FAMILIES)
+    parser.add_argument("--families", nargs="+", choices=every, default=every, help="of scores and modes")
     parser.add_argument("--budgets", nargs="+", type=int, default=(500, 2000, 10_000), help="of the searches for modes")
     parser.add_argument("--goals", nargs="+", choices=GOALS, default=GOALS)
     chosen = parser.parse_args()
     others = [name for name in chosen.goals if name != "estimate"]
     if others:
-        measure_others(others, chosen.seed, chosen.repetitions, chosen.budgets)
+        measure_others(others, chosen.families, chosen.seed, chosen.repetitions, chosen.budgets)
     if "estimate" not in chosen.goals:
         return
     print("Coverage in % × width in units of plain Monte Carlo's with as many evaluations")
     rows: list[Row] = []
     for rate, budget, batch in CELLS if chosen.rate is None else [(chosen.rate, chosen.budget, chosen.batch)]:
         print(f"rate {rate:g}, {budget} evaluations in batches of {batch}")
-        for family in chosen.families:
+        for family in (name for name in planted_scores.MARGINS if name in chosen.families):
             rows.append(
                 measure(family, seed=chosen.seed, repetitions=chosen.repetitions, rate=rate, budget=budget, batch=batch)
             )

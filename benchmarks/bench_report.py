@@ -31,7 +31,7 @@ _TIMES = """() => {
 
 def _worked(session: CDPSession) -> float:
     """Return the CPU seconds of the page's main thread so far."""
-    metrics = {one["name"]: float(one["value"]) for one in session.send("Performance.getMetrics")["metrics"]}
+    metrics = {metric["name"]: float(metric["value"]) for metric in session.send("Performance.getMetrics")["metrics"]}
     return metrics["TaskDuration"]
 
 

@@ -27,6 +27,7 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
     "motion blur of 6 pixels in a ninth": {"shutter": {"exposure_ms": 20}},
     "vignetting": {"lens": {"vignetting": 1}},
     "glare": {"lens": {"glare": 0.02}},
+    "flare": {"lens": {"flare": 0.002}},
     "chromatic aberration": {"lens": {"chromatic_aberration": 0.002}},
     "distortion": {"distortion": {"k1": -0.3, "k2": 0.1}},
     "distortion and aberration": {"distortion": {"k1": -0.3}, "lens": {"chromatic_aberration": 0.002}},
@@ -39,7 +40,14 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
     "all of them": {
         "curve": "blender-filmic",
         "white_balance": {"temperature_k": 4500},
-        "lens": {"f_number": 1.4, "focus_distance_m": 8, "vignetting": 1, "glare": 0.02, "chromatic_aberration": 0.002},
+        "lens": {
+            "f_number": 1.4,
+            "focus_distance_m": 8,
+            "vignetting": 1,
+            "glare": 0.02,
+            "flare": 0.002,
+            "chromatic_aberration": 0.002,
+        },
         "distortion": {"k1": -0.3},
         "soiling": {"dirt": 0.1, "drops": 0.1},
         "noise": {"shot": True, "read_electrons": 4, "adc_bits": 10},

@@ -64,7 +64,7 @@ def planted_table(
         "fn": area - tp,
         "fp": np.zeros(count, np.int64),
         "pacc": scores,
-        "undefined_reason": [None if one else "fully hidden" for one in known],
+        "undefined_reason": [None if row else "fully hidden" for row in known],
         X: index.astype(np.float64),
     }
     for name, column in columns.items():

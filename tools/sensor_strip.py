@@ -50,7 +50,7 @@ AGAINST_LIGHT: Final[dict[str, dict[str, float | str]]] = {
 YAW_DEG_PER_S: Final = 40.0
 ROLLING: Final = SensorSetting.model_validate({"shutter": {"line_time_us": 60}})
 WIDTH, HEIGHT = 960, 540
-COLUMNS: Final = 4
+COLUMNS: Final = 5
 #: Exposure of tiles that name no other.
 EXPOSURE_EV: Final = 0.8
 
@@ -72,8 +72,10 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("drops 0.15", {"soiling": {"drops": 0.15}}, False),
     ("low sun", {"exposure_ev": -0.5, "auto_exposure": True}, False),
     ("low sun, glare 0.02", {"exposure_ev": -0.5, "auto_exposure": True, "lens": {"glare": 0.02}}, False),
+    ("low sun, flare 0.002", {"exposure_ev": -0.5, "auto_exposure": True, "lens": {"flare": 0.002}}, False),
     ("headlamps at night", {"exposure_ev": 0.0, "auto_exposure": True}, False),
     ("headlamps at night, glare 0.02", {"exposure_ev": 0.0, "auto_exposure": True, "lens": {"glare": 0.02}}, False),
+    ("headlamps at night, flare 0.002", {"exposure_ev": 0.0, "auto_exposure": True, "lens": {"flare": 0.002}}, False),
     ("filmic · detail", {}, True),
     ("f/0.7 focused on the person · detail", {"lens": {"f_number": 0.7, "focus_distance_m": 18}}, True),
     ("shutter open for 10 ms, turning · detail", {"shutter": {"exposure_ms": 10}}, True),

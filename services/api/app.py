@@ -38,6 +38,7 @@ from valerie.pipeline.control.preview import Previews
 from valerie.pipeline.exploring.class_confusion import Confusions
 from valerie.pipeline.exploring.exploration_cache import Explorations
 from valerie.pipeline.exploring.thumbnails import Tiles
+from valerie.pipeline.reading.pixels import Pixels
 from valerie.settings import Settings, load_settings
 
 log = structlog.get_logger()
@@ -73,7 +74,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
         app.state.explorations, app.state.tiles = Explorations(context), Tiles(context)
-        app.state.confusions = Confusions(context)
+        app.state.confusions, app.state.pixels = Confusions(context), Pixels(context)
         previews = app.state.previews = Previews(context)
         stop = threading.Event()
         thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None

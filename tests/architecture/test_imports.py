@@ -54,6 +54,18 @@ def test_no_heavy_library_is_loaded(module: str) -> None:
     assert _loaded_by(f"import {module}", HEAVY) == []
 
 
+@pytest.mark.parametrize(
+    ("module", "unneeded"),
+    [
+        ("valerie.cli.main", ("numpy", "pyarrow", "sqlalchemy", "httpx")),
+        ("valerie.cli.following", ("numpy", "pyarrow", "sqlalchemy")),
+        ("valerie.pipeline.functions.probe", ("pyarrow", "sqlalchemy", "celery", "lark")),
+    ],
+)
+def test_what_starts_often_loads_only_what_it_needs(module: str, unneeded: tuple[str, ...]) -> None:
+    assert _loaded_by(f"import {module}", unneeded) == []
+
+
 def test_the_api_lists_engines_functions_and_assets_without_heavy_libraries(tmp_path: Path) -> None:
     program = (
         "import sys\n"

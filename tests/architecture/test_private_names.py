@@ -29,7 +29,9 @@ def private_names(source: str) -> Iterator[str]:
                 yield ast.unparse(called)
             case ast.Call(func=ast.Attribute(attr=attribute), args=arguments) if attribute in REPLACING:
                 texts = [
-                    one.value for one in arguments[:2] if isinstance(one, ast.Constant) and isinstance(one.value, str)
+                    argument.value
+                    for argument in arguments[:2]
+                    if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
                 ]
                 yield from (text for text in texts if _is_private(text))
 

@@ -111,7 +111,7 @@ def finished(stack: Stack) -> Iterator[str]:
             run.id,
             until=lambda progress: progress.stages.get("render") is not None and progress.stages["render"].done > 5,
         )
-        victim = next(one["Name"] for one in stack.containers() if one["Service"] == "render_worker")
+        victim = next(container["Name"] for container in stack.containers() if container["Service"] == "render_worker")
         subprocess.run(["docker", "kill", "--signal", "KILL", victim], check=True, capture_output=True)
         _wait(client, run.id, until=lambda progress: progress.state not in ("submitted", "running", "finishing"))
         yield run.id
@@ -125,12 +125,17 @@ def _wait(client: Client, run_id: str, *, until: Any, seconds: float = 1800) -> 
 
 
 def test_every_service_is_healthy(stack: Stack) -> None:
-    health = {one["Service"]: one["Health"] for one in stack.containers()}
+    health = {container["Service"]: container["Health"] for container in stack.containers()}
     assert {name: health.get(name) for name in SERVICES} == dict.fromkeys(SERVICES, "healthy")
 
 
 def test_the_api_listens_on_loopback_only_and_wants_its_token(stack: Stack) -> None:
-    published = [port for one in stack.containers() for port in (one["Publishers"] or []) if port.get("PublishedPort")]
+    published = [
+        port
+        for container in stack.containers()
+        for port in (container["Publishers"] or [])
+        if port.get("PublishedPort")
+    ]
     assert {port["URL"] for port in published} == {"127.0.0.1"}
     assert {port["PublishedPort"] for port in published} == {stack.port}
     from valerie.client import ServerProblemError
@@ -168,7 +173,7 @@ def test_even_root_cannot_write_to_a_container_outside_its_volumes(stack: Stack,
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_a_container_has_limits_and_gains_no_privileges(stack: Stack, service: str) -> None:
-    name = next(one["Name"] for one in stack.containers() if one["Service"] == service)
+    name = next(container["Name"] for container in stack.containers() if container["Service"] == service)
     shown = subprocess.run(["docker", "inspect", name], check=True, capture_output=True, text=True).stdout
     limits = json.loads(shown)[0]["HostConfig"]
     assert limits["Memory"] > 0

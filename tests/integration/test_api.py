@@ -112,7 +112,7 @@ def test_filters_keep_the_matching_rows(deployment: Deployment, text: str, holds
 def test_points_and_neighbours_are_found(deployment: Deployment) -> None:
     points = deployment.client.get(f"/v1/runs/{deployment.finished}/points", params={"limit": 100}).json()
     assert 0 < len(points["x"]) < len(table(deployment))
-    frames = [one["id"] for one in deployment.client.get(f"/v1/runs/{deployment.finished}/frames").json()["items"]]
+    frames = [item["id"] for item in deployment.client.get(f"/v1/runs/{deployment.finished}/frames").json()["items"]]
     first = deployment.client.get(f"/v1/frames/{frames[0]}").json()
     assert (first["previous"], first["next"]) == (None, frames[1])
 

@@ -214,7 +214,7 @@ def test_what_the_text_says_of_sensors_and_requirements_is_in_the_form_and_a_pro
     page.wait_for_selector("[id='f-sensors.0.gain_db']", state="detached")
     document = yaml.safe_load(page.input_value("#spec"))
     assert document["sensors"] == [{"auto_exposure": False}]
-    assert [one["id"] for one in document["requirements"]] == ["R-1"]
+    assert [requirement["id"] for requirement in document["requirements"]] == ["R-1"]
     page.select_option("#f-sensors", "usual")
     page.wait_for_function("() => !document.querySelector('#spec').value.includes('sensors')")
 

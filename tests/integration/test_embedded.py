@@ -107,7 +107,7 @@ def _logs(data_dir: Path) -> str:
 
 
 def _all_gone(processes: Sequence[psutil.Process]) -> bool:
-    return not [one for one in processes if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
+    return not [process for process in processes if process.is_running() and process.status() != psutil.STATUS_ZOMBIE]
 
 
 def _nothing_stays(command: Command, signum: signal.Signals) -> None:

@@ -42,9 +42,9 @@ def test_versions_are_numbered_once_each_when_several_register_at_the_same_time(
         new = list(pool.map(register, documents))
     with reading(context.engine) as connection:
         versions = registry.listed(connection)
-    assert [one.version for one in versions] == [4, 3, 2, 1]
+    assert [version.version for version in versions] == [4, 3, 2, 1]
     assert sum(new) == 4
-    assert {one.digest for one in versions} == {one.digest for one in documents}
+    assert {version.digest for version in versions} == {one.digest for one in documents}
 
 
 def test_what_is_removed_is_gone(context: Context, tmp_path: Path) -> None:

@@ -243,10 +243,12 @@ _FUNCTION = "# my.yaml"
 
 
 def test_the_readmes_document_of_a_function_is_one() -> None:
-    functions = [one for one in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if one.startswith(_FUNCTION)]
+    functions = [
+        block for block in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if block.startswith(_FUNCTION)
+    ]
     payload = {"sha256": "0" * 64, "bytes": 1, "format": "onnx"}
     documents = [parse_function(one, kind="onnx", payload=payload) for one in functions]
-    assert [one.output.reached for one in documents] == [("person", "car")]
+    assert [document.output.reached for document in documents] == [("person", "car")]
 
 
 def specs() -> Iterator[Any]:

@@ -9,7 +9,6 @@ from urban_street.solids.surfaces import (
     Bag,
     Surface,
     boxes,
-    ellipsoids,
     extrude,
     fan,
     lathe,
@@ -51,12 +50,6 @@ def test_a_lathe_of_a_rectangle_is_a_cylinder() -> None:
     surface = lathe([(0.0, 0.0), (2.0, 0.0), (2.0, 3.0), (0.0, 3.0)], 400)
     # A polygon of n sides has (2π/n)²/6 less area than its circle: 4e-5.
     assert volume(surface) == pytest.approx(np.pi * 4.0 * 3.0, rel=5e-5)
-
-
-def test_ellipsoids_have_their_volume() -> None:
-    surface = ellipsoids([(0, 0, 0), (9, 0, 0)], (1.0, 2.0, 0.5), 96)
-    assert volume(surface) == pytest.approx(2.0 * 4.0 / 3.0 * np.pi, rel=3e-3)
-    assert_normals_outward(surface)
 
 
 def test_a_moulding_is_closed_up_to_the_wall_behind_it() -> None:

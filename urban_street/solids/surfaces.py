@@ -277,12 +277,3 @@ def fan(outline: ArrayLike, *, tile: float = 1.0, uvs: ArrayLike | None = None) 
     last = np.arange(1, len(points) - 1)
     faces = np.stack([np.zeros_like(last), last, last + 1], -1)
     return Surface(points, np.repeat(normal, len(points), axis=0), coordinates, faces)
-
-
-def ellipsoids(centres: ArrayLike, radii: ArrayLike, sides: int = 8) -> Surface:
-    """Build ellipsoids at (N, 3) centres with the common (3,) radii."""
-    polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, sides // 2 + 1)
-    ball = lathe(np.stack([np.cos(polar), np.sin(polar)], -1), sides)
-    scale = np.asarray(radii, np.float64)
-    shaped = Surface(ball.positions * scale, unit(ball.normals / scale), ball.uvs, ball.faces)
-    return repeat(shaped, centres)

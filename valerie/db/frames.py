@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import groupby
 from typing import Any, Final, NamedTuple
@@ -143,6 +143,17 @@ def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, 
         nearest(tuple_(*columns) < here, [column.desc() for column in columns]),
         nearest(tuple_(*columns) > here, [column.asc() for column in columns]),
     )
+
+
+def variants_with_frame(connection: Connection, key: FrameKey, variants: Iterable[int]) -> set[int]:
+    """Return those of some variants that have a frame of the same camera and time."""
+    query = select(Frame.variant_index).where(
+        Frame.run_id == key.run_id,
+        Frame.camera_index == key.camera,
+        Frame.time_index == key.time,
+        Frame.variant_index.in_(list(variants)),
+    )
+    return set(connection.scalars(query))
 
 
 class AnnotationLink(NamedTuple):

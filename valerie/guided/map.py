@@ -5,20 +5,28 @@ with scrambled Sobol' points. The others are the points of a pool where the proc
 largest 1.96 σ − |μ| (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18);
 each choice lowers σ around it before the next.
 
-The process is tested: every point was predicted before its score was known. The map gives a verdict where at most a share
-`WRONG` of such calls was wrong at the same |μ| / σ (isotonic regression); elsewhere it says "not known". Boosted trees
-predict where scores are undefined.
+The calls need more than the process, since verdicts jump where a person is hidden, and since scores have noise. A random
+forest of the classes pass, fail and undefined knows jumps, and a logistic regression of both models' held-out predictions
+weighs them (stacking: Wolpert 1992, doi:10.1016/S0893-6080(05)80023-1). *Held-out* is leave-one-out for the process, out of
+bag for the forest, so no point is predicted from its own score.
+
+The map gives a verdict from the largest probability of a call down to where at most a share `WRONG` of the calls is wrong, by
+the upper bound (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404) of the held-out calls of exploring points, which are
+spread like the domain (selection with guaranteed risk: Geifman and El-Yaniv 2017, arXiv:1705.08500). Elsewhere it says "not
+known".
 """
 
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import betaincinv
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -33,15 +41,17 @@ Floats = NDArray[np.float64]
 EXPLORING: Final = 0.25
 #: Exploring points before the first fit.
 FIRST: Final = 64
-#: Largest share of wrong calls where the map gives a verdict.
+#: Largest share of wrong calls where the map gives a verdict, and the confidence in it.
 WRONG: Final = 0.05
-#: Fewest calls for estimating that share.
-TESTED: Final = 30
+CONFIDENCE: Final = 0.9
 #: Most points for a fit of the length scales.
 FITTED: Final = 300
 _POOL: Final = 2_000
 _DOUBTFUL: Final = 400
 _REFERENCE: Final = 4_096
+_TREES: Final = 200
+#: Largest |μ| / σ that the regression distinguishes.
+_SUREST: Final = 4.0
 
 
 class Call(StrEnum):
@@ -53,15 +63,19 @@ class Call(StrEnum):
     NOT_KNOWN = "not known"
 
 
+#: The verdicts by the numbers of the forest's classes.
+_CLASSES: Final = np.array([Call.PASS.value, Call.FAIL.value, Call.UNDEFINED.value])
+
+
 @dataclass(frozen=True, slots=True)
 class Boundary(Result):
     """The map of the boundary so far.
 
     Attributes:
         passing, failing, undefined, not_known: shares of the operational domain.
-        wrong: share of wrong calls among points that were predicted before their scores were told and for which the map
-            now gives a verdict; NaN without any.
+        wrong: share of wrong held-out calls among the exploring points for which the map gives a verdict; NaN without any.
         tested: number of these.
+        failing_unknown: share of failures among the other exploring points; NaN without any.
         evaluations: number of all points.
         nearest: (k, dimensions) evaluated points nearest to the boundary.
     """
@@ -72,6 +86,7 @@ class Boundary(Result):
     not_known: float
     wrong: float
     tested: int
+    failing_unknown: float
     evaluations: int
     nearest: UnitPoints
 
@@ -97,24 +112,24 @@ class Map:
         self._asked = 0
         self._points = np.empty((0, domain.dimensions))
         self._scores: Scores = np.empty(0)
-        self._predicted: list[Floats] = []
-        #: (n,) μ / σ as predicted before the score was told; NaN without a prediction.
-        self._confidence: Floats = np.empty(0)
-        self._model: _Model | None = None
+        self._explores: deque[int] = deque()
+        self._explored = np.empty(0, np.bool_)
+        self._process: _Process | None = None
+        self._verdicts: _Verdicts | None = None
         self._lengths: tuple[int, Any] = (0, None)
 
     def ask(self, count: int) -> Proposal:
         """Return the next batch."""
         rng = np.random.default_rng([self.seed, 1, self._asked])
         self._asked += 1
-        model = self._model
-        exploring = count if model is None else max(int(EXPLORING * count), 1)
+        process = self._process
+        exploring = count if process is None else max(int(EXPLORING * count), 1)
         points = self._exploration.take(exploring)
         doubtful = np.empty((0, self.domain.dimensions))
-        if model is not None and exploring < count:
-            doubtful = self._doubtful(model, rng, count - exploring)
+        if process is not None and exploring < count:
+            doubtful = self._doubtful(process, rng, count - exploring)
             points = np.concatenate([points, doubtful])
-        self._predicted.append(np.full(len(points), np.nan) if model is None else model.confidence(points))
+        self._explores.append(exploring)
         numbers = {"scored": len(self._scores), "exploring": exploring, "doubtful": len(doubtful)}
         return self._open.add(points, Reason(Why.BORDER, numbers))
 
@@ -125,54 +140,57 @@ class Map:
             InvalidInput: these are other points, not one score for each, or a score outside 0…1.
         """
         values = self._open.close(points, scores)
-        self._confidence = np.concatenate([self._confidence, self._predicted.pop(0)])
+        self._explored = np.concatenate([self._explored, np.arange(len(points)) < self._explores.popleft()])
         self._points = np.concatenate([self._points, points])
         self._scores = np.concatenate([self._scores, values])
+        self._verdicts = None
         if np.count_nonzero(~np.isnan(self._scores)) >= FIRST:
-            self._model = self._fitted()
+            self._process = self._fitted()
 
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
         """Return the verdicts on points, (n,) of `Call`."""
-        calls = np.full(len(points), Call.NOT_KNOWN.value, dtype="<U9")
-        if self._model is None:
-            return calls
-        confidence = self._model.confidence(points)
-        known = self._error(confidence) <= WRONG
-        calls[known & (confidence >= 0)] = Call.PASS
-        calls[known & (confidence < 0)] = Call.FAIL
-        calls[self._undefined(points)] = Call.UNDEFINED
-        return calls
+        if self._process is None:
+            return np.full(len(points), Call.NOT_KNOWN.value, dtype="<U9")
+        return self._known().calls(points)
 
     @property
     def result(self) -> Boundary | None:
         """The map so far; None before the first fit."""
-        if self._model is None:
+        if self._process is None:
             return None
+        verdicts = self._known()
         reference = self.domain.draw(np.random.default_rng([self.seed, 2]), _REFERENCE)
-        calls = self.calls(reference)
+        calls = verdicts.calls(reference)
         shares = {call: float(np.mean(calls == call)) for call in Call}
-        tested = ~np.isnan(self._confidence) & ~np.isnan(self._scores)
-        tested[tested] = self._error(self._confidence[tested]) <= WRONG
-        misses = (self._confidence[tested] < 0) != (self._scores[tested] < self.at_least)
-        wrong = float(misses.mean()) if len(misses) else float("nan")
+        held_out, truth = verdicts.held_out[self._explored], verdicts.truth[self._explored]
+        known = held_out != Call.NOT_KNOWN
         nearest = np.argsort(np.abs(np.where(np.isnan(self._scores), np.inf, self._scores - self.at_least)))[:5]
         return Boundary(
             shares[Call.PASS],
             shares[Call.FAIL],
             shares[Call.UNDEFINED],
             shares[Call.NOT_KNOWN],
-            wrong,
-            len(misses),
+            _share(held_out[known] != truth[known]),
+            int(known.sum()),
+            _share(truth[~known] == Call.FAIL),
             len(self._scores),
             self._points[nearest],
         )
 
-    def _doubtful(self, model: _Model, rng: np.random.Generator, count: int) -> UnitPoints:
+    def _known(self) -> _Verdicts:
+        assert self._process is not None, "there are enough scores"
+        if self._verdicts is None:
+            self._verdicts = _Verdicts(
+                self.domain, self._process, self._points, self._scores, self._explored, self.at_least
+            )
+        return self._verdicts
+
+    def _doubtful(self, process: _Process, rng: np.random.Generator, count: int) -> UnitPoints:
         pool = self.domain.draw(rng, max(_POOL, 4 * count))
-        mean, deviation = model.predict(pool)
+        mean, deviation = process.predict(pool)
         best = np.argsort(np.abs(mean) - 1.96 * deviation, kind="stable")[: max(_DOUBTFUL, 2 * count)]
         pool, mean = pool[best], mean[best]
-        covariance = model.covariance(pool)
+        covariance = process.covariance(pool)
         left = np.ones(len(pool), np.bool_)
         chosen: list[int] = []
         for _ in range(count):
@@ -181,41 +199,104 @@ class Map:
             chosen.append(row)
             left[row] = False
             column = covariance[:, row]
-            covariance = covariance - np.outer(column, column) / (column[row] + model.noise)
+            covariance = covariance - np.outer(column, column) / (column[row] + process.noise)
         return pool[chosen]
 
-    def _fitted(self) -> _Model:
+    def _fitted(self) -> _Process:
         """Return the process for all scores so far; length scales are refitted each time the points have grown by half."""
         defined = ~np.isnan(self._scores)
         points, values = self.domain.features(self._points[defined]), margins(self._scores[defined], self.at_least)
         if len(points) >= 1.5 * self._lengths[0] and self._lengths[0] < FITTED:
-            self._lengths = len(points), _Model.lengths(points[-FITTED:], values[-FITTED:], self._lengths[1])
-        return _Model(self.domain, points, values, self._lengths[1])
-
-    def _error(self, confidence: Floats) -> Floats:
-        """Return the (n,) shares of wrong calls at these confidences; 1 with too few tested calls."""
-        from sklearn.isotonic import IsotonicRegression
-
-        tested = ~np.isnan(self._confidence) & ~np.isnan(self._scores)
-        if np.count_nonzero(tested) < TESTED:
-            return np.ones(len(confidence))
-        told = self._confidence[tested]
-        wrong = (told < 0) != (self._scores[tested] < self.at_least)
-        curve = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(np.abs(told), wrong.astype(np.float64))
-        return np.asarray(curve.predict(np.abs(confidence)), np.float64)
-
-    def _undefined(self, points: UnitPoints) -> NDArray[np.bool_]:
-        from sklearn.ensemble import HistGradientBoostingClassifier
-
-        lacking = np.isnan(self._scores)
-        if not lacking.any():
-            return np.zeros(len(points), np.bool_)
-        trees = HistGradientBoostingClassifier(max_iter=50, max_leaf_nodes=8, min_samples_leaf=5, early_stopping=False)
-        trees.fit(self.domain.features(self._points), lacking)
-        return np.asarray(trees.predict(self.domain.features(points)), np.bool_)
+            self._lengths = len(points), _Process.lengths(points[-FITTED:], values[-FITTED:], self._lengths[1])
+        return _Process(self.domain, points, values, self._lengths[1])
 
 
-class _Model:
+class _Verdicts:
+    """The calls of a map at its present scores.
+
+    Args:
+        domain, at_least: those of the map.
+        process: the process for the defined scores.
+        points, scores: (n, dimensions) and (n,), all so far.
+        explored: (n,) True for exploring points.
+
+    Attributes:
+        truth: (n,) verdicts on the evaluated points.
+        held_out: (n,) calls of these without their own scores.
+    """
+
+    def __init__(
+        self,
+        domain: Cube,
+        process: _Process,
+        points: UnitPoints,
+        scores: Scores,
+        explored: NDArray[np.bool_],
+        at_least: float,
+    ) -> None:
+        from sklearn.ensemble import RandomForestClassifier
+        from sklearn.linear_model import LogisticRegression
+
+        self._domain, self._process = domain, process
+        lacking = np.isnan(scores)
+        numbers = np.where(lacking, 2, scores < at_least).astype(np.int64)
+        self.truth = _CLASSES[numbers]
+        self._forest = RandomForestClassifier(
+            _TREES, min_samples_leaf=2, max_features=None, oob_score=True, random_state=0
+        ).fit(domain.features(points), numbers)
+        votes = self._votes(self._forest.oob_decision_function_)
+        confidence = np.zeros(len(points))
+        confidence[~lacking] = process.held_out()
+        inputs = _inputs(confidence, votes)
+        # One made-up failure and pass, at even odds, keep the regression defined.
+        self._weights = LogisticRegression().fit(
+            np.concatenate([inputs[~lacking], np.zeros((2, 2))]), np.append(numbers[~lacking], [0, 1])
+        )
+        likely = self._probabilities(inputs, votes)
+        self._least = _least(likely[explored], numbers[explored])
+        self.held_out = self._called(likely)
+
+    def calls(self, points: UnitPoints) -> NDArray[np.str_]:
+        """Return the verdicts on points, (n,) of `Call`."""
+        mean, deviation = self._process.predict(points)
+        votes = self._votes(self._forest.predict_proba(self._domain.features(points)))
+        confidence = mean / np.hypot(deviation, np.sqrt(self._process.noise))
+        return self._called(self._probabilities(_inputs(confidence, votes), votes))
+
+    def _votes(self, shares: Floats) -> Floats:
+        votes = np.zeros((len(shares), len(_CLASSES)))
+        votes[:, self._forest.classes_] = shares
+        return votes
+
+    def _probabilities(self, inputs: Floats, votes: Floats) -> Floats:
+        undefined = votes[:, 2:]
+        return np.column_stack([self._weights.predict_proba(inputs) * (1 - undefined), undefined])
+
+    def _called(self, probabilities: Floats) -> NDArray[np.str_]:
+        sure = probabilities.max(axis=1) >= self._least
+        return np.where(sure, _CLASSES[probabilities.argmax(axis=1)], Call.NOT_KNOWN.value)
+
+
+def _inputs(confidence: Floats, votes: Floats) -> Floats:
+    """Return the inputs of the regression, (n, 2): μ / σ, and the log odds of the votes."""
+    passing, failing = votes[:, 0] + 0.5 / _TREES, votes[:, 1] + 0.5 / _TREES
+    return np.column_stack([np.clip(confidence, -_SUREST, _SUREST), np.log(passing / failing)])
+
+
+def _least(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
+    """Return the least probability of a call at which at most a share `WRONG` is wrong; infinite if there is none."""
+    order = np.argsort(-probabilities.max(axis=1), kind="stable")
+    likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
+    called, errors = np.arange(1, len(order) + 1), np.cumsum(wrong)
+    bound = np.where(errors < called, betaincinv(errors + 1, np.maximum(called - errors, 1), CONFIDENCE), 1.0)
+    return float(likely[bound <= WRONG].min(initial=np.inf))
+
+
+def _share(of: NDArray[np.bool_]) -> float:
+    return float(of.mean()) if len(of) else float("nan")
+
+
+class _Process:
     """A Gaussian process with a given kernel."""
 
     def __init__(self, domain: Cube, features: Floats, values: Floats, kernel: Any) -> None:
@@ -250,7 +331,11 @@ class _Model:
         _, covariance = self._process.predict(self._domain.features(points), return_cov=True)
         return np.asarray(covariance) - self.noise * np.eye(len(points))
 
-    def confidence(self, points: UnitPoints) -> Floats:
-        """Return μ / σ of points."""
-        mean, deviation = self.predict(points)
-        return mean / deviation
+    def held_out(self) -> Floats:
+        """Return μ / σ, (n,), of each point from all others (Rasmussen and Williams 2006, equations 5.12)."""
+        from scipy.linalg import cho_solve
+
+        process = self._process
+        inverse = np.diag(cho_solve((process.L_, True), np.eye(len(process.alpha_))))
+        mean = process.y_train_ + self._middle - process.alpha_ / inverse
+        return np.asarray(mean * np.sqrt(inverse))

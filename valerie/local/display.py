@@ -14,9 +14,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.wording import duration
 from valerie.client import Progress, StageProgress
 from valerie.local.terminal import console
+from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState
 
 #: Stage to the name of its products.

@@ -167,6 +167,16 @@ class GridRows:
             row[paths[wheel]] = axes[wheel][digits[wheel]]
             yield row.copy()
 
+    def lines(self, row: int) -> dict[str, range]:
+        """Return for each path the rows that differ from ``row`` in this path only, itself included, in the order of values."""
+        lines: dict[str, range] = {}
+        stride = 1
+        for path, count in zip(reversed(self._paths), reversed(self.counts), strict=True):
+            first = row - row // stride % count * stride
+            lines[path] = range(first, first + count * stride, stride)
+            stride *= count
+        return lines
+
 
 class SampledRows:
     """The points of a sampler, converted to values by the distributions' quantiles."""

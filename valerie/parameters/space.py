@@ -16,7 +16,7 @@ from itertools import accumulate
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import Assignment
-from valerie.parameters.blocks import Block, BlockRows, Variation, at, rows_of
+from valerie.parameters.blocks import Block, BlockRows, GridRows, Variation, at, rows_of
 from valerie.parameters.constraints import Constraint, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.parameters.distributions import Constant
@@ -139,6 +139,18 @@ class ParameterSpace:
         block = self.block_of(index)
         ((_, values),) = self.values(index, index + 1)
         return Assignment(index, block, values)
+
+    def lines(self, index: int) -> dict[str, range]:
+        """Return for each path that a grid varies the variants that differ from this one in it only, in the order of values.
+
+        The variant itself is among them. Other designs have none.
+        """
+        block = self.block_of(index)
+        rows, first = self._rows[block], self._ends[block - 1] if block else 0
+        if not isinstance(rows, GridRows):
+            return {}
+        lines = rows.lines(index - first)
+        return {path: range(line.start + first, line.stop + first, line.step) for path, line in lines.items()}
 
     def __iter__(self) -> Iterator[Assignment]:
         for index, (block, values) in enumerate(self.values(0, self.size)):

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.sensing.resampling import bilinear, block_means
+from valerie.sensing.resampling import block_means, enlarged
 
 #: Columns of the finest level, which sets the size of the glow's core. It keeps the glow the same at every resolution.
 _COLUMNS: Final = 256
@@ -43,15 +43,9 @@ def veiled(linear: Floats, share: float) -> Floats:
     count = len(levels) + 1
     while levels:
         finer = levels.pop()
-        scattered = finer + _enlarged(scattered, 2, *finer.shape[:2])
-    scattered = _enlarged(scattered, cell, height, width) / np.float32(count)
+        scattered = finer + enlarged(scattered, 2, *finer.shape[:2])
+    scattered = enlarged(scattered, cell, height, width) / np.float32(count)
     return linear + np.float32(share) * (scattered - linear)
-
-
-def _enlarged(level: Floats, factor: int, height: int, width: int) -> Floats:
-    x = (np.arange(width)[None, :] + 0.5) / factor - 0.5
-    y = (np.arange(height)[:, None] + 0.5) / factor - 0.5
-    return bilinear(level, x, y)
 
 
 def _smoothed(level: Floats) -> Floats:

@@ -51,3 +51,10 @@ def block_means(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     rows, columns = padded.shape[0] // side, padded.shape[1] // side
     means: NDArray[np.float32] = padded.reshape(rows, side, columns, side, channels).mean(axis=(1, 3))
     return means
+
+
+def enlarged(image: NDArray[np.float32], factor: int, height: int, width: int) -> NDArray[np.float32]:
+    """Return an image of squares of ``factor`` × ``factor`` pixels (see `block_means`) at ``height`` × ``width`` pixels."""
+    x = (np.arange(width)[None, :] + 0.5) / factor - 0.5
+    y = (np.arange(height)[:, None] + 0.5) / factor - 0.5
+    return bilinear(image, x, y)

@@ -2,8 +2,8 @@
 
 The effects follow the path of the light:
 
-1. *scene-referred light*: defocus; motion blur; dirt and drops on the front glass; glare; distortion
-   with lateral chromatic aberration, in one resampling; vignetting
+1. *scene-referred light*: defocus; motion blur; dirt and drops on the front glass; glare; flare;
+   distortion with lateral chromatic aberration, in one resampling; vignetting
 2. *electrons*: exposure, dead and hot pixels, shot noise, read noise, full well, gain, converter
 3. *camera values*: white balance
 4. *display values*: tone curve, sRGB transfer, gamma, 8 bits, JPEG
@@ -33,6 +33,7 @@ from valerie.sensing.curves import CURVES
 from valerie.sensing.defocus import circle_of_confusion, defocus
 from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
+from valerie.sensing.flare import flared
 from valerie.sensing.glare import veiled
 from valerie.sensing.jpeg import through_jpeg
 from valerie.sensing.metering import LONGEST_EV, metered_ev
@@ -128,6 +129,7 @@ def _bends_light(setting: SensorSetting) -> bool:
         setting.needs_focal_length
         or setting.needs_velocity
         or lens.glare
+        or lens.flare
         or lens.chromatic_aberration
         or soiling.dirt
         or soiling.drops
@@ -166,6 +168,8 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
         light = rained_on(light, soiling.drops, _specimen_seed(setting, shot, "drops"))
     if lens.glare:
         light = veiled(light, lens.glare)
+    if lens.flare:
+        light = flared(light, lens.flare)
     if lens.chromatic_aberration or not setting.distortion.identity:
         light = _displaced(light, setting, focal_px)
     if lens.vignetting:

@@ -43,12 +43,13 @@ class WhiteBalance(Document):
 
 
 class Lens(Document):
-    """Focus, vignetting, glare and chromatic aberration; see `valerie.sensing.defocus`, `.optics` and `.glare`."""
+    """Focus, vignetting, glare, flare and chromatic aberration; see the modules of `valerie.sensing`."""
 
     f_number: float = _field("lens.f_number")
     focus_distance_m: float = _field("lens.focus_distance_m")
     vignetting: float = _field("lens.vignetting")
     glare: float = _field("lens.glare")
+    flare: float = _field("lens.flare")
     chromatic_aberration: float = _field("lens.chromatic_aberration")
 
 
@@ -101,7 +102,7 @@ class FaultyPixels(Document):
 class SensorSetting(Document):
     """The response of a camera.
 
-    The effects apply in this order: lens (defocus, shutter, soiling, glare, distortion, chromatic aberration, vignetting),
+    The effects apply in this order: lens (defocus, shutter, soiling, glare, flare, distortion, chromatic aberration, vignetting),
     exposure, noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
 
     Attributes:
@@ -109,7 +110,7 @@ class SensorSetting(Document):
         curve: ``filmic`` (Hable), ``blender-filmic``, ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see
             `valerie.sensing.curves`.
         white_balance: the light that the camera takes for white.
-        lens: focus, vignetting, glare and chromatic aberration.
+        lens: focus, vignetting, glare, flare and chromatic aberration.
         distortion: Brown–Conrady coefficients; the same map distorts the ground truth.
         shutter: motion blur and rolling shutter; ground truth moves with the rows.
         soiling: dirt and drops on the front glass.

@@ -54,7 +54,10 @@ class Confirmation:
         adjusted_p: p-value with all candidates accounted for (Holm).
         low, high: interval of the difference on the places that confirm. On average at most 1 − level of the intervals of
             confirmed findings miss the truth (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
-            them contains 0. Infinite where the places give no estimate of the error.
+            them contains 0: where few places confirm a difference but not its size, the interval is infinite, as it is where
+            they give no estimate of the error.
+        places_for_size: number of places like those that confirm (or name) a finding that would give it an interval; None if it
+            has one, or if no affordable number suffices.
         places_needed: number of fresh places with which 90 % of runs confirm an effect half as large as the search saw,
             with all candidates accounted for; None if no affordable number suffices.
     """
@@ -66,6 +69,7 @@ class Confirmation:
     low: float
     high: float
     places_needed: int | None
+    places_for_size: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,17 +155,25 @@ def confirm(
         raise InvalidInput("has to lie between 0 and 1", field="level", value=level)
     chosen = candidates.candidates
     looked_at = _evident(contrasts(observations, only=[item.changes for item in chosen]), between=between)
-    shown = {item.changes: item for item in looked_at}
-    tested = [shown.get(item.changes) for item in chosen]
+    by_changes = {item.changes: item for item in looked_at}
+    tested = [by_changes.get(item.changes) for item in chosen]
     adjusted = holm([1.0 if item is None else item.p_value for item in tested])
     agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
     confirmed = [agree and p_value <= 1 - level for agree, p_value in zip(agrees, adjusted.tolist(), strict=True)]
-    alpha = (1 - level) * max(sum(confirmed), 1) / max(len(chosen), 1)
+    each = 1 - (1 - level) / max(len(chosen), 1)
+    sized = sum(
+        holds and new is not None and new.excludes_0(each) for new, holds in zip(tested, confirmed, strict=True)
+    )
+    shown = 1 - (1 - each) * max(sized, 1)
     findings = []
     for candidate, contrast, holds, p_value in zip(chosen, tested, confirmed, adjusted.tolist(), strict=True):
-        low, high = (-float("inf"), float("inf")) if contrast is None else contrast.interval(1 - alpha)
-        needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
-        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed))
+        low, high, for_size = -float("inf"), float("inf"), None
+        if contrast is not None and holds:
+            low, high, for_size = _size(contrast, each, shown)
+        elif contrast is not None:
+            low, high = contrast.interval(shown)
+        needed = fresh_places(candidate, candidate.estimate / 2, level=each)
+        findings.append(Confirmation(candidate, contrast, holds, p_value, low, high, needed, for_size))
     findings.sort(key=lambda finding: not finding.confirmed)
     return Confirmations(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
 
@@ -210,24 +222,29 @@ def named(
         between: as of `confirm`.
 
     Returns:
-        The clearest first. Their intervals hold together (Bonferroni).
+        The clearest first. Their intervals hold together (Bonferroni); those that contain 0 are infinite.
     """
     looked_at = _evident(contrasts(observations, interactions=False, only=only), between=between)
     adjusted = holm([item.p_value for item in looked_at])
     each = 1 - (1 - level) / max(len(looked_at), 1)
     chosen = [k for k in np.argsort(adjusted, kind="stable").tolist() if adjusted[k] <= 1 - level]
-    return tuple(
-        Confirmation(
-            candidate=item,
-            contrast=item,
-            confirmed=False,
-            adjusted_p=p_value,
-            low=item.interval(each)[0],
-            high=item.interval(each)[1],
-            places_needed=fresh_places(item, item.estimate / 2, level=each),
-        )
-        for item, p_value in ((looked_at[k], float(adjusted[k])) for k in chosen)
-    )
+    findings = []
+    for k in chosen:
+        item = looked_at[k]
+        needed = fresh_places(item, item.estimate / 2, level=each)
+        low, high, for_size = _size(item, each, each)
+        findings.append(Confirmation(item, item, False, float(adjusted[k]), low, high, needed, for_size))
+    return tuple(findings)
+
+
+def _size(contrast: Contrast, level: float, shown: float) -> tuple[float, float, int | None]:
+    """Return the interval of an effect at the level ``shown``, and None.
+
+    If it contains 0 at ``level``, it is infinite, and the number is of places like these whose interval would not.
+    """
+    if contrast.excludes_0(level):
+        return *contrast.interval(shown), None
+    return -float("inf"), float("inf"), contrast.places_for_interval(level)
 
 
 def _evident(items: Sequence[Contrast], *, between: bool) -> list[Contrast]:

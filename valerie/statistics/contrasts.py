@@ -7,12 +7,17 @@ is compared between the places' means, in a linear model with all such factors, 
 are always between two levels: where the factor has no effect, exchanging them changes nothing, so the difference is
 symmetric about 0 and Student's t keeps its level for scores that are bounded, pile up or have heavy tails (Efron 1969,
 doi:10.1080/01621459.1969.10501056).
+
+Where the factor has an effect, nothing makes the differences symmetric: it may be large at few places, of which few places
+show none. Intervals therefore allow for one unseen place (`valerie.statistics.unseen`), whose difference may be further
+from the mean by as much as a score may be from the mean score. Those of a difference between places combine the intervals of
+both sides (Zou and Donner 2008, doi:10.1002/sim.3095).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache
 from itertools import combinations
@@ -22,7 +27,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.statistics.intervals import MIN_UNITS
 from valerie.statistics.observations import Observations, dense
+from valerie.statistics.power import smallest
+from valerie.statistics.unseen import Figures, reach
 
 #: Rows are compared in blocks when at least this share of all combinations occurs. This also bounds memory.
 _FILLED: Final = 0.1
@@ -64,6 +72,7 @@ class Contrast:
         places: number of places behind the estimate.
         pairs: pairs of rows (groups of four for an interaction) that differ only in the changes.
         parameters: coefficients that the places determine besides the spread.
+        figures: of the places whose mean is the estimate; or of the places on both sides, before and after.
     """
 
     changes: tuple[Change, ...]
@@ -75,20 +84,53 @@ class Contrast:
     places: int
     pairs: int
     parameters: int
+    figures: tuple[Figures, ...] = field(compare=False)
 
     @property
     def deviation(self) -> float:
         """Standard deviation of one place's contribution to the estimate: error × √places."""
         return self.error * float(np.sqrt(self.places))
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return Student's t interval of the difference with confidence ``level``; infinite without degrees of freedom."""
-        from scipy.special import stdtrit
+    @property
+    def reversed(self) -> Contrast:
+        """A main effect from its second level to the first."""
+        (change,) = self.changes
+        figures = tuple(side.mirrored for side in self.figures) if len(self.figures) == 1 else self.figures[::-1]
+        return replace(
+            self,
+            changes=(Change(change.factor, change.after, change.before),),
+            estimate=-self.estimate,
+            figures=figures,
+        )
 
-        if self.degrees <= 0:
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the interval of the difference with confidence ``level``; infinite from fewer than `MIN_UNITS` places."""
+        if self.places < MIN_UNITS or not self.degrees:
             return -float("inf"), float("inf")
-        half = -float(stdtrit(self.degrees, (1 - level) / 2)) * self.error
-        return self.estimate - half, self.estimate + half
+        return self._interval(level, 1.0)
+
+    def excludes_0(self, level: float, times: float = 1.0) -> bool:
+        """Return True if the interval, of ``times`` as many places, does not contain 0."""
+        if self.places * times < MIN_UNITS or not self.degrees:
+            return False
+        low, high = self._interval(level, times)
+        return low > 0 or high < 0
+
+    def places_for_interval(self, level: float) -> int | None:
+        """Return the number of places like these with which the interval excludes 0; None above `MAX_PLACES`."""
+        return smallest(lambda places: self.excludes_0(level, places / self.places), MIN_UNITS)
+
+    def _interval(self, level: float, times: float) -> tuple[float, float]:
+        """Return the interval with the places repeated."""
+        ends = [side.interval((1 - level) / 2, times) for side in self.figures]
+        if len(ends) == 1:
+            return ends[0]
+        (before_low, before_high), (after_low, after_high) = ends
+        before, after = (side.mean for side in self.figures)
+        return (
+            self.estimate - float(np.hypot(after - after_low, before_high - before)),
+            self.estimate + float(np.hypot(after_high - after, before - before_low)),
+        )
 
 
 def contrasts(
@@ -164,6 +206,7 @@ class _Family:
                 self.level_of_place[name] = of_place
         self._models: dict[tuple[str, bytes], _Model] = {}
         self.within = [name for name in varied if name not in self.level_of_place]
+        self._reach = reach(observations.values)
         self.grid = _table(observations, (*self.level_of_place, *self.within)) if self.level_of_place else None
 
     def all(self, interactions: bool, wanted: set[str] | None = None) -> Iterator[Contrast]:
@@ -178,7 +221,7 @@ class _Family:
                 matching, cells = self._changes(name)
                 differences[name], pairs = _by_place(cells)
                 singles = [(change,) for change in self._changes_of(name)]
-                yield from _averages(singles, matching, differences[name], pairs)
+                yield from _averages(singles, matching, differences[name], pairs, self._reach)
             elif name in self.level_of_place and asked(name):
                 yield from self._between([], self._place_means()[:, None], name)
         if not interactions:
@@ -187,7 +230,7 @@ class _Family:
             if asked(first, second):
                 matching, cells = self._double_changes(first, second)
                 doubles = [(x, y) for x in self._changes_of(first) for y in self._changes_of(second)]
-                yield from _averages(doubles, matching, *_by_place(cells))
+                yield from _averages(doubles, matching, *_by_place(cells), self._reach)
         for first, figures in differences.items():
             for second in self.level_of_place:
                 if asked(first, second):
@@ -261,11 +304,17 @@ class _Family:
         for batch in batches:
             rows = np.asarray(known[:, batch].all(axis=1))
             model = self._model(name, rows)
-            columns = model.compare(figures[rows, batch], before, after)
+            *columns, sides = model.compare(figures[rows, batch], before, after, self._reach if firsts else None)
             first = range(figures.shape[1])[batch]
             for s, k in enumerate(first):
-                rest = (seconds, *(column[:, s].tolist() for column in columns), pairs[k].tolist())
-                for second, estimate, error, degrees, p_value, matched in zip(*rest, strict=True):
+                rest = (
+                    seconds,
+                    *(column[:, s].tolist() for column in columns),
+                    pairs[k].tolist(),
+                    before.tolist(),
+                    after.tolist(),
+                )
+                for second, estimate, error, degrees, p_value, matched, one, other in zip(*rest, strict=True):
                     yield Contrast(
                         (*firsts[k : k + 1], second),
                         Matching.MODEL,
@@ -276,6 +325,7 @@ class _Family:
                         int(np.count_nonzero(rows)),
                         matched,
                         model.parameters,
+                        (sides[s][one], sides[s][other]),
                     )
 
     def _model(self, name: str, rows: NDArray[np.bool_]) -> _Model:
@@ -334,16 +384,26 @@ class _Model:
                 break
 
     def compare(
-        self, figures: NDArray[np.float64], before: NDArray[np.int64], after: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        self,
+        figures: NDArray[np.float64],
+        before: NDArray[np.int64],
+        after: NDArray[np.int64],
+        furthest: float | None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[list[Figures]]]:
         """Compare (G, S) figures between levels.
 
         Of two errors, the one with the larger p-value counts: that of the common spread of all levels, and that of the two
         levels' own spreads (Welch 1947, doi:10.1093/biomet/34.1-2.28). So a rare outlier in one level never looks like an
         effect.
 
+        Args:
+            figures: of the places.
+            before, after: (T,) levels.
+            furthest: largest distance of an unseen figure from the mean; None: it is a score.
+
         Returns:
-            (T, S) differences, standard errors (infinite where not estimable), degrees of freedom and p-values.
+            (T, S) differences, standard errors (infinite where not estimable), degrees of freedom and p-values; and for each of
+            the S, the figures at each level with the other factors held equal.
         """
         from scipy.special import binom
 
@@ -352,7 +412,8 @@ class _Model:
         weights[t, before], weights[t, after] = -1, 1
         of_places = weights @ self._inverse
         solved = self._inverse @ figures
-        squares = (figures - self._design @ solved) ** 2
+        residuals = figures - self._design @ solved
+        squares = residuals**2
         count = self._member.sum(axis=1)
         estimable = (count[before] > 1) & (count[after] > 1) & (self._degrees > 0)
         estimable &= np.abs(of_places @ self._design - weights).max(axis=1) < 1e-6
@@ -377,7 +438,16 @@ class _Model:
         error, degrees, p_values = (
             np.where(wider, theirs, ours) for ours, theirs in zip((error, degrees, p_values), own_choice, strict=True)
         )
-        return estimates, error, np.where(np.isfinite(error), degrees, 0.0), p_values
+        # The intercept belongs to the model, so the mean of the fit is that of the figures.
+        means = figures.mean(axis=0) + solved[: len(count)] - count @ solved[: len(count)] / len(figures)
+        sides = [
+            [
+                Figures.around(mean + residual[member] * np.sqrt(used), furthest)
+                for mean, member in zip(of_levels, self._member > 0, strict=True)
+            ]
+            for of_levels, residual in zip(means.T.tolist(), residuals.T, strict=True)
+        ]
+        return estimates, error, np.where(np.isfinite(error), degrees, 0.0), p_values, sides
 
 
 def _averages(
@@ -385,6 +455,7 @@ def _averages(
     matching: Matching,
     figures: NDArray[np.float64],
     pairs: NDArray[np.int64],
+    furthest: float,
 ) -> Iterator[Contrast]:
     """Compare the mean of (G, S) differences of the places with 0."""
     known = np.isfinite(figures)
@@ -398,12 +469,21 @@ def _averages(
     degrees = np.maximum(places - 1, 0).astype(np.float64)
     p_values = _p_values(estimates, errors, degrees, 2.0 ** (1 - places))
     columns = (changes, estimates, errors, degrees, p_values, places, pairs)
-    for change, estimate, error, degree, p_value, number, matched in zip(*columns, strict=True):
+    for k, (change, estimate, error, degree, p_value, number, matched) in enumerate(zip(*columns, strict=True)):
         # No place shows both levels, all else equal.
         if not number:
             continue
         yield Contrast(
-            change, matching, float(estimate), float(error), float(degree), float(p_value), int(number), int(matched), 1
+            change,
+            matching,
+            float(estimate),
+            float(error),
+            float(degree),
+            float(p_value),
+            int(number),
+            int(matched),
+            1,
+            (Figures.around(figures[known[:, k], k], furthest),),
         )
 
 

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, stdtrit
 
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import is_piled
 from valerie.statistics.observations import dense
 
 #: Most bins, and the smallest effective number of places in each.
@@ -161,7 +162,7 @@ class Changes:
 
     Attributes:
         difference: average of the last third of the rows along the axis less that of the first third.
-        low, high: its interval by Student's t over places.
+        low, high: its interval by Student's t over places; of piled scores, with an unseen place on either side.
         falls, rises: whether simultaneous intervals prove that the average over some range of bins is below (above) that of
             a range before it.
         most: largest difference between the averages of two bins that the intervals allow.
@@ -221,24 +222,30 @@ def _between_thirds(
     along, scores = np.asarray(x, np.float64)[data.used], np.asarray(values, np.float64)[data.used]
     place, occurring = dense(np.asarray(places)[data.used])
     first, last = np.quantile(along, (1 / 3, 2 / 3))
-    sides = along <= first, (along >= last) & (along > first)
-    means: list[float] = []
-    residuals: list[NDArray[np.float64]] = []
-    degrees: list[float] = []
-    for side in sides:
-        count = np.bincount(place[side], minlength=len(occurring)).astype(np.float64)
-        total = np.bincount(place[side], scores[side], len(occurring))
-        effective = count.sum() ** 2 / (count**2).sum()
-        degrees.append(max(float(effective) - 1, 1e-9))
-        means.append(float(total.sum() / count.sum()))
-        residuals.append((total - means[-1] * count) / count.sum() * np.sqrt(effective / degrees[-1]))
-    own = [float((residual**2).sum()) for residual in residuals]
-    error = float(np.sqrt(((residuals[1] - residuals[0]) ** 2).sum()))
+    count, total = np.zeros((2, len(occurring))), np.zeros((2, len(occurring)))
+    for k, side in enumerate((along <= first, (along >= last) & (along > first))):
+        count[k] = np.bincount(place[side], minlength=len(occurring))
+        total[k] = np.bincount(place[side], scores[side], len(occurring))
+    count, total = count[:, count.any(axis=0)], total[:, count.any(axis=0)]
+    places_behind, rows = count.shape[1], count.sum(axis=1)
+    means = total.sum(axis=1) / rows
+    difference = float(means[1] - means[0])
+    # Leaving out one place at a time (jackknife).
+    rest = (total.sum(axis=1)[:, None] - total) / np.maximum(rows[:, None] - count, 1e-9)
+    squares = ((rest[1] - rest[0] - difference) ** 2).sum()
+    error = float(np.sqrt(squares * (places_behind - 1) / places_behind))
     # Welch's degrees of freedom, at most those of the places.
-    welch = sum(own) ** 2 / max(sum(one**2 / free for one, free in zip(own, degrees, strict=True)), 1e-300)
-    half = -float(stdtrit(min(max(welch, 0.5), len(occurring) - 1), (1 - confidence) / 2)) * error
-    difference = means[1] - means[0]
-    return difference, difference - half, difference + half
+    effective = rows**2 / (count**2).sum(axis=1)
+    own = (((total - means[:, None] * count) / rows[:, None]) ** 2).sum(axis=1)
+    welch = own.sum() ** 2 / max((own**2 / np.maximum(effective - 1, 1e-9)).sum(), 1e-300)
+    tail = (1 - confidence) / 2
+    half = -float(stdtrit(min(max(welch, 0.5), places_behind - 1), tail)) * error
+    low, high = difference - half, difference + half
+    if is_piled(scores):
+        # The largest shift of either mean by one place at 0 or at 1 that was not drawn.
+        down, up = np.stack([means, 1 - means]) * (1 - tail ** (1 / effective))
+        low, high = min(low, difference - max(down[1], up[0])), max(high, difference + max(up[1], down[0]))
+    return difference, float(low), float(high)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtr, ndtr, stdtr, stdtrit
+from scipy.special import bdtr, ndtr, stdtr
 
 from valerie.errors import InvalidInput
+from valerie.statistics.intervals import MIN_UNITS
 from valerie.statistics.observations import dense
 from valerie.statistics.power import places_needed
+from valerie.statistics.unseen import Figures, reach
 
 #: Up to this many places the signed-rank test enumerates all signs; above, it uses the normal approximation.
 _EXACT: Final = 25
@@ -39,8 +41,8 @@ class SliceComparison:
     Attributes:
         name: of the slice.
         difference: mean over places of the mean difference of their rows.
-        low, high: its 95 % interval by Student's t over places, not adjusted for other slices; infinite with fewer than
-            two.
+        low, high: its 95 % interval by place, with an unseen place (`valerie.statistics.unseen`), not adjusted for other
+            slices; None from fewer than `MIN_UNITS` places.
         places: number of places with rows in the slice.
         pairs: number of rows.
         lost, gained: rows that passed and now fail; rows that failed and now pass.
@@ -55,8 +57,8 @@ class SliceComparison:
 
     name: str
     difference: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     places: int
     pairs: int
     lost: int
@@ -145,7 +147,7 @@ def compare_versions(
             signed_rank_test(differences),
             flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
         )
-        low, high, deviation = _interval(differences)
+        low, high = _interval(differences, np.concatenate([before[rows], after[rows]]))
         furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
         compared.append(
             SliceComparison(
@@ -164,9 +166,11 @@ def compare_versions(
                 adjusted_p=1.0,
                 worse=False,
                 flips=tuple(furthest[change[furthest] < 0].tolist()),
-                places_needed=None
-                if np.isnan(deviation)
-                else places_for_gate(effect, deviation, len(masks), false_discoveries=false_discoveries),
+                places_needed=places_for_gate(
+                    effect, float(differences.std(ddof=1)), len(masks), false_discoveries=false_discoveries
+                )
+                if len(differences) > 1
+                else None,
             )
         )
     adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []
@@ -251,10 +255,8 @@ def combine(p_values: ArrayLike) -> float:
     return float(np.arctan2(1.0, mean) / np.pi)
 
 
-def _interval(differences: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the ends of the 95 % interval of the mean, and the standard deviation (NaN with fewer than two)."""
-    if len(differences) < 2:
-        return -float("inf"), float("inf"), float("nan")
-    mean, deviation = float(differences.mean()), float(differences.std(ddof=1))
-    half = -float(stdtrit(len(differences) - 1, 0.025)) * deviation / float(np.sqrt(len(differences)))
-    return mean - half, mean + half, deviation
+def _interval(differences: NDArray[np.float64], scores: NDArray[np.float64]) -> tuple[float, float] | tuple[None, None]:
+    """Return the 95 % interval of the mean of (G,) differences of places; None from too few."""
+    if len(differences) < MIN_UNITS:
+        return None, None
+    return Figures.around(differences, reach(scores)).interval(0.025)

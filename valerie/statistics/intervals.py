@@ -6,17 +6,11 @@ narrow on mild data and valid where failures are rare:
 
 *Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
-*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ or
-are strongly skewed, or rows have weights, which may correlate with the scores. Then the drawn units say little about the
-rest. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
-drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile
-of the weighted mean; from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of
-Statistics* 14, 451–467); that it always holds is a conjecture (Learned-Miller and Thomas 2019, arXiv:1905.06208). The
-weighted mean is taken to have a beta distribution with its own mean, variance and skewness. For units of one row that is
-0 or 1 this is exact: it gives the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The two sides share
-the error as 1 + s : 1 − s with s = (2 mean − 1) / 5, because an interval near 1 rarely misses above. Intervals of rare failures
-are thus 4 % narrower, and of the 95 % that Clopper and Pearson guarantee, 94.2 % remain for every share (enumerated for 6
-to 60, 70, 80, 100, 150, 200, 400 and 1000 units).
+*Beta with an unseen unit* (`valerie.statistics.unseen`) elsewhere: at least half of the rows lie within a tenth of 0 or 1, the
+units hardly differ or are strongly skewed, or rows have weights, which may correlate with the scores. Then the drawn units
+say little about the rest. The two sides share the error as 1 + s : 1 − s with s = (2 mean − 1) / 5, because an interval
+near 1 rarely misses above. Intervals of rare failures are thus 4 % narrower, and of the 95 % that Clopper and Pearson
+guarantee, 94.2 % remain for every share (enumerated for 6 to 60, 70, 80, 100, 150, 200, 400 and 1000 units).
 
 Where a design draws its units together, the variance comes from its replicates (`valerie.statistics.replicates`).
 ``make bench-coverage`` measures the coverage; docs/statistics.md has the figures.
@@ -35,9 +29,12 @@ from numpy.typing import ArrayLike, NDArray
 from valerie.errors import InvalidInput
 from valerie.statistics.replicates import MIN_POINTS, MIN_REPLICATES
 from valerie.statistics.units import Estimand, Units
+from valerie.statistics.unseen import LEAST, beta_quantile
 
 #: Fewer units than this give no interval.
 MIN_UNITS: Final = 6
+#: Nor do fewer than this whose rows have weights.
+MIN_WEIGHTED: Final = 10
 #: Nor do unequal units that are worth fewer than this many of equal size.
 MIN_WORTH: Final = 4.0
 #: A score this near to 0 or 1 lies at an end of the range.
@@ -46,12 +43,12 @@ _END: Final = 0.1
 _PILED: Final = 0.5
 #: Units with a standard deviation below this hardly differ.
 _NARROW: Final = 0.1
+#: Units with weighted rows and at least this standard deviation are piled at both ends.
+_WIDE: Final = 0.25
 #: Units with a skewness beyond this are too skewed for Student's t.
 _SKEWED: Final = 2.0
 #: Part of the error of one side that goes to the other where the mean is 0 or 1.
 _SHIFT: Final = 0.2
-#: Keeps divisors and parameters positive.
-_LEAST: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,14 +122,17 @@ def mean_interval(
     """
     scores, sizes = _checked(values, units, weights, level)
     per_unit = _Sums.of(scores, sizes, units.index, units.count)
-    refusal = _refusal(per_unit, units.estimand)
+    weighted = bool(len(sizes)) and np.ptp(sizes) > 0
+    refusal = _refusal(per_unit, units.estimand, MIN_WEIGHTED if weighted else MIN_UNITS)
     if refusal is not None:
         return refusal
     tail, count = 0.5 - level / 2, len(per_unit.sums)
-    weighted = np.ptp(sizes) > 0
-    at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
-    guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
-    unseen = per_unit.total / (per_unit.worth if weighted else count)
+    guarded = weighted or is_piled(scores) or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
+    # The unseen one of unequal units may be a large one.
+    of_equal = (
+        count if not weighted else per_unit.worth if per_unit.deviation >= _WIDE else sqrt(count * per_unit.worth)
+    )
+    unseen = per_unit.total / of_equal
     by_replicate = _replicates(scores, sizes, units)
     replicates = 0 if by_replicate is None else len(by_replicate.sums)
     if guarded:
@@ -155,6 +155,11 @@ def mean_interval(
     estimate = min(max(per_unit.mean, 0.0), 1.0)
     low, high = min(max(low, 0.0), estimate), max(min(high, 1.0), estimate)
     return Interval(low, high, estimate, level, count, method, units.estimand)
+
+
+def is_piled(scores: NDArray[np.float64]) -> bool:
+    """Return True if at least half of (N,) scores lie near 0 or 1; those drawn then say little about rare others."""
+    return bool(np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) >= _PILED * len(scores))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +206,7 @@ class _Sums:
         """Skewness of the units' sums around their share of the mean; 0 if they do not differ."""
         residuals = self.sums - self.mean * self.sizes
         second = float((residuals**2).mean())
-        return float((residuals**3).mean()) / second**1.5 if second > _LEAST**2 else 0.0
+        return float((residuals**3).mean()) / second**1.5 if second > LEAST**2 else 0.0
 
     @property
     def mirrored(self) -> _Sums:
@@ -231,11 +236,9 @@ def _beta(sums: _Sums, tail: float, unseen: float, variance: float | None = None
 
 
 def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -> float:
-    from scipy.special import betaincinv
-
     total = sums.total + unseen
     mean = float(sums.sums.sum()) / total
-    if mean < _LEAST:
+    if mean < LEAST:
         return 0.0
     # The moments of a mean under weights of a Dirichlet distribution that has `count` parameters, all 1.
     count = total / unseen
@@ -246,14 +249,7 @@ def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -
         between = variance * sums.total**2 + (sums.mean - mean) ** 2 * float((sums.sizes**2).sum())
         known = (between + (mean * unseen) ** 2) / total**2 * count / (count + 1)
         second, third = known, third * (known / second) ** 1.5
-    # The beta distribution on 0 … top with these moments. Nothing is more skewed than with the top at infinity, a gamma
-    # distribution; nothing less than with all weight at 0 and top.
-    skewness = third / second
-    slack = 2 - skewness * mean / second
-    top = (4 * mean + skewness - skewness * mean**2 / second) / slack if slack > _LEAST else np.inf
-    top = min(max(top, mean + (1 + _LEAST) * second / mean), mean / _LEAST)
-    strength = mean * (top - mean) / second - 1
-    return top * float(betaincinv(strength * mean / top, strength * (1 - mean / top), tail))
+    return beta_quantile(mean, second, third, tail)
 
 
 def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units: Units) -> _Sums | None:
@@ -285,13 +281,13 @@ def _single(units: Units) -> bool:
     return units.replicate is not None and len(np.unique(units.replicate)) == units.count
 
 
-def _refusal(sums: _Sums, estimand: Estimand) -> Refusal | None:
+def _refusal(sums: _Sums, estimand: Estimand, fewest: int) -> Refusal | None:
     count = len(sums.sums)
     worth = sums.worth if count else 0.0
     if estimand is Estimand.LISTED_GRID:
-        reason, missing = Shortfall.LISTED, MIN_UNITS - 1
-    elif count < MIN_UNITS:
-        reason, missing = Shortfall.FEW, MIN_UNITS - count
+        reason, missing = Shortfall.LISTED, fewest - 1
+    elif count < fewest:
+        reason, missing = Shortfall.FEW, fewest - count
     elif worth < MIN_WORTH:
         reason, missing = Shortfall.UNEQUAL, ceil(count * MIN_WORTH / worth) - count
     else:

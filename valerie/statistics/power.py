@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -60,6 +61,11 @@ def places_needed(
     def enough(places: int) -> bool:
         return power(places, effect, deviation, alpha=alpha, parameters=parameters) >= power_wanted
 
+    return smallest(enough, fewest)
+
+
+def smallest(enough: Callable[[int], bool], fewest: int) -> int | None:
+    """Return the smallest number from ``fewest`` on that is enough, if more always are; None above `MAX_PLACES`."""
     high = fewest
     while not enough(high):
         high *= 2

@@ -308,9 +308,7 @@ def _fewest(study: ResolvedStudy) -> int:
         case EstimateGoal():
             return first_of(study)
         case MapGoal():
-            # The first prediction uses all scores but those of the last batch.
-            batch = study.document.batch
-            return (math.ceil(mapping.FIRST / batch) + LAG - 1) * batch + mapping.TESTED
+            return mapping.FIRST
         case CompareGoal():
             return compare.FEWEST
         case CascadeGoal():

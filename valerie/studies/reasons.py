@@ -142,7 +142,7 @@ def _border(numbers: _Numbers) -> str:
     return (
         f"A map rests on {counted(int(numbers['scored']), 'score')}. Along its boundary and far from points, it may be wrong. "
         f"{_points(numbers, 'doubtful')} lie where pass and fail are least sure, and {numbers['exploring']} explore: they test "
-        "the map before it learns from them."
+        "the map."
     )
 
 

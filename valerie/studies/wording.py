@@ -12,7 +12,7 @@ from valerie.guided.domain import shown
 from valerie.guided.estimate import MOST_UNKNOWN, FailureRate
 from valerie.guided.explain import MinimalPair, Verdict
 from valerie.guided.find import Mode, Modes
-from valerie.guided.map import TESTED, WRONG, Boundary, Call
+from valerie.guided.map import CONFIDENCE, WRONG, Boundary, Call
 from valerie.guided.rank import FEWEST, Effect, Ranking
 from valerie.guided.strategy import Result
 from valerie.guided.verify import Verification
@@ -106,15 +106,20 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
         Call.UNDEFINED: known.undefined,
         Call.NOT_KNOWN: known.not_known,
     }
-    return (
-        ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items())
-        + " of the operational domain, by the calls of the map.",
-        f"Of {known.tested} points where it gives a verdict, it had called {100 * known.wrong:.1f} % wrongly before their "
-        "scores were told."
+    calls = ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items())
+    sentences = [
+        f"{calls} of the operational domain, by the calls of the map.",
+        f"Of {known.tested} exploring points where it gives a verdict, {100 * known.wrong:.1f} % would have been called wrongly "
+        f"without their own scores; by a bound of {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of the calls are wrong."
         if known.tested
-        else f"No verdict yet: {TESTED} points must be called before their scores are told, {100 * WRONG:g} % wrongly at most.",
+        else f"No verdict anywhere: more than {100 * WRONG:g} % might be wrong.",
         "A region without points gets the verdict of its surroundings, so an island of failures there stays unseen.",
-    )
+    ]
+    if isfinite(known.failing_unknown):
+        sentences.insert(
+            2, f"Where the verdict is not known, {100 * known.failing_unknown:.0f} % of the exploring points failed."
+        )
+    return tuple(sentences)
 
 
 def _minimal_pair(known: MinimalPair, study: ResolvedStudy) -> tuple[str, ...]:

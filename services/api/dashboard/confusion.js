@@ -30,7 +30,7 @@ export function confusionPanel({ get, signal, query, columns, state, remember })
         title: `${confusion.classes[row]} predicted as ${names[column]}: ${count(pixels)} pixels, ${fixed(100 * share, 2)} %`,
         "aria-label": `${confusion.classes[row]} predicted as ${names[column]}: ${fixed(100 * share, 2)} per cent`,
         on: { click: () => { state.cell = name === state.cell ? null : name; remember(); load(); } } }, text);
-      button.style.setProperty("--share", `${Math.round(60 * Math.sqrt(share))}%`);
+      button.style.setProperty("--share", `${Math.round(100 * Math.sqrt(share))}%`);
       return h("td", {}, button);
     };
     put(matrix, [confusion.counts, state.cell], seen.length ? h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Confusion matrix" },

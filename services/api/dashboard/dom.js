@@ -27,8 +27,12 @@ export function put(element, key, ...children) {
   element.replaceChildren(...children.flat(Infinity).filter(Boolean));
 }
 
+// With many columns, a row becomes a block of labelled values on a phone.
+const MANY = 4;
+
 export function table(head, rows, { caption } = {}) {
-  return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption ?? "Table" },
+  for (const row of rows.flat()) for (const [k, cell] of [...row.children].entries()) if (!cell.colSpan || cell.colSpan === 1) cell.dataset.label = head[k]?.text ?? head[k] ?? "";
+  return h("div", { class: `scroll${head.length > MANY ? " many" : ""}`, tabindex: "0", role: "region", "aria-label": caption ?? "Table" },
     h("table", {}, h("thead", {}, h("tr", {}, head.map((one) => (one === "" ? h("td", {}) : h("th", { scope: "col", class: one.class, title: one.title }, one.text ?? one))))),
       h("tbody", {}, rows)));
 }

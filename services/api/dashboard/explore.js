@@ -6,6 +6,7 @@ import { command, h, put, table, toast } from "./dom.js";
 import { ago, count, fixed, percent, plural } from "./format.js";
 import { comparisonPanel, swingsPanel } from "./pairs.js";
 import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, titleOf } from "./plots.js";
+import { CHILDREN } from "./new.js";
 import { may } from "./role.js";
 import { Brushes } from "./selection.js";
 import { thumbnails } from "./thumbnails.js";
@@ -14,10 +15,6 @@ const GROUPS = { score: "Scores", person: "Of the person", conditions: "Moment, 
 const TABS = { pictures: "Pictures", table: "Table", compare: "Side by side", swings: "One change", confusion: "Confusion" };
 const KINDS = { picture: "Picture", "truth-overlay": "Truth", overlay: "Prediction", errors: "Errors" };
 const PAGE = 48;
-const SPECS = {
-  range: ["Refine here", "A run of the same spec that draws its variants from the ranges of the selected rows.", "refined"],
-  nearby: ["More like these", "A run of the same spec whose variants are selected ones, each moved by up to half a step.", "similar"],
-};
 const DATASETS = { cityscapes: ["Cityscapes", "pictures and label images of the frames"], coco: ["COCO", "pictures, instances and panoptic segments of the frames"] };
 
 export async function exploreView({ main, parameters, signal }) {
@@ -46,6 +43,7 @@ export async function exploreView({ main, parameters, signal }) {
     sort: parameters.get("sort") ?? "pacc",
     kind: KINDS[parameters.get("kind")] ? parameters.get("kind") : "errors",
     crop: parameters.get("crop") !== "0",
+    beside: parameters.get("beside"), // an expression; null: the rest
     fn: parameters.get("fn"), cell: parameters.get("cell"),
     before: parameters.get("before"), after: parameters.get("after"), outcome: parameters.get("outcome"),
   };
@@ -64,6 +62,7 @@ export async function exploreView({ main, parameters, signal }) {
     parts.set("h", state.h.join(","));
     parts.set("p", state.p.join(","));
     if (!state.crop) parts.set("crop", "0");
+    if (state.beside !== null) parts.set("beside", state.beside);
     if (state.tab === "compare") for (const name of ["before", "after", "outcome"]) if (state[name]) parts.set(name, state[name]);
     if (state.tab === "confusion") for (const name of ["fn", "cell"]) if (state[name]) parts.set(name, state[name]);
     return parts;
@@ -97,6 +96,7 @@ export async function exploreView({ main, parameters, signal }) {
   const key = h("div", { class: "legend" });
   const lacking = h("p", { class: "small soft under" });
   const rates = h("div", {});
+  const beside = h("select", { id: "beside", on: { change: () => { state.beside = beside.selectedIndex ? beside.value : null; remember(); loadRates(); } } });
   const histograms = h("div", { class: "histograms" });
   const parallel = parallelPlot({ brushed: (name, brush) => { state.brushes.set(name, brush); refresh(); } });
   const panel = h("div", {});
@@ -118,8 +118,7 @@ export async function exploreView({ main, parameters, signal }) {
           may("POST /v1/selections") ? h("button", { type: "button", on: { click: () => saveDialog() } }, "Save selection") : null,
           h("button", { type: "button", on: { click: () => savedDialog() } }, "Saved"),
           runs.length === 1 ? [
-            h("button", { type: "button", on: { click: () => specDialog("range") } }, "Refine here"),
-            h("button", { type: "button", on: { click: () => specDialog("nearby") } }, "More like these"),
+            Object.entries(CHILDREN).map(([form, [label, what]]) => h("button", { type: "button", title: what, on: { click: () => { location.hash = `#/new?${query({ form })}`; } } }, label)),
             h("button", { type: "button", on: { click: () => trainDialog() } }, "Train on this")] : null,
           h("button", { type: "button", on: { click: () => exportDialog() } }, "Export")))),
     h("section", { class: "card select", "aria-label": "Selection" },
@@ -128,7 +127,7 @@ export async function exploreView({ main, parameters, signal }) {
       chips, wrong),
     h("div", { class: "explore-top" },
       h("section", { class: "card", "aria-label": "Scatter plot" }, h("div", { class: "head" }, pick("y", "", numeric, "y"), pick("x", "over", numeric, "x"), pick("c", "coloured by", about.columns.filter((one) => one.numeric || one.names.length <= 12), "c", "nothing")), scatter.element, h("div", { class: "legend under" }, key), lacking),
-      h("section", { class: "card", "aria-label": "Rates" }, h("h2", {}, "Selection and rest"), rates)),
+      h("section", { class: "card", "aria-label": "Rates" }, h("div", { class: "head" }, h("h2", {}, "Selection"), h("label", { class: "inline", for: "beside" }, "beside", beside)), rates)),
     h("section", { class: "card", "aria-label": "Histograms" }, h("div", { class: "head" }, h("h2", {}, "Histograms"), add("add-histogram", "Add a histogram…", () => state.h)), histograms),
     h("section", { class: "card", "aria-label": "Parallel coordinates" }, h("div", { class: "head" }, h("h2", {}, "Parallel coordinates"), add("add-axis", "Add an axis…", () => state.p)), parallel.element, parallelColumns),
     below);
@@ -153,7 +152,7 @@ export async function exploreView({ main, parameters, signal }) {
     for (const name of state.h) {
       if (!drawn.has(name)) {
         drawn.set(name, histogramPlot(columns.get(name), {
-          brushed: (brush, ended) => { state.brushes.set(name, brush); drawn.get(name).show(found_.get(name), brush, whole_); if (ended) refresh(); else soon(); },
+          brushed: (brush) => { state.brushes.set(name, brush); drawn.get(name).show(found_.get(name), brush, whole_); refresh(); },
           removed: () => { state.h = state.h.filter((one) => one !== name); state.brushes.set(name, null); refresh(); },
         }));
       }
@@ -163,15 +162,13 @@ export async function exploreView({ main, parameters, signal }) {
   };
   let found_ = new Map(), whole_ = true;
 
-  let busy = false, again = false, timer = null;
-  const soon = () => { if (!timer) timer = setTimeout(() => { timer = null; refresh(); }, 60); };
+  let busy = false, again = false;
   // One refresh at a time; what changes meanwhile is shown by the next.
   async function refresh() {
     if (busy) { again = true; return; }
     busy = true;
     remember();
     showChips();
-    performance.mark("explore-asked");
     try {
       do {
         again = false;
@@ -213,8 +210,9 @@ export async function exploreView({ main, parameters, signal }) {
     drawHistograms(found, whole);
     parallel.show({ axes: state.p.map((name) => ({ ...found.get(name), column: columns.get(name), brush: state.brushes.of.get(name) })), links: links.links, every: every.links, whole });
     put(parallelColumns, state.p, state.p.map((name) => chip(titleOf(columns.get(name)), `Remove the axis ${titleOf(columns.get(name))}`, () => { state.p = state.p.filter((one) => one !== name); context = null; refresh(); })));
-    await shownRows;
-    performance.mark("explore-shown");
+    const rows = await shownRows;
+    performance.mark("explore-shown"); // benchmarks/bench_explore.py measures by these marks
+    rows?.pictured.then(() => performance.mark("explore-pictured"));
     loadRates();
   }
 
@@ -232,11 +230,19 @@ export async function exploreView({ main, parameters, signal }) {
   const loadRates = async () => {
     const mine = (latest += 1);
     try {
-      const found = await get(`/v1/explore/rates?${query()}`, { signal });
+      const found = await get(`/v1/explore/rates?${query({ beside: state.beside })}`, { signal });
       if (mine !== latest) return;
-      put(rates, [found], ratesTable(found, about.rows, !where()));
+      put(rates, [found, state.beside], ratesTable(found, about.rows, !where() && state.beside === null, beside.selectedOptions[0]?.textContent));
       performance.mark("explore-rated");
     } catch (error) { if (error.name !== "AbortError" && mine === latest) toast(error.message); }
+  };
+  // What a selection can be compared with: the rest, and saved selections of these runs.
+  const offerBeside = async () => {
+    const saved = (await get("/v1/selections", { signal })).filter((one) => one.runs.every((id) => runs.includes(id)));
+    const of = ({ runs: own, expression }) => (own.length === runs.length ? expression : [`(${own.map((id) => `run_id == '${id}'`).join(" or ")})`, expression && `(${expression})`].filter(Boolean).join(" and "));
+    const others = new Map(saved.map((one) => [of(one), one.name]));
+    if (state.beside !== null && !others.has(state.beside)) others.set(state.beside, state.beside || "all rows");
+    beside.replaceChildren(h("option", {}, "the rest"), ...[...others].map(([expression, name]) => h("option", { value: expression, selected: expression === state.beside }, name)));
   };
 
   // Pictures, table, pairs.
@@ -262,6 +268,7 @@ export async function exploreView({ main, parameters, signal }) {
         await post("/v1/selections", { name: name.value.trim(), runs, expression: where(), view: address().toString() });
         box.close();
         toast("The selection is saved.");
+        await offerBeside();
       } catch (error) { toast(error.message); }
     };
     name.addEventListener("keydown", (event) => { if (event.key === "Enter") save(); });
@@ -271,16 +278,6 @@ export async function exploreView({ main, parameters, signal }) {
   const savedDialog = async () => {
     const list = await get("/v1/selections", { signal });
     const box = dialog("Saved selections", savedList(list, () => box.close()));
-  };
-  const specDialog = async (form) => {
-    const [name, what, file] = SPECS[form];
-    try {
-      const { yaml } = await get(`/v1/explore/spec?${query({ form })}`, { signal });
-      const box = dialog(name, h("p", { class: "soft small" }, `${what} Save it as a file and submit it with `, h("code", {}, "valerie submit FILE"), "."),
-        h("pre", { tabindex: "0" }, yaml),
-        h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: () => { saveText(yaml, `${title}-${file}.yaml`); box.close(); } } }, "↓ YAML")));
-      box.classList.add("large");
-    } catch (error) { toast(error.message); }
   };
   const trainDialog = () => {
     const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
@@ -298,6 +295,7 @@ export async function exploreView({ main, parameters, signal }) {
       ...(runs.length === 1 ? Object.entries(DATASETS).map(([form, what]) => row(what[0], what[1], `/v1/explore/frames?${query({ format: form })}`, `${stem}-${form}.zip`)) : []),
     ], { caption: "Downloads of the selection" }), h("p", { class: "soft small" }, "Frames as a zip archive: up to 500. ", h("code", {}, "valerie dataset export"), " has no limit."));
   };
+  await offerBeside();
   await refresh();
   if (parameters.has("show")) setTimeout(() => below.scrollIntoView({ block: "start" })); // a link that asks for this part of the page
   return `Explore ${title}`;
@@ -311,12 +309,6 @@ function dialog(title, ...content) {
   document.body.append(box);
   box.showModal();
   return box;
-}
-
-function saveText(text, name) {
-  const link = h("a", { href: URL.createObjectURL(new Blob([text], { type: "text/yaml" })), download: name.replaceAll(/[^\w.-]+/g, "-") });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
 function savedList(list, opened) {
@@ -348,14 +340,14 @@ async function choose({ main, signal }) {
 }
 
 // Rates of the selection beside the rest.
-function ratesTable({ groups, threshold, scored, selected, certainty }, rows, whole) {
+function ratesTable({ groups, threshold, scored, selected, certainty }, rows, alone, other) {
   const interval = (one) => (one.low === undefined ? h("div", { class: "small soft" }, one.units ? "no interval" : "") : h("div", { class: "small soft" }, `${fixed(100 * one.low)} to ${fixed(100 * one.high)} %`));
   const cell = (rate) => h("td", { class: "right" }, h("strong", {}, percent(rate.estimate)), interval(rate));
   const several = new Set(groups.map((one) => one.run)).size > 1, sensors = new Set(groups.map((one) => one.sensor)).size > 1;
-  const lines = groups.flatMap((group) => [["selection", group.selected], ["rest", group.rest]].filter(([side]) => !whole || side === "selection").map(([side, one], k) =>
-    h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft mono" }, [several ? group.run : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, whole ? "all rows" : side)),
+  const lines = groups.flatMap((group) => [["selection", group.selected], ["rest", group.beside]].slice(0, alone ? 1 : 2).map(([side, one], k) =>
+    h("tr", { class: side }, h("th", { scope: "row" }, k ? h("span", { class: "visually-hidden" }, group.function) : [h("div", {}, group.function), several || sensors ? h("div", { class: "small soft mono" }, [several ? group.run : "", sensors ? group.sensor : ""].filter(Boolean).join(" · ")) : null], h("div", { class: "small soft" }, k ? other : selected < rows ? "selection" : "all rows")),
       h("td", { class: "right number" }, count(one.persons), h("div", { class: "small soft", title: Object.entries(one.undefined).map(([why, n]) => `${count(n)} ${why}`).join(", ") }, `${count(Object.values(one.undefined).reduce((a, b) => a + b, 0))} undefined`)), cell(one.pacc), cell(one.detected))));
-  return [table(["", { text: "Persons", class: "right" }, { text: "Mean pACC", class: "right" }, { text: `pACC ≥ ${fixed(threshold, 2)}`, class: "right", title: "detection rate" }], lines, { caption: "Rates of the selection and the rest" }),
+  return [table(["", { text: "Persons", class: "right" }, { text: "Mean pACC", class: "right" }, { text: `pACC ≥ ${fixed(threshold, 2)}`, class: "right", title: "detection rate" }], lines, { caption: "Rates of the selection and what is beside it" }),
     scored && selected < rows ? h("p", { class: "small soft under" }, "The selection depends on scores, so these rates repeat what was asked for.") : null,
     certainty.length ? h("p", { class: "small soft under" }, certainty.join(" ")) : null];
 }
@@ -378,8 +370,9 @@ function picturesPanel(parts) {
     offset = further ? offset + PAGE : 0;
     const { items, selected } = await get(`/v1/explore/rows?${query({ sort: state.sort, limit: PAGE, offset })}`, { signal });
     const second = columns.get(state.sort.replace("-", ""));
-    grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc), second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m)] });
+    const pictured = grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc), second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m)] });
     more.hidden = offset + items.length >= selected;
+    return { pictured };
   };
   const kinds = h("div", { class: "segments", role: "group", "aria-label": "Kind of picture" }, Object.entries(KINDS).map(([kind, label]) => h("button", { type: "button", "data-kind": kind, "aria-pressed": String(kind === state.kind), on: { click: () => { state.kind = kind; for (const one of kinds.children) one.setAttribute("aria-pressed", String(one.dataset.kind === kind)); remember(); page(); } } }, label)));
   const crop = h("input", { type: "checkbox", checked: state.crop, on: { change: () => { state.crop = crop.checked; remember(); page(); } } });

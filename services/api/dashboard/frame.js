@@ -5,7 +5,7 @@ import { fixed, heading, percent, short, shown, value, words } from "./format.js
 import { marksOf } from "./marks.js";
 import { player } from "./player.js";
 
-const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
+const VIEWS = { all: "All", picture: "Picture", truth: "Truth", prediction: "Prediction", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
 const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // only in runs that asked for them
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // opaque pictures of their own
@@ -32,6 +32,9 @@ export async function frameView({ main, key, parameters, signal }) {
 
   const marks = marksOf(frame.run_id, signal);
   const offered = Object.keys(VIEWS).filter((name) => !OPTIONAL.has(name) || frame.images[name]);
+  // The panes of a view: one, or one for each evaluation by a function.
+  const layers = (view) => (view === "all" ? offered.slice(1).flatMap(layers)
+    : OF_FUNCTION.has(view) && frame.evaluations.length ? frame.evaluations.map((evaluation) => ({ view, evaluation })) : [{ view, evaluation: null }]);
   const panes = h("div", { class: "panes" });
   const legend = h("div", {});
   const slider = h("input", { type: "range", min: 0, max: 100, value: SETTINGS.opacity, id: "opacity", on: { input: () => { SETTINGS.opacity = Number(slider.value); update(); } } });
@@ -39,11 +42,16 @@ export async function frameView({ main, key, parameters, signal }) {
   const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, offered.map((name) =>
     h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, VIEWS[name])));
   const boxes = toggle("Boxes", "boxes", () => update());
-  const near = toggle("Zoom to person", "near", () => { SETTINGS.zoom = null; update(); });
+  const magnify = (factor) => moved(zoomed(currentZoom(frame), factor, 0.5, 0.5));
+  const show = (near) => { SETTINGS.near = near; SETTINGS.zoom = null; update(); };
+  const zoomTo = [["Whole", false], ["Person", true]].map(([text, near]) => h("button", { type: "button", on: { click: () => show(near) } }, text));
+  const zoom = h("div", { class: "segments", role: "group", "aria-label": "Zoom" },
+    h("button", { type: "button", "aria-label": "Zoom out", on: { click: () => magnify(1 / 1.5) } }, "−"), h("button", { type: "button", "aria-label": "Zoom in", on: { click: () => magnify(1.5) } }, "+"), zoomTo);
   const reading = h("p", { class: "small soft number reading" });
   const title = `Variant ${frame.variant_index}, ${frame.camera}${frame.sequence || frame.time_s ? `, ${fixed(frame.time_s, 2)} s` : ""}`;
+  let moment = key; // the frame of the sequence whose pictures are shown
   const sequence = player(frame, {
-    show: (id) => Promise.all([...shownPanes.values()].filter((one) => one.element.isConnected).map((one) => one.show(id))),
+    show: (id) => { moment = id; return Promise.all(visible().map((one) => one.show(id))); },
     open: (id) => { location.hash = `#/frames/${id}`; },
     signal,
   });
@@ -58,36 +66,50 @@ export async function frameView({ main, key, parameters, signal }) {
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame"))),
       marks.place("frame", frame.id.slice(frame.run_id.length + 1), "this frame")),
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
-    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, reading, sequence, legend),
+    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, boxes, zoom), panes, reading, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
   ].filter(Boolean));
 
   const shownPanes = new Map();
   const visible = () => [...shownPanes.values()].filter((one) => one.element.isConnected);
+  const pressed = () => zoomTo.forEach((button, near) => button.setAttribute("aria-pressed", String(!SETTINGS.zoom && SETTINGS.near === Boolean(near))));
   // All panes share one zoom.
   const moved = (zoom) => {
     SETTINGS.zoom = zoom;
+    pressed();
     visible().forEach((one) => one.place());
   };
-  const pointed = (place) => {
-    visible().forEach((one) => one.point(place));
-    const said = place ? visible().map((one) => one.read(place)).filter(Boolean) : [];
-    reading.textContent = place ? [`x ${place[0]}, y ${place[1]}`, ...new Set(said.flat())].join(" · ") : RESTING;
+  // What the pointer is on. The server reads one pixel at a time; the newest place comes next.
+  let place = null, asked = false;
+  const say = (known) => { reading.textContent = place ? [`x ${place[0]}, y ${place[1]}`, ...new Set(visible().map((one) => one.color(place)).filter(Boolean)), ...known].join(" · ") : RESTING; };
+  const pointed = async (at) => {
+    if (at?.join() === place?.join()) return;
+    place = at;
+    visible().forEach((one) => one.point(at));
+    say([]);
+    if (asked) return;
+    asked = true;
+    try {
+      for (let read = null; place && read !== place;) {
+        read = place;
+        const seen = await get(`/v1/frames/${moment}/pixel?x=${read[0]}&y=${read[1]}`, { signal });
+        if (read === place) say(seen.flatMap((one) => pixelWords(one, seen.length > 1)));
+      }
+    } catch { /* the truth is not there yet, or another page is shown */ } finally { asked = false; }
   };
-  reading.textContent = RESTING;
+  say([]);
   const update = () => {
     if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // the view of a frame of another run
     const { view } = SETTINGS;
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
     history.replaceState(null, "", `#/frames/${key}?${parts}`);
     for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
-    slide.hidden = view === "picture" || WHOLE.has(view);
-    const wanted = OF_FUNCTION.has(view) && frame.evaluations.length
-      ? frame.evaluations.map((one) => ({ key: `${one.function} ${one.sensor}`, evaluation: one }))
-      : [{ key: "frame", evaluation: null }];
+    pressed();
+    slide.hidden = view === "picture" || view === "all" || WHOLE.has(view);
+    const wanted = layers(view).map((one) => ({ ...one, key: [one.view, one.evaluation?.function, one.evaluation?.sensor].join(" ") }));
     put(panes, wanted.map((one) => one.key), wanted.map((one) => {
-      if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one.evaluation, { moved, pointed }));
+      if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one, view === "all", { moved, pointed }));
       return shownPanes.get(one.key).element;
     }));
     panes.classList.toggle("two", wanted.length > 1);
@@ -100,9 +122,9 @@ export async function frameView({ main, key, parameters, signal }) {
     if (event.altKey || event.ctrlKey || event.metaKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
     if (event.key === "ArrowLeft" && frame.previous) location.hash = `#/frames/${frame.previous}`;
     else if (event.key === "ArrowRight" && frame.next) location.hash = `#/frames/${frame.next}`;
-    else if (event.key === "+" || event.key === "-") moved(zoomed(currentZoom(frame), event.key === "+" ? 1.5 : 1 / 1.5, 0.5, 0.5));
-    else if (event.key === "0") { SETTINGS.near = false; near.querySelector("input").checked = false; moved(null); }
-    else if (event.key === "z") { SETTINGS.zoom = null; SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
+    else if (event.key === "+" || event.key === "-") magnify(event.key === "+" ? 1.5 : 1 / 1.5);
+    else if (event.key === "0") show(false);
+    else if (event.key === "z") show(!SETTINGS.near);
   }, { signal });
   prefetch(frame, signal);
   marks.load().catch(() => {});
@@ -124,7 +146,10 @@ function prefetch(frame, signal) {
   }, 700);
 }
 
-const RESTING = "Wheel or + and − zoom, dragging moves, 0 shows the whole frame; every picture follows.";
+const RESTING = "Wheel, two fingers or + and − zoom, dragging moves; every picture follows. A pixel under the pointer is read here.";
+// A pixel as a sensor sees it: class, instance, depth, and the class of each function.
+const pixelWords = (one, several) => [`${several ? `${one.sensor}: ` : ""}truth ${one.label}${one.instance_id ? ` ${one.instance_id}` : ""}`, one.depth_m === null ? "no depth" : `${fixed(one.depth_m, 2)} m`,
+  ...Object.entries(one.predictions).map(([name, label]) => `${name} ${label}`)];
 
 // What of the frame is shown: the scale, and the left and top end as shares of the picture.
 const currentZoom = (frame) => SETTINGS.zoom ?? (SETTINGS.near ? zoomOf(frame) : null) ?? { scale: 1, x: 0, y: 0 };
@@ -150,9 +175,7 @@ function pixelOf(image, [x, y]) {
   return [...kept.context.getImageData(x, y, 1, 1).data].slice(0, 3);
 }
 
-const classOf = (color) => labels.find((one) => one.color.every((part, k) => part === color[k]))?.name ?? "void";
-
-function pane(frame, evaluation, { moved, pointed }) {
+function pane(frame, { view, evaluation }, titled, { moved, pointed }) {
   const below = h("img", { alt: "" });
   const above = h("img", { alt: "", class: "above" });
   const trouble = h("p", { class: "trouble", hidden: true });
@@ -160,7 +183,8 @@ function pane(frame, evaluation, { moved, pointed }) {
   const cross = h("span", { class: "cross", hidden: true, "aria-hidden": "true" });
   const world = h("div", { class: "world" }, below, above, rectangles);
   const window_ = h("div", { class: "window", style: { "aspect-ratio": `${frame.width} / ${frame.height}` } }, world, cross, trouble);
-  const caption = evaluation ? h("figcaption", {}, h("h3", {}, evaluation.function), h("span", { class: "soft small number" }, captionOf(frame, evaluation))) : null;
+  const title = [titled ? VIEWS[view] : null, evaluation?.function].filter(Boolean).join(" · ");
+  const caption = title ? h("figcaption", {}, h("h3", {}, title), evaluation ? h("span", { class: "soft small number" }, captionOf(frame, evaluation)) : null) : null;
   const element = h("figure", {}, caption, window_);
   let latest = 0;
 
@@ -184,7 +208,7 @@ function pane(frame, evaluation, { moved, pointed }) {
 
   // For another frame of the sequence show the pictures alone, since boxes are known for this frame only.
   const show = (id = frame.id) => {
-    const { view, opacity, boxes } = SETTINGS;
+    const { opacity, boxes } = SETTINGS;
     const mine = (latest += 1);
     trouble.hidden = true;
     const images = evaluation ? evaluation.images : frame.images;
@@ -212,17 +236,26 @@ function pane(frame, evaluation, { moved, pointed }) {
     moved(zoomed(currentZoom(frame), Math.exp(-event.deltaY / 400), ...share(event)));
   }, { passive: false });
   window_.addEventListener("dblclick", (event) => moved(zoomed(currentZoom(frame), 2, ...share(event))));
+  // One pointer drags; two zoom by their distance, around their middle.
+  const pointers = new Map();
   window_.addEventListener("pointerdown", (event) => {
-    const from = share(event), start = currentZoom(frame);
-    if (event.button !== 0 || start.scale === 1) return;
-    event.preventDefault();
-    window_.setPointerCapture(event.pointerId);
-    const move = (now) => { const to = share(now); moved(within(start.scale, start.x - (to[0] - from[0]) / start.scale, start.y - (to[1] - from[1]) / start.scale)); };
-    const end = () => { window_.removeEventListener("pointermove", move); window_.removeEventListener("pointerup", end); window_.removeEventListener("pointercancel", end); };
-    window_.addEventListener("pointermove", move);
-    window_.addEventListener("pointerup", end);
-    window_.addEventListener("pointercancel", end);
+    if (event.button !== 0 || (currentZoom(frame).scale === 1 && event.pointerType === "mouse")) return;
+    pointers.set(event.pointerId, share(event));
+    if (event.pointerType === "mouse") event.preventDefault();
+    if (pointers.size > 1 || currentZoom(frame).scale > 1) window_.setPointerCapture(event.pointerId);
   });
+  window_.addEventListener("pointermove", (event) => {
+    if (!pointers.has(event.pointerId)) return;
+    const before = [...pointers.values()];
+    pointers.set(event.pointerId, share(event));
+    const after = [...pointers.values()];
+    const middle = (all) => [0, 1].map((k) => all.reduce((sum, one) => sum + one[k], 0) / all.length);
+    const apart = (all) => (all.length > 1 ? Math.hypot(all[0][0] - all[1][0], all[0][1] - all[1][1]) || 1e-3 : 1);
+    const start = currentZoom(frame), from = middle(before), to = middle(after);
+    if (start.scale === 1 && pointers.size < 2) return;
+    moved(zoomed(within(start.scale, start.x - (to[0] - from[0]) / start.scale, start.y - (to[1] - from[1]) / start.scale), apart(after) / apart(before), ...to));
+  });
+  for (const kind of ["pointerup", "pointercancel"]) window_.addEventListener(kind, (event) => pointers.delete(event.pointerId));
   window_.addEventListener("pointermove", (event) => {
     const { scale, x, y } = currentZoom(frame), [px, py] = share(event);
     const at = [Math.floor((x + px / scale) * frame.width), Math.floor((y + py / scale) * frame.height)];
@@ -238,17 +271,8 @@ function pane(frame, evaluation, { moved, pointed }) {
     cross.style.setProperty("left", `${100 * left}%`);
     cross.style.setProperty("top", `${100 * top}%`);
   };
-  const read = (at) => {
-    const said = [], own = pixelOf(below, at), over = pixelOf(above, at), { view } = SETTINGS;
-    if (own) said.push(`RGB ${own.join(" ")}`);
-    if (!over) return said;
-    if (view === "truth") said.push(`truth ${classOf(over)}`);
-    else if (view === "prediction") said.push(`${evaluation ? evaluation.function : "prediction"} ${classOf(over)}`);
-    // Depth is painted as grey over its logarithm, from 1 m to 200 m.
-    else if (view === "depth") said.push(over[0] === 0 ? "no depth" : `about ${fixed(200 ** (1 - (over[0] - 30) / 225), 1)} m`);
-    return said;
-  };
-  return { element, show, place, point, read };
+  const color = (at) => { const rgb = pixelOf(below, at); return rgb && `RGB ${rgb.join(" ")}`; };
+  return { element, show, place, point, color };
 }
 
 function captionOf(frame, evaluation) {
@@ -318,9 +342,16 @@ function scoresSection(frame) {
       .map((text) => h("p", { class: "small soft under" }, text)));
 }
 
+// The varied values; a neighbour differs in this one only.
 function variantSection(frame) {
-  const entries = Object.entries(frame.assignment);
-  return h("section", { class: "card" }, h("h2", {}, "Variant"),
-    entries.length ? h("dl", { class: "facts" }, entries.map(([path, one]) => h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number" }, value(one))))) : h("p", { class: "soft" }, "Nothing is varied."),
-    h("p", { class: "small soft under" }, "Make this frame again and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
+  const neighbours = new Map(frame.neighbours.map((one) => [one.parameter, one]));
+  const entries = [...Object.entries(frame.assignment), ...(neighbours.has("camera") ? [["camera", frame.camera]] : [])];
+  const link = (path, near, arrow) => near && h("a", { href: `#/frames/${near.frame}`, "aria-label": `${short(path)} ${value(near.value)}, else equal` }, arrow(value(near.value)));
+  const item = ([path, one]) => {
+    const { before, after } = neighbours.get(path) ?? {};
+    return h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number row" }, link(path, before, (text) => `← ${text}`), h("strong", {}, value(one)), link(path, after, (text) => `${text} →`)));
+  };
+  return h("section", { class: "card", "aria-label": "Variant" }, h("h2", {}, "Variant"),
+    entries.length ? h("dl", { class: "facts" }, entries.map(item)) : h("p", { class: "soft" }, "Nothing is varied."),
+    h("p", { class: "small soft under" }, neighbours.size ? "Arrows lead to the frame that differs in this value only. " : "", "Make this frame again and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
 }

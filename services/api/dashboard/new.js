@@ -10,6 +10,11 @@ const TYPING = 350; // a pause in typing, milliseconds
 const LOOKING = 700; // a longer one, before pictures are rendered
 const SCORES = new Set(["person score", "frame score"]); // sources of what a requirement may bound
 const KEPT = "valerie-draft"; // of this tab, so that a look at another page loses nothing
+//: Runs that a selection of Explore leads to: title and what it does.
+export const CHILDREN = {
+  range: ["Refine here", "Draws variants from the ranges of the selected rows."],
+  nearby: ["More like these", "Repeats selected variants, each number moved by up to half a step."],
+};
 
 export async function newView({ main, parameters, signal }) {
   const [schema, assets, engines, functions, measures] = await Promise.all(["/v1/schema", "/v1/assets", "/v1/renderers", "/v1/functions", "/v1/measures"].map((path) => get(path, { signal })));
@@ -24,6 +29,7 @@ export async function newView({ main, parameters, signal }) {
 
   const parent = parameters.get("parent");
   const origin = parent ?? parameters.get("run");
+  const child = CHILDREN[parameters.get("form")];
   let asset = null;
   let draft = null;
   let sure = false; // the plan of this very text has no problem
@@ -105,12 +111,13 @@ export async function newView({ main, parameters, signal }) {
     await refresh();
   };
 
-  text.text = origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
-  const title = parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
+  text.text = child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
+  const title = child ? child[0] : parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
       h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit] : null)),
       submits ? null : h("p", { class: "note" }, `The token's role is ${role()}: it plans runs, and a runner submits them.`),
+      child ? h("p", { class: "soft small" }, `${child[1]} Selected: `, h("code", {}, parameters.get("where") ?? "all rows")) : null,
       parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null),
     h("div", { class: "draft" },
       form.element,

@@ -80,7 +80,7 @@ const ramp = Array.from({ length: 64 }, (_, k) => {
 export function scatterPlot({ brushed, opened }) {
   let data = null, frame = null, chosen = -1, places = [];
   const tip = h("div", { class: "tip", hidden: true });
-  const view = surface((context, width, height) => draw(context, width, height), { class: "scatter-canvas", tabindex: "0", role: "img" });
+  const view = surface((context, width, height) => draw(context, width, height), { class: "scatter-canvas", tabindex: "0", role: "img", "aria-label": "Scatter plot" });
   const { canvas } = view;
   const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
   const element = h("div", { class: "plot" }, canvas, tip, live);
@@ -305,10 +305,10 @@ export function histogramPlot(column, { brushed, removed }) {
     for (let k = last; k > 0; k -= 1) if (place >= left(k)) return k;
     return Math.max(0, Math.min(last, Math.floor(place / unit)));
   };
-  const pick = (a, b, ended) => {
+  const pick = (a, b) => {
     const bins = data.every.length - 1;
     const [first, last] = a <= b ? [a, b] : [b, a];
-    brushed(brushOfBins(data, column.numeric, first >= bins ? bins : first, last), ended);
+    brushed(brushOfBins(data, column.numeric, first >= bins ? bins : first, last));
   };
   canvas.addEventListener("pointermove", (event) => { if (data && !event.buttons) { at = binAt(event.offsetX); tell(); } });
   canvas.addEventListener("pointerleave", () => { at = -1; if (data) tell(); });
@@ -316,8 +316,8 @@ export function histogramPlot(column, { brushed, removed }) {
   dragging(canvas, ([ax], [bx], ended) => {
     if (!data) return;
     const a = binAt(ax), b = binAt(bx), covered = binsOfBrush(data, brush);
-    if (ended && a === b && Math.abs(ax - bx) < 4 && covered && covered[0] === a && covered[1] === a) brushed(null, true);
-    else pick(a, b, ended);
+    if (ended && a === b && Math.abs(ax - bx) < 4 && covered && covered[0] === a && covered[1] === a) brushed(null);
+    else pick(a, b);
   });
   canvas.addEventListener("keydown", (event) => {
     if (!data) return;
@@ -326,11 +326,11 @@ export function histogramPlot(column, { brushed, removed }) {
     if (step) {
       event.preventDefault();
       const next = Math.max(0, Math.min(last, at + step)), covered = binsOfBrush(data, brush);
-      if (event.shiftKey) pick(covered ? (step > 0 ? covered[0] : Math.min(covered[0], next)) : Math.max(at, 0), step > 0 ? next : covered ? covered[1] : next, true);
+      if (event.shiftKey) pick(covered ? (step > 0 ? covered[0] : Math.min(covered[0], next)) : Math.max(at, 0), step > 0 ? next : covered ? covered[1] : next);
       at = next;
       tell();
-    } else if (event.key === "Enter" && at >= 0) pick(at, at, true);
-    else if (event.key === "Escape") brushed(null, true);
+    } else if (event.key === "Enter" && at >= 0) pick(at, at);
+    else if (event.key === "Escape") brushed(null);
   });
   return {
     element, end: view.end,
@@ -347,7 +347,7 @@ export function histogramPlot(column, { brushed, removed }) {
 export function parallelPlot({ brushed }) {
   let data = null;
   const side = 60, head = 30, band = 26, foot = 22;
-  const view = surface((context, width, height) => draw(context, width, height), { class: "parallel-canvas", tabindex: "0", role: "img" });
+  const view = surface((context, width, height) => draw(context, width, height), { class: "parallel-canvas", tabindex: "0", role: "img", "aria-label": "Parallel coordinates" });
   const { canvas } = view;
   let drag = null;
 

@@ -45,6 +45,7 @@ from valerie.pipeline.exploring.pairs import PairOutcome, Side, compare_sides, l
 from valerie.pipeline.exploring.thumbnails import MAX_TILES, TILE_KINDS, Tile, Tiles
 from valerie.pipeline.export.archive import export_archive
 from valerie.pipeline.export.export_plan import ExportSettings, Format
+from valerie.runs.document.draft import draft_of
 from valerie.runs.products.frame_keys import ID
 
 router = APIRouter(prefix="/v1", tags=["explore"])
@@ -191,10 +192,19 @@ def rows(
 @router.get(
     "/explore/rates",
     responses=problems(404, 409, 422),
-    summary="Mean pACC and detection rate of the selected rows beside the rest, with intervals",
+    summary="Mean pACC and detection rate of the selected rows beside the rest or another selection, with intervals",
 )
-def rates(exploration: Opened, selection: Selected, threshold: Detected) -> RatesRead:
-    groups = linked_views.rates(exploration, selection, threshold)
+def rates(
+    exploration: Opened,
+    selection: Selected,
+    threshold: Detected,
+    beside: Annotated[
+        str | None,
+        Query(max_length=2000, description="selects the other rows; by default the rest", examples=["distance_m < 10"]),
+    ] = None,
+) -> RatesRead:
+    other = ~selection.rows if beside is None else exploration.select(beside, field="beside").rows
+    groups = linked_views.rates(exploration, selection.rows, other, threshold)
     return RatesRead(selected=selection.count, scored=selection.scored, threshold=threshold, groups=groups)
 
 
@@ -332,7 +342,7 @@ def refine(
         child = similar_spec(table, exploration.table, resolved.spec, resolved.definitions, count)
     else:
         child = drawn_spec(table, resolved.spec, resolved.definitions, count)
-    return SpecRead(yaml=child.to_yaml())
+    return SpecRead(yaml=draft_of(child))
 
 
 @router.get(

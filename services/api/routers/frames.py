@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 
 from services.api.dependencies import (
     ContextDependency,
@@ -19,7 +19,7 @@ from services.api.dependencies import (
 )
 from services.api.openapi import binary, problems
 from services.api.schemas.base import DIGEST
-from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, VariantPage, VariantRead
+from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, PixelRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
 from valerie.db.engine import reading
@@ -29,6 +29,7 @@ from valerie.pipeline.reading.frame_details import frame_details
 from valerie.pipeline.reading.frame_details import list_frames as frames_after
 from valerie.pipeline.reading.frame_pictures import find_picture, label_map, paint_picture
 from valerie.pipeline.reading.painting import png
+from valerie.pipeline.reading.pixels import Pixels
 from valerie.pipeline.reading.product_reader import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products.frame_keys import FrameKey
@@ -113,6 +114,21 @@ def image(
         size=size,
         read=lambda start, length: pictures[0][start : start + length],
     )
+
+
+@router.get(
+    "/frames/{frame_id}/pixel",
+    responses=problems(404, 409, 422),
+    summary="What a pixel of a frame shows to each sensor: class, instance, depth, and the class of each function",
+)
+def pixel(
+    key: FrameDependency,
+    request: Request,
+    x: Annotated[int, Query(ge=0, le=100_000, description="column from the left, from 0", examples=[48])],
+    y: Annotated[int, Query(ge=0, le=100_000, description="row from the top, from 0", examples=[27])],
+) -> list[PixelRead]:
+    pixels: Pixels = request.app.state.pixels
+    return [PixelRead.model_validate(seen) for seen in pixels.at(key, x, y)]
 
 
 @router.get(

@@ -102,7 +102,7 @@ class RatesRead(Read):
     threshold: float = Field(examples=[0.5])
     groups: list[GroupRates] = Field(
         description="by run, function and sensor",
-        examples=[[{"run": RUN_ID, "function": FUNCTION, "sensor": "default", "selected": _RATES, "rest": _RATES}]],
+        examples=[[{"run": RUN_ID, "function": FUNCTION, "sensor": "default", "selected": _RATES, "beside": _RATES}]],
     )
 
     @computed_field(  # type: ignore[prop-decorator]

@@ -94,6 +94,17 @@ class SequenceRead(Read):
     step_s: float = Field(description="seconds from one to the next", examples=[0.5])
 
 
+class NeighbourRead(Read):
+    frame: str = Field(examples=[f"{RUN_ID}.6.0.0"])
+    value: Value = Field(examples=[5.0])
+
+
+class ParameterNeighboursRead(Read):
+    parameter: str = Field(description="its path, or camera", examples=["scene.person-1.pos.y"])
+    before: NeighbourRead | None = Field(description="null at an end of its values")
+    after: NeighbourRead | None
+
+
 class FrameDetail(FrameRead):
     run_id: str = Field(examples=[RUN_ID])
     width: int = Field(examples=[960])
@@ -115,3 +126,20 @@ class FrameDetail(FrameRead):
         description="frame before this one in the order of variants and cameras", examples=[f"{RUN_ID}.4.2.0"]
     )
     next: str | None = Field(description="frame after this one", examples=[f"{RUN_ID}.5.1.0"])
+    neighbours: list[ParameterNeighboursRead] = Field(
+        description="nearest frames that differ in one parameter of a grid only, or in the camera"
+    )
+
+
+class PixelRead(Read):
+    """A pixel as one sensor sees it."""
+
+    sensor: str = Field(examples=["default"])
+    label: str = Field(description="true class", examples=["person"])
+    instance_id: int | None = Field(description="null where the class has no instances", examples=[24001])
+    depth_m: float | None = Field(
+        description="metres along the optical axis; null where nothing is hit", examples=[18.4]
+    )
+    predictions: dict[str, str] = Field(
+        description="function to its class, or void; only finished ones", examples=[{FUNCTION: "rider"}]
+    )

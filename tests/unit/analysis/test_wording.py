@@ -45,11 +45,21 @@ def test_a_finding_within_places_says_effect_condition_interval_and_numbers() ->
 
 def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
     unequal = (Inequality("occlusion_rate", FAR, 0.03, 0.5), Inequality("distance_m", FAR, 17.5, 38.2))
-    assert finding_sentence(finding(-0.5, FAR, matching=Matching.MODEL, unequal=unequal)) == (
+    assert finding_sentence(
+        finding(-0.5, FAR, low=-0.7, high=-0.1, matching=Matching.MODEL, unequal=unequal, estimand=None)
+    ) == (
         "net: pACC is 50.0 points lower with person-1.pos.y 26 than with 5, between different places "
-        "(6 places, 36 pairs). The sides also differ in occlusion (50.0 % with person-1.pos.y 26, 3.0 % with 5) and "
+        "(joint 95 % interval −70.0 to −10.0, 6 places, 36 pairs). The sides also differ in occlusion (50.0 % with "
+        "person-1.pos.y 26, 3.0 % with 5) and "
         "distance (38.20 m with person-1.pos.y 26, 17.50 m with 5)."
     )
+
+
+def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -> None:
+    assert finding_sentence(finding(-0.2, SUN, places_for_size=1234)).endswith(
+        "(6 places, 36 pairs). They show that it is lower, not by how much; about 1,234 places would."
+    )
+    assert finding_sentence(finding(-0.2, SUN)).endswith("(6 places, 36 pairs).")
 
 
 def test_an_interaction_is_an_effect_that_differs() -> None:

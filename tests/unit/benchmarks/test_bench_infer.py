@@ -36,7 +36,10 @@ def test_eager_torch_gives_the_labels_of_the_reference(name: str, width: int) ->
 
 def test_the_large_networks_are_the_papers_two_at_their_strides() -> None:
     backbones = [ARCHITECTURES[name].backbone for name in LARGE]
-    assert [(one.depth, one.stem, one.output_stride) for one in backbones] == [(101, "deep", 8), (101, "deep", 32)]
+    assert [(backbone.depth, backbone.stem, backbone.output_stride) for backbone in backbones] == [
+        (101, "deep", 8),
+        (101, "deep", 32),
+    ]
 
 
 def test_the_table_names_strides_and_sizes_and_gives_speed_ups_of_the_large_networks() -> None:

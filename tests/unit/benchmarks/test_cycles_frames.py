@@ -17,21 +17,21 @@ def guided(height: int, width: int, seed: int) -> Guided:
 def test_a_longer_plan_begins_with_the_shorter_one() -> None:
     asset = simple_asset()
     few, more = (planned(asset, 96, 54, count) for count in (4, 7))
-    assert [one.rectangle for one in few] == [one.rectangle for one in more[:4]]
-    assert [one.index for one in more] == list(range(7))
+    assert [frame.rectangle for frame in few] == [frame.rectangle for frame in more[:4]]
+    assert [frame.index for frame in more] == list(range(7))
 
 
 def test_pedestrians_of_a_plan_stand_near_and_far_in_several_outfits() -> None:
     frames = planned(simple_asset(), 960, 540, 8)
-    distances = [one.distance_m for one in frames]
+    distances = [frame.distance_m for frame in frames]
     assert max(distances) > 3 * min(distances)
-    assert len({path for one in frames for path in one.scene.nodes if path.startswith("scene.person-1.")}) > 1
+    assert len({path for frame in frames for path in frame.scene.nodes if path.startswith("scene.person-1.")}) > 1
 
 
 def test_a_window_holds_its_rectangle_and_knows_where() -> None:
-    for one in planned(simple_asset(), 960, 540, 4):
+    for frame in planned(simple_asset(), 960, 540, 4):
         whole = np.arange(960 * 540).reshape(540, 960)
-        np.testing.assert_array_equal(whole[one.window.slices][one.core.slices], whole[one.rectangle.slices])
+        np.testing.assert_array_equal(whole[frame.window.slices][frame.core.slices], whole[frame.rectangle.slices])
 
 
 def test_a_window_is_put_into_a_copy_of_the_background_and_nothing_else_changes() -> None:

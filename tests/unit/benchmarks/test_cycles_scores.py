@@ -94,11 +94,11 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> Engine:
 def parts_in(folder: Path, *frames: Planned) -> Parts:
     """With the truth, which needs no Blender, already there."""
     parts = Parts(folder, {"revision": 1})
-    for one in frames:
+    for frame in frames:
         mask = np.zeros((VIEW.height, VIEW.width), bool)
         mask[BODY.slices] = True
-        if f"{one.index}/person" not in parts:
-            parts.add(f"{one.index}/person", {"mask": mask}, pixels=int(mask.sum()), distance_m=20.0)
+        if f"{frame.index}/person" not in parts:
+            parts.add(f"{frame.index}/person", {"mask": mask}, pixels=int(mask.sum()), distance_m=20.0)
     return parts
 
 

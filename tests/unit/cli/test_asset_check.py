@@ -101,7 +101,7 @@ def test_persons_that_the_manifest_names_and_the_file_lacks_are_said_in_those_wo
     written(tmp_path, scene)
     code, found = findings(tmp_path)
     assert code == 2
-    assert [(one["severity"], one["code"], one["where"]) for one in found] == [
+    assert [(doubt["severity"], doubt["code"], doubt["where"]) for doubt in found] == [
         ("error", "no-person", "scene.person-1"),
         ("error", "no-person", "scene.person-2"),
     ]
@@ -136,8 +136,8 @@ def test_a_camera_inside_a_wall_is_told_and_does_no_harm_to_others(tmp_path: Pat
     written(tmp_path, scene, cameras=["camera-1"], parameters=without_camera_parameters())
     code, found = findings(tmp_path)
     assert code == 0
-    inside = [one for one in found if one["code"] == "inside-solid"]
-    assert [(one["severity"], one["where"]) for one in inside] == [("warning", "scene.camera-1")]
+    inside = [doubt for doubt in found if doubt["code"] == "inside-solid"]
+    assert [(doubt["severity"], doubt["where"]) for doubt in inside] == [("warning", "scene.camera-1")]
     assert "scene.building-1" in inside[0]["message"]
 
 
@@ -192,7 +192,7 @@ def test_missing_textures_are_all_listed_and_refused(tmp_path: Path) -> None:
     (tmp_path / "tree.gltf").write_text(json.dumps(document))
     code, found = findings(tmp_path)
     assert code == 2
-    assert [(one["severity"], one["value"]) for one in found] == [
+    assert [(doubt["severity"], doubt["value"]) for doubt in found] == [
         ("error", "textures/bark.png"),
         ("error", "textures/leaves.png"),
     ]
@@ -207,8 +207,8 @@ def test_nodes_without_a_name_are_refused_with_the_name_that_they_go_by(tmp_path
 
     code, found = findings(edited(written(tmp_path, obstacles=[]), unname))
     assert code == 2
-    assert any(one["severity"] == "note" and "without a name" in one["message"] for one in found)
-    (nameless,) = [one for one in found if one["code"] == "no-class"]
+    assert any(doubt["severity"] == "note" and "without a name" in doubt["message"] for doubt in found)
+    (nameless,) = [doubt for doubt in found if doubt["code"] == "no-class"]
     assert nameless["severity"] == "error"
     assert nameless["where"].startswith("scene.node_")
 

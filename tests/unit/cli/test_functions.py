@@ -98,7 +98,7 @@ def test_a_registered_function_is_listed_shown_exported_and_removed(  # type: ig
 ) -> None:
     imported = json.loads(valerie("function", "import", onnx, "--document", side, "--json"))
     listed = json.loads(valerie("function", "list", "--json"))
-    assert [one["reference"] for one in listed if one["version"]] == [imported["reference"]]
+    assert [function["reference"] for function in listed if function["version"]] == [imported["reference"]]
     assert imported["digest"] in valerie("function", "show", "small")
     valerie("function", "export", "small", tmp_path / "out")
     assert (tmp_path / "out" / "small.onnx").read_bytes() == onnx.read_bytes()

@@ -84,7 +84,7 @@ def test_requirements_decide_and_are_written_for_people_ci_and_tables(
     for path in (parquet, document):
         gated(deployed, deployed[1], "-o", str(path), code=Exit.GATE_FAILED)
     assert pq.read_table(parquet)["rows"].to_pylist() == [int(row["rows"]) for row in rows]
-    assert [one["rows"] for one in json.loads(document.read_text())] == [int(row["rows"]) for row in rows]
+    assert [load["rows"] for load in json.loads(document.read_text())] == [int(row["rows"]) for row in rows]
 
 
 def test_a_function_worse_than_its_baseline_shuts_the_gate(deployed: tuple[Path, str, str, str]) -> None:
@@ -114,7 +114,7 @@ def test_a_run_on_the_same_frames_is_a_baseline(deployed: tuple[Path, str, str, 
 def test_frames_that_failed_count_at_their_worst(deployed: tuple[Path, str, str, str]) -> None:
     failed = deployed[3]
     document = json.loads(gated(deployed, failed, "--json", code=Exit.GATE_FAILED))
-    verdicts = {(one["id"], one["function"]): one for one in document["verdicts"]}
+    verdicts = {(verdict["id"], verdict["function"]): verdict for verdict in document["verdicts"]}
     near, far = verdicts["NEAR", BETTER], verdicts["FAR", BETTER]
     # Three variants without truth: one person each that may be near, and none far, since the spec places it.
     assert (near["lost"], far["lost"]) == (3, 0)

@@ -61,6 +61,6 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["versions"][0] == "semantic-fpn-small"
     listed = json.loads(CliRunner().invoke(app, ["function", "list", "--json", *place], catch_exceptions=False).stdout)
-    (new,) = [one for one in listed if one["name"] == "semantic-fpn-small-retrained"]
+    (new,) = [function for function in listed if function["name"] == "semantic-fpn-small-retrained"]
     assert json.loads(result.stdout)["versions"][1].startswith(f"semantic-fpn-small-retrained@{new['digest'][:12]}")
     assert f"functions: [semantic-fpn-small, semantic-fpn-small-retrained@{new['digest'][:12]}]" in result.stderr

@@ -43,14 +43,14 @@ def test_pycocotools_reads_instances_visible_and_amodal(tmp_path: Path, capsys: 
     capsys.readouterr()
     assert {read.cats[i]["name"] for i in read.getCatIds()} >= {"person", "car"}
     persons = read.loadAnns(read.getAnnIds(catIds=[24]))
-    assert [one["instance_id"] for one in persons] == [24_001, 24_002]
-    for one in persons:
-        visible = frame.instance_map == one["instance_id"]
-        np.testing.assert_array_equal(read.annToMask(one).astype(bool), visible)
-        assert one["area"] == masks.area(one["segmentation"]) == visible.sum() == one["i_area"]
-        assert list(masks.toBbox(one["segmentation"])) == one["bbox"]
-        np.testing.assert_array_equal(masks.decode(one["a_segm"]).astype(bool), frame.amodal[one["instance_id"]])
-        assert list(masks.toBbox(one["a_segm"])) == one["a_bbox"]
+    assert [person["instance_id"] for person in persons] == [24_001, 24_002]
+    for person in persons:
+        visible = frame.instance_map == person["instance_id"]
+        np.testing.assert_array_equal(read.annToMask(person).astype(bool), visible)
+        assert person["area"] == masks.area(person["segmentation"]) == visible.sum() == person["i_area"]
+        assert list(masks.toBbox(person["segmentation"])) == person["bbox"]
+        np.testing.assert_array_equal(masks.decode(person["a_segm"]).astype(bool), frame.amodal[person["instance_id"]])
+        assert list(masks.toBbox(person["a_segm"])) == person["a_bbox"]
     assert persons[1]["a_area"] > persons[1]["i_area"]
     assert persons[1]["occlusion_rate"] == 0.25
     (car,) = read.loadAnns(read.getAnnIds(catIds=[26]))

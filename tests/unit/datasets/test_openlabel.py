@@ -77,6 +77,8 @@ def test_a_point_of_the_world_is_projected_to_the_pixel_of_the_scene() -> None:
     focal = 50.0 / 36.0 * 40
     expected = (40 / 2 - focal * local[0] / local[2] - 0.5, 24 / 2 + focal * local[1] / local[2] - 0.5)
     pose = np.reshape(content["coordinate_systems"]["camera"]["pose_wrt_parent"]["matrix4x4"], (4, 4))
-    (matrix,) = (one["stream_properties"]["intrinsics_pinhole"]["camera_matrix"] for one in content["streams"].values())
+    (matrix,) = (
+        value["stream_properties"]["intrinsics_pinhole"]["camera_matrix"] for value in content["streams"].values()
+    )
     x, y, w = np.reshape(matrix, (3, 4)) @ np.linalg.inv(pose) @ [point[1], -point[0], point[2], 1.0]
     assert (x / w, y / w) == pytest.approx(expected, abs=1e-6)

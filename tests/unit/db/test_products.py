@@ -355,8 +355,13 @@ class TestRecordedCosts:
             for number, seconds in enumerate([20.0, 1.0, 3.0]):
                 row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number), "pixels": 100}
                 insert_ignoring(connection, Product, [row | {"cpu_seconds": seconds, "bytes": 10}])
-            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection)] == [(3, 2.0)]
-            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection, sample=1)] == [(1, 3.0)]
+            assert [
+                (recorded_cost.count, recorded_cost.cpu_seconds) for recorded_cost in totals.recorded_costs(connection)
+            ] == [(3, 2.0)]
+            assert [
+                (recorded_cost.count, recorded_cost.cpu_seconds)
+                for recorded_cost in totals.recorded_costs(connection, sample=1)
+            ] == [(1, 3.0)]
 
     def test_they_are_means_over_the_newest_of_each_kind(self, engine: Engine) -> None:
         with writing(engine) as connection:

@@ -6,7 +6,8 @@ import pytest
 from rich.console import Console
 
 from valerie.client import Progress, StageProgress, VariantProgress
-from valerie.local.display import STAGES, JsonDisplay, LineDisplay, duration, progress_line, progress_table
+from valerie.local.display import STAGES, JsonDisplay, LineDisplay, progress_line, progress_table
+from valerie.runs.moments import duration
 
 
 def _progress(done: int = 30, *, state: str = "running", failed: int = 0, reason: str | None = None) -> Progress:

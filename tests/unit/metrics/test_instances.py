@@ -56,8 +56,8 @@ def test_persons_add_up_to_the_frames_confusion_matrix(instances: np.ndarray, pr
     class_map = (instances // 1000).astype(np.uint8)
     matrix = confusion_matrix(to_train_ids(class_map), predicted)
     counts = person_counts(Truth(instances, []), predicted)
-    assert sum(one.tp for one in counts) == matrix[11, 11]
-    assert sum(one.fn for one in counts) == matrix[11].sum() - matrix[11, 11]
+    assert sum(count.tp for count in counts) == matrix[11, 11]
+    assert sum(count.fn for count in counts) == matrix[11].sum() - matrix[11, 11]
 
 
 def test_maps_of_different_shape_are_refused() -> None:

@@ -187,6 +187,26 @@ def test_a_space_beyond_what_len_can_hold_is_still_exact() -> None:
     assert space[space.size - 1].values == {X: 100.0, Y: 100.0}
 
 
+@given(st.lists(AXES, min_size=1, max_size=2), st.data())
+def test_lines_are_the_variants_that_differ_in_one_parameter_only(blocks: list[list[int]], data: st.DataObject) -> None:
+    names = ("x", "y", "heading")
+    given_blocks = [
+        block(**{name: steps(0, count - 1, 1) for name, count in zip(names, counts, strict=False)}) for counts in blocks
+    ]
+    space = ParameterSpace(DEFINITIONS, given_blocks)
+    index = data.draw(st.integers(0, len(space) - 1))
+    here = space[index]
+    for path, line in space.lines(index).items():
+        others = {name: value for name, value in here.values.items() if name != path}
+        expected = [
+            one.index
+            for one in space
+            if one.block == here.block and others == {k: v for k, v in one.values.items() if k != path}
+        ]
+        assert list(line) == expected
+    assert space.lines(index).keys() == here.values.keys()
+
+
 @pytest.mark.parametrize("index", [-11, 10, 10**12])
 def test_an_index_outside_is_an_index_error(index: int) -> None:
     space = ParameterSpace(DEFINITIONS, [block(x=steps(0, 9, 1))])

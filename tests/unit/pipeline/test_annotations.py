@@ -67,7 +67,7 @@ def test_another_sun_keeps_them(pipeline: Pipeline) -> None:
 def test_they_are_replayed_byte_for_byte(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.run(run)
-    replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
+    replayed = {product.kind: product.verdict for product in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
     assert replayed["normals"] == replayed["boxes"] == "equal"
     assert set(replayed.values()) == {"equal"}
 
@@ -114,8 +114,8 @@ def test_an_export_takes_their_arrays_along(pipeline: Pipeline, tmp_path: Path) 
     rows = pq.read_table(tmp_path / "set/index.parquet").to_pylist()
     assert {row["irradiance"] for row in rows if row["pixel_area"]} == {0.5}
     document = json.loads((tmp_path / "set/coco/instances_val.json").read_text())
-    assert not any("keypoints" in one for one in document["annotations"])  # nobody has a skeleton
-    assert not any("keypoints" in one for one in document["categories"])
+    assert not any("keypoints" in annotation for annotation in document["annotations"])  # nobody has a skeleton
+    assert not any("keypoints" in category for category in document["categories"])
 
 
 def test_an_export_takes_only_the_annotations_that_are_named(pipeline: Pipeline, tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_joints_become_key_points_with_cocos_flags() -> None:
     assert person["keypoints"][9:12] == pytest.approx([12.345, 6.0, 2], abs=0.0051)
     assert person["num_keypoints"] == 3
     document = coco.assemble([], [person], "one", key_points=JOINTS, limbs=LIMBS)
-    category, other = [one for one in document["categories"] if "keypoints" in one]
+    category, other = [category for category in document["categories"] if "keypoints" in category]
     assert {category["name"], other["name"]} == {"person", "rider"}
     assert len(category["keypoints"]) == len(other["keypoints"]) == count
     assert min(min(limb) for limb in category["skeleton"]) >= 1
@@ -239,7 +239,7 @@ class TestLight:
     def test_it_is_replayed_and_freed_like_the_rest(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(self.LIT)
         pipeline.run(run)
-        replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
+        replayed = {product.kind: product.verdict for product in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
         assert replayed["light"] == "equal"
         everything = len(pipeline.products())
         lifecycle.delete(pipeline.context, run)

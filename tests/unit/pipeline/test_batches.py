@@ -89,7 +89,13 @@ def test_a_picture_that_fails_harms_no_other(opened) -> None:  # type: ignore[no
     for number, function in enumerate((Batches(refuse), Alone(refuse))):
         pipeline, run_id = opened(function, str(number))
         assert pipeline.run(run_id) == "completed-with-failures"
-        failed.append({one.digest for one in pipeline.products() if one.kind == "prediction" and one.state == "failed"})
+        failed.append(
+            {
+                product.digest
+                for product in pipeline.products()
+                if product.kind == "prediction" and product.state == "failed"
+            }
+        )
     # Some frames of this scene look alike, and fail alike.
     assert 0 < len(failed[0]) < 8
     assert failed[0] == failed[1]

@@ -53,7 +53,7 @@ def test_nothing_but_evaluations_is_made_anew(pipeline: Pipeline) -> None:
     second = pipeline.submit(EMPTY)
     planned = plan_run(pipeline.context, parse(EMPTY))
     assert planned.inferences == BACKGROUNDS
-    assert [(one.needed, one.present) for one in planned.products if one.empty] == [(BACKGROUNDS, 0)]
+    assert [(product.needed, product.present) for product in planned.products if product.empty] == [(BACKGROUNDS, 0)]
     assert pipeline.run(second) == "completed"
     assert pipeline.made() == {"prediction": BACKGROUNDS, "evaluation": FRAMES}
     without, beside = (read_table(pipeline.context.engine, read_run(pipeline.context, run)) for run in (first, second))
@@ -73,7 +73,7 @@ def test_a_lost_one_is_made_again_and_what_is_linked_is_kept(pipeline: Pipeline)
     run = pipeline.submit(EMPTY)
     assert pipeline.run(run) == "completed"
     assert pipeline.made()["prediction"] == FRAMES + BACKGROUNDS + 1
-    assert {one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 0))} == {"equal"}
+    assert {product.verdict for product in replay_frame(pipeline.context, FrameKey(run, 0, 0))} == {"equal"}
     gc.collect(pipeline.context)
     assert pipeline.context.store.exists(product_key("prediction", lost[0]))
     lifecycle.delete(pipeline.context, run)

@@ -87,7 +87,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         assert row.progress.stages[Stage.INFER].failed == 1
         assert row.progress.stages[Stage.INFER].done == 7
         summary = orjson.loads(pipeline.context.store.get(run_key(run_id, "summary.json")))
-        counted = {one["function"]: one["frames"] for one in summary["summary"]["rows"]}
+        counted = {row["function"]: row["frames"] for row in summary["summary"]["rows"]}
         assert counted["remote"] == counted["blank"] - 1 == 3
         report = pipeline.context.store.get(run_key(run_id, "report.html")).decode()
         assert "no answer within 2 s" in report
@@ -115,7 +115,7 @@ def test_the_last_networks_stay_open_and_all_are_forgotten_before_there_are_too_
     opened: list[weakref.ref[Noted]] = []
 
     def open_one(_: FunctionLoader, name: str, pin: Mapping[str, Any]) -> Noted:
-        assert sum(one() is not None for one in opened) < 4, "closed ones still take memory"
+        assert sum(call() is not None for call in opened) < 4, "closed ones still take memory"
         function = Noted(name, book)
         opened.append(weakref.ref(function))
         return function
@@ -181,8 +181,8 @@ def test_a_process_that_ends_over_one_picture_keeps_the_reason_and_costs_its_nei
         except Ended:
             ends += 1
     assert ends == 2, "as many as there are attempts"
-    products = {one.digest: one for one in pipeline.products() if one.kind == "prediction"}
+    products = {product.digest: product for product in pipeline.products() if product.kind == "prediction"}
     failed = products.pop(ending.victim)
     assert (failed.state, failed.error.attempts) == ("failed", 2)
     assert failed.error.message == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
-    assert {(one.state, one.attempts) for one in products.values()} == {("done", 1)}
+    assert {(value.state, value.attempts) for value in products.values()} == {("done", 1)}

@@ -82,7 +82,7 @@ class TestAnUndisturbedRun:
     def test_a_replayed_frame_is_equal_byte_for_byte(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         pipeline.run(run)
-        assert [one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))] == ["equal"] * 5
+        assert [product.verdict for product in replay_frame(pipeline.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_a_truth_that_was_stored_whole_is_read_and_replayed(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(spec(xs=2, ys=1))

@@ -65,7 +65,7 @@ def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipe
     pipeline, run = finished
     with reading(pipeline.context.engine) as connection:
         evaluations = results.frame_evaluations(connection, FrameKey(run, 0, 0))
-    perfect, narrowed, blank = (one.score.figures for one in evaluations)
+    perfect, narrowed, blank = (evaluation.score.figures for evaluation in evaluations)
     figures = ("pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc")
     assert {name: perfect[name] for name in figures} == dict.fromkeys(figures, 1.0)
     assert {name: narrowed[name] for name in figures} == dict.fromkeys(figures, 1.0)

@@ -10,16 +10,19 @@ from hypothesis import strategies as st
 from tests.sampling import enough_to_show
 from tests.unit.rendering.scene_rays import assert_agrees, near_edges, trace, triangles_of
 from valerie.errors import InvalidInput, UnknownName
+from valerie.labels import label_of_node_class
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.graph.model import Scene
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.graph.model import Node, Scene
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
-from valerie.testing.assets import simple_asset
+from valerie.testing.assets import box_mesh, simple_asset
 
 pytestmark = pytest.mark.gl
 
 VIEW = View("camera-1", 320, 180)
+BUILDING = label_of_node_class("building").id
 
 
 def assert_agrees_with_rays(truth_pass: TruthPass, scene: Scene, view: View) -> None:
@@ -175,3 +178,19 @@ def test_the_layer_holds_the_changed_pixels_alone_and_the_statics_nothing_that_m
     assert (box.x, box.y) == (columns.min(), rows.min())
     assert (box.x + box.width, box.y + box.height) == (columns.max() + 1, rows.max() + 1)
     np.testing.assert_array_equal(layer.changed, differs[box.slices])
+
+
+@pytest.mark.parametrize(("distance", "drawn"), [(598.0, True), (602.0, False)])
+def test_surfaces_beyond_600_m_are_sky(
+    truth_pass: TruthPass, raster: RasterRenderer, distance: float, drawn: bool
+) -> None:
+    scene = apply({"scene.person-1.character": "absent"}, simple_asset())
+    camera = replace(scene.cameras["camera-1"], transform=camera_transform((0.0, 0.0, 60.0), 0.0, 0.0, 0.0))
+    wall = box_mesh((-40.0, distance, 40.0), (40.0, distance + 1.0, 80.0), "plaster")
+    nodes = {**scene.nodes, "scene.building-9": Node("scene.building-9", np.eye(4), (wall,), label_id=BUILDING)}
+    open_, walled = (replace(scene, nodes=shown, cameras={"camera-1": camera}) for shown in (scene.nodes, nodes))
+    truth, middle = truth_pass.truth(walled, VIEW), (VIEW.height // 2, VIEW.width // 2)
+    assert (truth.class_map[middle] == BUILDING) is np.bool_(drawn)
+    assert np.isfinite(truth.depth[middle]) == drawn
+    pictures = [raster.full(seen, VIEW).pixels[middle] for seen in (open_, walled)]
+    assert (pictures[0] != pictures[1]).any() == drawn

@@ -99,8 +99,8 @@ def cast(moments: Callable[[float], Scene], line_time_s: float) -> Lines:
 
 @pytest.mark.parametrize(
     ("drives", "turns", "line_time_s"),
-    [(0.0, 0.0, 1e-3), (8.0, 0.0, 1e-3), (0.0, 30.0, 1e-3), (8.0, 20.0, 1.5e-4)],
-    ids=["stands", "drives", "turns", "drives and turns fast"],
+    [(0.0, 0.0, 1e-3), (8.0, 0.0, 1e-3), (0.0, 30.0, 1e-3), (8.0, 20.0, 1.5e-4), (8.0, -30.0, 1e-3)],
+    ids=["stands", "drives", "turns", "drives and turns, fast", "drives and turns, slow"],
 )
 def test_labels_are_those_of_rays_cast_line_by_line(
     truth_pass: TruthPass, drives: float, turns: float, line_time_s: float
@@ -117,6 +117,10 @@ def test_labels_are_those_of_rays_cast_line_by_line(
         assert (lines.classes[lines.sure] == label).sum() >= enough_to_show(0.03)
     np.testing.assert_array_equal(truth.class_map[lines.sure], lines.classes[lines.sure])
     np.testing.assert_array_equal(truth.instance_map[lines.sure], lines.instances[lines.sure])
+    for label in (PERSON.id, CAR, POLE):
+        scanned_pixels, cast_pixels = truth.class_map == label, lines.classes == label
+        # A requirement: 98 % over all pixels, those beside edges too.
+        assert (scanned_pixels & cast_pixels).sum() >= 0.98 * (scanned_pixels | cast_pixels).sum()
     (person,) = truth.persons
     assert not (person.amodal < (truth.instance_map == person.instance_id)).any()
 

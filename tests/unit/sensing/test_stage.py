@@ -25,6 +25,7 @@ STRONG: dict[str, dict[str, Any]] = {
     "defocus": {"lens": {"f_number": 0.7, "focus_distance_m": 1}},
     "vignetting": {"lens": {"vignetting": 2}},
     "glare": {"lens": {"glare": 0.05}},
+    "flare": {"lens": {"flare": 0.05}},
     "chromatic aberration": {"lens": {"chromatic_aberration": 0.01}},
     "distortion": {"distortion": {"k1": -0.3, "p1": 0.01}},
     "dirt": {"soiling": {"dirt": 0.2}},
@@ -121,7 +122,7 @@ def test_not_a_number_and_infinity_pass_through_all_effects(shot: Shot) -> None:
     linear = np.full((54, 96, 3), 0.5, np.float16)
     linear[10, 10], linear[20, 20], linear[30, 30] = np.nan, np.inf, -1.0
     everything: dict[str, Any] = {
-        "lens": {"f_number": 2, "vignetting": 1, "glare": 0.02, "chromatic_aberration": 0.01},
+        "lens": {"f_number": 2, "vignetting": 1, "glare": 0.02, "flare": 0.01, "chromatic_aberration": 0.01},
         "distortion": {"k1": -0.1},
         "soiling": {"dirt": 0.1, "drops": 0.1},
         "noise": {"shot": True, "read_electrons": 3, "adc_bits": 10},

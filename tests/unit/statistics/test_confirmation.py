@@ -87,7 +87,20 @@ def test_a_confirmed_interval_never_holds_zero() -> None:
     rng = np.random.default_rng(6)
     for seed in range(60):
         for item in find(_run(rng, effect=0.08), seed=seed).items:
-            assert not (item.confirmed and item.low <= 0 <= item.high)
+            assert not (item.confirmed and item.places_for_size is None and item.low <= 0 <= item.high)
+
+
+def test_few_places_confirm_a_difference_but_not_its_size() -> None:
+    rng = np.random.default_rng(11)
+    (finding, *_) = find(_run(rng, places=12, effect=0.2, spread=0.02), seed=1).items
+    assert finding.confirmed
+    assert finding.contrast is not None
+    assert (finding.low, finding.high) == (-np.inf, np.inf)
+    assert finding.places_for_size is not None
+    assert finding.places_for_size > finding.contrast.places
+    (larger, *_) = find(_run(rng, places=2 * finding.places_for_size, effect=0.2, spread=0.02), seed=1).items
+    assert larger.places_for_size is None
+    assert larger.low < -0.2 < larger.high < 0
 
 
 def test_halves_take_one_of_each_two_neighbours() -> None:
@@ -145,14 +158,18 @@ def test_fresh_places_follow_from_how_much_places_differ() -> None:
 
 
 def test_all_places_at_once_name_what_halves_of_few_places_cannot_see() -> None:
-    observations = _run(np.random.default_rng(6), places=8, effect=0.2)
+    observations = _run(np.random.default_rng(6), places=20, effect=0.4)
     (finding, *_) = named(observations)
     looked_at = contrasts(observations, interactions=False)
-    (contrast,) = [one for one in looked_at if one.changes == (Change("sun", 0, 1),)]
+    (contrast,) = [candidate for candidate in looked_at if candidate.changes == (Change("sun", 0, 1),)]
     assert finding.contrast == contrast
     assert (finding.low, finding.high) == contrast.interval(1 - 0.05 / len(looked_at))
-    assert finding.adjusted_p == holm([one.p_value for one in looked_at])[looked_at.index(contrast)] <= 0.05
+    assert finding.adjusted_p == holm([candidate.p_value for candidate in looked_at])[looked_at.index(contrast)] <= 0.05
     assert not finding.confirmed
+    (few, *_) = named(_run(np.random.default_rng(6), places=8, effect=0.2))
+    assert (few.low, few.high) == (-np.inf, np.inf)
+    assert few.places_for_size is not None
+    assert few.places_for_size > 8
 
 
 def test_few_runs_without_effect_are_named() -> None:

@@ -32,7 +32,9 @@ def test_a_main_effect_is_the_paired_t_test_of_the_places_means() -> None:
     assert contrast.matching is Matching.BLOCKS
     assert (contrast.places, contrast.pairs, contrast.degrees) == (9, 18, 8)
     assert contrast.p_value == pytest.approx(oracle.pvalue, rel=1e-9)
-    assert contrast.interval(0.9) == pytest.approx(tuple(oracle.confidence_interval(0.9)), rel=1e-9)
+    low, high = contrast.interval(0.9)
+    assert low < oracle.confidence_interval(0.9).low < oracle.confidence_interval(0.9).high < high
+    assert contrast.reversed.interval(0.9) == pytest.approx((-high, -low))
 
 
 def test_with_rows_missing_a_difference_is_taken_only_where_both_sides_of_a_block_are_there() -> None:
@@ -43,8 +45,8 @@ def test_with_rows_missing_a_difference_is_taken_only_where_both_sides_of_a_bloc
     observations = observe(values, place, {"sun": sun, "camera": camera})
     contrast = _only(observations, Change("sun", 0, 1))
     table, means, pairs = values.reshape(8, 2, 3), [], 0
-    for one in table:
-        differences = [one[1, k] - one[0, k] for k in range(3) if np.isfinite(one[:, k]).all()]
+    for row in table:
+        differences = [row[1, k] - row[0, k] for k in range(3) if np.isfinite(row[:, k]).all()]
         pairs += len(differences)
         means += [np.mean(differences)] if differences else []
     assert observations.undefined == np.count_nonzero(np.isnan(values))
@@ -113,7 +115,7 @@ def test_two_functions_are_compared_on_the_same_frames() -> None:
     values = (frame + rng.normal(0, 0.001, frame.shape)).ravel()
     contrast = _only(observe(values, place, {"camera": camera, "function": function}), Change("function", 0, 1))
     assert contrast.estimate == pytest.approx(0.02, abs=0.001)
-    assert contrast.interval()[0] > 0.018
+    assert contrast.p_value < 1e-9
 
 
 def test_every_two_levels_and_every_two_factors_are_compared() -> None:
@@ -142,6 +144,42 @@ def test_places_that_all_agree_have_the_p_value_of_exchanging_levels() -> None:
     assert contrast.p_value == pytest.approx(2 * 0.5**6)
     nothing = _only(observe(np.ones(12), place, {"sun": sun}), Change("sun", 0, 1))
     assert (nothing.estimate, nothing.p_value) == (0.0, 1.0)
+
+
+def test_an_interval_allows_for_the_places_that_fail_where_none_of_those_seen_does() -> None:
+    place, sun = _grid(12, 2)
+    contrast = _only(observe(np.full(24, 0.9), place, {"sun": sun}), Change("sun", 0, 1))
+    low, high = contrast.interval()
+    # With this share of failing places, 12 seen ones hold none in one run of 40; such a place loses or gains 0.9.
+    share = 1 - 0.025 ** (1 / 12)
+    assert (low, high) == pytest.approx((-0.9 * share, 0.9 * share), rel=1e-6)
+    many = _only(observe(np.full(2400, 0.9), np.arange(2400) // 2, {"sun": np.arange(2400) % 2}), Change("sun", 0, 1))
+    assert many.interval()[1] < 0.003
+
+
+def test_between_places_of_passes_and_failures_each_side_has_its_clopper_pearson_bound() -> None:
+    level = np.repeat([0, 1], [20, 30])
+    values = np.concatenate([np.arange(20) < 12, np.arange(30) < 6]).astype(float)
+    contrast = _only(observe(values, np.arange(50), {"y": level}), Change("y", 0, 1))
+    before, after = (stats.binomtest(k, n).proportion_ci() for k, n in ((12, 20), (6, 30)))
+    down = np.hypot(0.2 - after.low, before.high - 0.6)
+    up = np.hypot(after.high - 0.2, 0.6 - before.low)
+    assert contrast.interval() == pytest.approx((-0.4 - down, -0.4 + up))
+    low, high = contrast.interval()
+    assert contrast.reversed.interval() == pytest.approx((-high, -low))
+
+
+def test_with_as_many_places_as_said_the_interval_excludes_0() -> None:
+    place, sun = _grid(8, 2)
+    values = 0.5 + 0.1 * np.cos(place) - 0.1 * sun * (1 + np.sin(place))
+    contrast = _only(observe(values, place, {"sun": sun}), Change("sun", 0, 1))
+    needed = contrast.places_for_interval(0.95)
+    assert needed is not None
+    assert needed > 8
+    times = -(-needed // 8)
+    rows = [np.concatenate([one + 8 * k if one is place else one for k in range(times)]) for one in (place, sun)]
+    repeated = _only(observe(np.tile(values, times), rows[0], {"sun": rows[1]}), Change("sun", 0, 1))
+    assert contrast.interval()[1] > 0 > repeated.interval()[1]
 
 
 def test_one_place_a_side_tells_nothing() -> None:

@@ -12,7 +12,10 @@ def grid(*levels):
 
 
 def shares(scores, factors):
-    return {one.factor: one for one in variance_shares(observe(scores, np.arange(len(scores)), factors))}
+    return {
+        variance_share.factor: variance_share
+        for variance_share in variance_shares(observe(scores, np.arange(len(scores)), factors))
+    }
 
 
 def test_shares_on_a_grid_are_those_of_the_analysis_of_variance():
@@ -50,14 +53,14 @@ def test_of_columns_that_go_together_the_one_that_acts_is_named(hump):
     columns = {"a": decoys[:, 0], "b": decoys[:, 1], "contrast": contrast, "c": decoys[:, 2], "constant": np.ones(200)}
 
     results = measured_importance(scores, np.arange(200) // 2, columns)
-    assert [one.column for one in results if one.named] == ["contrast"]
-    assert {one.column for one in results} == {"a", "b", "c", "contrast"}
+    assert [result.column for result in results if result.named] == ["contrast"]
+    assert {result.column for result in results} == {"a", "b", "c", "contrast"}
 
 
 def test_columns_that_say_the_same_hide_each_other():
     x = np.random.default_rng(4).standard_normal(200)
     results = measured_importance(x, np.arange(200), {"metres": x, "feet": 3.28 * x})
-    assert not any(one.named for one in results)
+    assert not any(result.named for result in results)
 
 
 def test_few_places_are_not_tested():

@@ -39,8 +39,8 @@ def test_boxes_come_back_as_they_were() -> None:
     boxes = some_boxes()
     back = decode_boxes(encode_annotation(AnnotationKind.BOXES, boxes))
     assert len(back.instances) == 2
-    for one in fields(boxes):
-        assert getattr(back, one.name).tobytes() == getattr(boxes, one.name).tobytes()
+    for field in fields(boxes):
+        assert getattr(back, field.name).tobytes() == getattr(boxes, field.name).tobytes()
 
 
 def test_joints_come_back_as_they_were() -> None:
@@ -49,12 +49,12 @@ def test_joints_come_back_as_they_were() -> None:
     joints = measure_joints(simple_asset().base, view, truth)
     back = decode_joints(encode_annotation(AnnotationKind.JOINTS, joints))
     assert len(back.instances) == 1
-    for one in fields(joints):
-        assert getattr(back, one.name).tobytes() == getattr(joints, one.name).tobytes()
+    for field in fields(joints):
+        assert getattr(back, field.name).tobytes() == getattr(joints, field.name).tobytes()
 
 
 def test_boxes_of_different_lengths_are_refused() -> None:
-    arrays = {one.name: getattr(some_boxes(), one.name) for one in fields(Boxes)}
+    arrays = {field.name: getattr(some_boxes(), field.name) for field in fields(Boxes)}
     arrays["sizes"] = arrays["sizes"][:1]
     with pytest.raises(CorruptArtifact, match="sizes is not"):
         decode_boxes(envelope.pack("boxes", arrays, {}), key="products/boxes/x")

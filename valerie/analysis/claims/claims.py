@@ -483,7 +483,7 @@ def _contrast(
         return None, observations
     contrast = changes[0]
     if before > after:
-        contrast = replace(contrast, changes=(Change(test.factor, before, after),), estimate=-contrast.estimate)
+        contrast = contrast.reversed
     return contrast, observations
 
 

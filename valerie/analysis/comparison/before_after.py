@@ -55,7 +55,7 @@ class GroupDifference:
 
     Attributes:
         mean: mean over places of the mean difference of their persons.
-        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than two places.
+        low, high: its 95 % interval by place, not adjusted for other groups; None with fewer than six places.
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
@@ -250,8 +250,8 @@ def differences_of(
     return {
         fell.name: GroupDifference(
             mean=fell.difference if fell.pairs else 0.0,
-            low=fell.low if fell.places > 1 else None,
-            high=fell.high if fell.places > 1 else None,
+            low=fell.low,
+            high=fell.high,
             places=fell.places,
             lost=fell.lost,
             gained=fell.gained,

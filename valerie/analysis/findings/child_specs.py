@@ -182,5 +182,11 @@ def similar_spec(
 
 
 def _child(spec: RunSpec, table: EvaluationTable, block: BlockDocument) -> RunSpec:
-    parent = table.codes("run_id").names[0]
-    return spec.model_copy(update={"blocks": (block,), "parent_run": parent, "iteration": spec.iteration + 1})
+    """Return the spec with a single block, whose constants are the run's, as a form shows them."""
+    update = {
+        "blocks": (block.model_copy(update={"constants": {}}),),
+        "constants": {**spec.constants, **block.constants},
+        "parent_run": table.codes("run_id").names[0],
+        "iteration": spec.iteration + 1,
+    }
+    return spec.model_copy(update=update)

@@ -70,7 +70,8 @@ class Finding:
         confirmed: whether places that had no part in the search confirm it.
         effect: mean pACC after − before, −1…1, on the confirming places; on the searched places for a candidate that the
             others cannot show.
-        low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown.
+        low, high: interval of the effect, jointly valid for all confirmed findings; None if it is unknown, as where few places
+            show the effect but not its size.
         places, pairs: numbers of places and of pairs of rows behind the effect.
         places_needed: fresh places that would confirm an effect half as large as the search saw; None: no affordable
             number suffices.
@@ -79,6 +80,8 @@ class Finding:
         picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty if the spec of the run is unknown.
         estimand: what the effect and its interval are over; None in documents of older releases.
+        places_for_size: places that would show the size of an effect without interval; None: these do, the effect is not
+            shown either, or no affordable number suffices.
     """
 
     sentence: str
@@ -97,6 +100,7 @@ class Finding:
     picture_fault: PictureFault | None = None
     spec: str = ""
     estimand: Estimand | None = None
+    places_for_size: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

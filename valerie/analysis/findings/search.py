@@ -76,7 +76,7 @@ def find_findings(
         spec: of the run; if present, each finding proposes a run that examines it.
     """
     families = list(_families(table, precisions or {}))
-    clearest: dict[tuple[str, tuple[str | Change, ...]], Finding] = {}
+    clearest: dict[tuple[str, tuple[str | Change, ...]], tuple[bool, Finding]] = {}
     comparisons = searched = confirming = 0
     positions = _positions(table)
     without_places: set[str] = set()
@@ -97,10 +97,11 @@ def find_findings(
             steps = item.candidate.changes
             key = family.function, steps if family.only else tuple(change.factor for change in steps)
             if key not in clearest:
-                clearest[key] = _finding(table, family, item, spec)
-    findings = sorted(
-        clearest.values(), key=lambda one: (not _clear(one), one.matching is Matching.MODEL, len(one.steps))
+                clearest[key] = item.adjusted_p <= 1 - level, _finding(table, family, item, spec)
+    ordered = sorted(
+        clearest.values(), key=lambda one: (not one[0], one[1].matching is Matching.MODEL, len(one[1].steps))
     )
+    findings = [finding for _, finding in ordered]
     between = {finding.function for finding in findings if finding.matching is Matching.MODEL}
     notes = [alike_sentence(function) for function in sorted(without_places & between)]
     notes += _false_positives(table)
@@ -128,11 +129,6 @@ def _worth_a_run(item: Confirmation, places: int) -> bool:
     """Return True if a fresh run can settle a candidate and the other places do not already show the opposite."""
     contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
     return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
-
-
-def _clear(finding: Finding) -> bool:
-    """Return True if the interval excludes 0."""
-    return finding.low is not None and finding.high is not None and finding.low * finding.high > 0
 
 
 def incomparable(table: EvaluationTable, precisions: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
@@ -203,6 +199,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Confirmation, spec: 
         ),
         picture_fault=_picture_fault(table, family, contrast),
         spec="" if spec is None else child_spec(table, spec, factors, contrast.changes, item.places_needed),
+        places_for_size=item.places_for_size,
     )
     return replace(finding, sentence=finding_sentence(finding))
 

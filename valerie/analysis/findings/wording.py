@@ -40,7 +40,15 @@ def finding_sentence(finding: Finding) -> str:
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
         counted.insert(0, f"joint 95 % interval {low} to {high}{for_whom(finding.estimand)}")
     fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
-    return f"{fault}{text} ({', '.join(counted)}).{unequal_sentence(finding.unequal)}"
+    return f"{fault}{text} ({', '.join(counted)}).{_size_sentence(finding)}{unequal_sentence(finding.unequal)}"
+
+
+def _size_sentence(finding: Finding) -> str:
+    """Return how many places would show the size of an effect; empty if these do."""
+    if finding.places_for_size is None:
+        return ""
+    higher = "higher" if finding.effect > 0 or not finding.function else "lower"
+    return f" They show that it is {higher}, not by how much; about {finding.places_for_size:,} places would."
 
 
 def picture_fault_sentence(fault: PictureFault) -> str:

@@ -106,7 +106,7 @@ class OddCoverage:
     @property
     def held_by_attribute(self) -> dict[OddAttribute, list[Held]]:
         """Parameters with one value, by what they stand for."""
-        return {name: own for name in OddAttribute if (own := [one for one in self.held if one.attribute is name])}
+        return {name: own for name in OddAttribute if (own := [hole for hole in self.held if hole.attribute is name])}
 
 
 def odd_coverage(
@@ -147,16 +147,16 @@ def odd_json(coverage: OddCoverage) -> JsonObject:
         {"first": pair.first.parameter, "second": pair.second.parameter, "frames": pair.frames, "holes": pair.holes}
         for pair in coverage.pairs
     ]
-    varied = [{**asdict(one), "branch": one.attribute.branch, "holes": one.holes} for one in coverage.varied]
+    varied = [{**asdict(name), "branch": name.attribute.branch, "holes": name.holes} for name in coverage.varied]
     return {**asdict(coverage), "varied": varied, "pairs": pairs}
 
 
 def odd_table(coverage: OddCoverage) -> pa.Table:
     """Return the number of frames at each level, then at each pair of levels."""
     alone = [
-        (one.attribute, one.parameter, level, "", "", frames)
-        for one in coverage.varied
-        for level, frames in zip(one.levels, one.frames, strict=True)
+        (name.attribute, name.parameter, level, "", "", frames)
+        for name in coverage.varied
+        for level, frames in zip(name.levels, name.frames, strict=True)
     ]
     together = [
         (pair.first.attribute, pair.first.parameter, level, pair.second.parameter, other, frames)

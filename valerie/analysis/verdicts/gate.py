@@ -317,7 +317,7 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     if not item.pairs:
         return "no pairs"
     text = f"{100 * item.difference:+.1f} points"
-    if np.isfinite(item.low):
+    if item.low is not None and item.high is not None:
         text += f" ({100 * item.low:+.1f} to {100 * item.high:+.1f})"
     text += f", {item.pairs:,} pairs at {item.places:,} places, {item.lost:,} lost and {item.gained:,} gained"
     needed = item.places_needed

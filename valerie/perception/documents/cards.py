@@ -9,6 +9,7 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.class_maps import VOID_NAME
 from valerie.perception.documents.function import FunctionDocument, InputDocument, OutputDocument
 from valerie.perception.documents.options import HttpOptions, PredictionsOptions
+from valerie.perception.documents.training_data import trained_on
 
 CardRow = tuple[str, str]
 
@@ -35,6 +36,7 @@ def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> l
         ("engine", "" if card.engine == "none" else card.engine),
         ("precision", "" if card.engine == "none" else card.precision),
         ("file", _file(document)),
+        ("trained on", _trained_on(document)),
         *sorted(card.provenance.items()),
     ]
     return [(title, text) for title, text in rows if text]
@@ -94,6 +96,10 @@ def _elsewhere(document: FunctionDocument) -> list[CardRow]:
     if isinstance(options, PredictionsOptions) and options.deadline_hours is not None:
         return [("deadline", f"{options.deadline_hours:g} hours after the start of a run")]
     return []
+
+
+def _trained_on(document: FunctionDocument | None) -> str:
+    return ", ".join(f"{name} {part}".strip() for name, part in trained_on(document).items()) if document else ""
 
 
 def _file(document: FunctionDocument | None) -> str:

@@ -222,7 +222,9 @@ class FunctionDocument(Document):
         input, output: conversion of frames to the network's input, and of its output to labels.
         engine: engine that runs it; by default the first that fits the kind.
         precision: requested precision; the actual one is read back from the engine and is part of the numeric class.
-        provenance: free entries: source, licence, training data, figures, checks.
+        trained_on: name of an asset or data set to the part that it has learned from; of a generated asset the site seeds, such
+            as ``1000-1094; 1100``. See `valerie.perception.documents.training_data`.
+        provenance: free entries: source, licence, figures, checks.
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]
@@ -234,6 +236,7 @@ class FunctionDocument(Document):
     output: OutputDocument = OutputDocument()
     engine: EngineName
     precision: Precision = "fp32"
+    trained_on: dict[str, str] = Field(default_factory=dict)
     provenance: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")

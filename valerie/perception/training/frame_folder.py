@@ -30,8 +30,6 @@ Split = Literal["train", "held-out"]
 #: Site seeds of each split; seed 0, the default of runs, is in neither.
 SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 INDEX_NAME: Final = "frames.json"
-#: Entry of the provenance with the site seeds. The files of the shipped networks have it under this name.
-SITE_SEEDS: Final = "street-seeds"
 FORMAT: Final = "valerie-training-frames/1"
 _LEVEL: Final = 3
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
 
+from valerie.perception.documents.training_data import SEEDS, SEEDS_BEFORE, SEPARATOR, SITE_SEEDS, ranges
 from valerie.perception.importing.function_file import read_header
-from valerie.perception.training.frame_folder import SITE_SEEDS, FrameFolder
-from valerie.perception.training.training_set import SEPARATOR, TrainingSet
-
-#: Header entries with the site seeds of training, and of the networks that it began with.
-SEEDS: Final = f"frames-{SITE_SEEDS}"
-SEEDS_BEFORE: Final = f"{SITE_SEEDS}-before"
+from valerie.perception.training.frame_folder import FrameFolder
+from valerie.perception.training.training_set import TrainingSet
 
 
 def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start_from: Path | None) -> dict[str, str]:
@@ -41,6 +36,4 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
 
 def sites_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
     """Return the site seeds that a network and its predecessors were trained on; empty if the provenance states none."""
-    ranges = SEPARATOR.join(provenance.get(name, "") for name in (SEEDS, SEEDS_BEFORE))
-    pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", ranges)})
-    return tuple(range(first, last + 1) for first, last in pairs)
+    return ranges(SEPARATOR.join(provenance.get(name, "") for name in (SEEDS, SEEDS_BEFORE)))

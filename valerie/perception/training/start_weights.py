@@ -10,8 +10,8 @@ import numpy as np
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.documents.training_data import SEEDS, SEEDS_BEFORE
 from valerie.perception.importing.function_file import CLASS_NAMES, function_file_bytes, read_tensors
-from valerie.perception.training.provenance import SEEDS, SEEDS_BEFORE
 
 #: Entries that a new version takes from its predecessor.
 _CARRIED: Final = ("steps", "steps-before", SEEDS, SEEDS_BEFORE, "licence")

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from valerie.errors import InvalidInput
+from valerie.perception.documents.training_data import SEPARATOR
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Frames, TrainingFrame
 
-#: Separator between the entries of two folders.
-SEPARATOR: Final = "; "
 _UNSTATED: Final = "unstated"
 
 

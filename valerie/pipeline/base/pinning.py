@@ -10,12 +10,10 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import PredictionsOptions
 from valerie.plugins import known_engine
-from valerie.runs.products.pins import FunctionOffer, FunctionPin, Offer, Pins
+from valerie.runs.products.pins import TRUTH, FunctionOffer, FunctionPin, Offer, Pins
 from valerie.runs.products.states import UPLOADED_ROUTE, Stage
 from valerie.runs.resolving.spec import RunSpec
 
-#: The name under which render workers offer the truth pass, beside their engines.
-TRUTH: Final = "truth"
 #: Uploaded predictions are made elsewhere; nothing here can change them.
 _UPLOADED: Final = Offer(stage=Stage.INFER, name="uploaded", numeric_class="uploaded", revision=1, route=UPLOADED_ROUTE)
 

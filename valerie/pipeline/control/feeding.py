@@ -11,6 +11,7 @@ from sqlalchemy import Engine
 
 from valerie.db import fed_blocks, products, runs
 from valerie.db.engine import writing
+from valerie.db.links import key_of
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.db.products import Wanted
 from valerie.db.runs import RunRow, RunValues
@@ -100,7 +101,7 @@ class Feeder:
             changes: RunValues = {"next_index": following, "rejected_count": rejected, "turn": turns.following}
             runs.set_values(connection, self._run_id, **changes)
         # Most deployments write no traces, and never read them.
-        frames = (FrameKey(row.run_id, row.variant_index, row.camera_index, row.time_index) for row in rows.frames)
+        frames = (key_of(row.run_id, row) for row in rows.frames)
         return WrittenBlock(len(rows.wanted), ready, frames)
 
     def _rows(self, first: int, limit: float) -> _BlockRows:

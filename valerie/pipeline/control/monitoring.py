@@ -19,7 +19,7 @@ from valerie.db.engine import database_time, reading
 from valerie.db.processes import WorkerRow
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.pinning import TRUTH
+from valerie.runs.products.pins import TRUTH
 from valerie.runs.products.states import (
     EVAL_QUEUE,
     UPLOADED_ROUTE,

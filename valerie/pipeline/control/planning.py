@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from valerie.db import processes, totals
 from valerie.db.engine import database_time, reading
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.documents.training_data import has_seen
+from valerie.perception.shipped import FUNCTIONS, function_document
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import choose_pins
 from valerie.pipeline.base.resolved_runs import resolve_new
@@ -15,6 +19,7 @@ from valerie.runs.forecasting.forecast import Plan, plan
 from valerie.runs.products.pins import Pins
 from valerie.runs.products.states import EVAL_QUEUE, ProductKind
 from valerie.runs.resolving.spec import ResolvedRun, RunSpec
+from valerie.scene.assets.asset import is_generated, pack_settings, parse_reference
 
 
 def plan_run(context: Context, spec: RunSpec) -> Plan:
@@ -34,7 +39,19 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         def present(digests: set[str]) -> set[str]:
             return totals.done_digests(connection, digests)
 
-        return plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
+        made = plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
+    shipped = {name: function_document(name) for name in spec.functions if name in FUNCTIONS}
+    return made.model_copy(update={"warnings": (*made.warnings, *_on_training_sites(spec, shipped | registered))})
+
+
+def _on_training_sites(spec: RunSpec, documents: Mapping[str, FunctionDocument]) -> Iterator[str]:
+    """Yield a warning for each function that was trained on the site of the run."""
+    asset, arguments = parse_reference(spec.asset)
+    seed = getattr(pack_settings(asset, arguments), "seed", None) if is_generated(asset) else None
+    site = asset if seed is None else f"site seed {seed} of {asset}"
+    for name, document in documents.items():
+        if has_seen(document, asset, seed):
+            yield f"{name} was trained on {site}: its scores there say little about other places"
 
 
 #: Number of products from which their mean replaces the shipped table.

@@ -96,9 +96,14 @@ class FrameEntry(Document):
     assignment: dict[str, Value]
 
     @property
+    def place(self) -> str:
+        """The frame's id without its run."""
+        return f"{self.variant}.{self.camera}.{self.time}"
+
+    @property
     def pictures(self) -> tuple[FramePicture, ...]:
         """The pictures: the plain one, the truth, each function's prediction, and each person as each function sees them."""
-        stem = f"{PICTURES}/{self.variant}.{self.camera}.{self.time}/sensor-{self.sensor}"
+        stem = f"{PICTURES}/{self.place}/sensor-{self.sensor}"
         return (
             FramePicture("picture", None, None, f"{stem}-picture.png"),
             FramePicture("truth", None, None, f"{stem}-truth.png"),

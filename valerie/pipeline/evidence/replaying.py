@@ -178,7 +178,7 @@ class _Frames:
             and all(0 <= function < len(resolved.spec.functions) for function in entry.functions)
         )
         if not known:
-            raise Refused([f"{FRAMES}: {entry.variant}.{entry.camera}.{entry.time} is not a frame of the spec"])
+            raise Refused([f"{FRAMES}: {entry.place} is not a frame of the spec"])
         ((_, assignment),) = resolved.space.values(entry.variant, entry.variant + 1)
         digests = self._inputs.frame(
             resolved.at(assignment, entry.time), entry.camera, course=resolved.around(assignment, entry.time)

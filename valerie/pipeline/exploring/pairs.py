@@ -135,8 +135,8 @@ def compare_sides(
         matched=len(a),
         outcomes={name: int(np.count_nonzero(mask)) for name, mask in masks.items()},
         difference=verdict.difference if verdict.pairs else None,
-        low=verdict.low if verdict.places > 1 else None,
-        high=verdict.high if verdict.places > 1 else None,
+        low=verdict.low,
+        high=verdict.high,
         places=verdict.places,
         pairs=_pairs(zip(a[chosen], b[chosen], pa_[chosen], pb[chosen], strict=True)),
     )

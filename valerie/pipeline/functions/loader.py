@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from valerie import plugins
 from valerie.db.engine import reading
 from valerie.errors import CorruptArtifact, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import FunctionDocument
-from valerie.perception.running.opening import open_function, require_payload
+from valerie.perception.running.opening import require_payload
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.opening import open_function_document, open_installed
 from valerie.pipeline.functions.payload_cache import PayloadCache
 from valerie.runs.products.pins import FunctionPin
-from valerie.settings import Settings
 
 _FOLDER: Final = "functions"
 
@@ -97,19 +96,3 @@ class FunctionLoader:
             return open_function_document(
                 document, self._cache.fetch(document), self._context.settings, threads=threads
             )
-
-
-def open_installed(name: str, settings: Settings, *, threads: int) -> PerceptionFunction:
-    """Call `valerie.plugins.create_function` with this deployment's settings."""
-    return plugins.create_function(
-        name, threads=threads, device=settings.infer_device, precision=settings.infer_precision
-    )
-
-
-def open_function_document(
-    document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
-) -> PerceptionFunction:
-    """Call `open_function` with this deployment's settings."""
-    return open_function(
-        document, payload, threads=threads, device=settings.infer_device, addresses=settings.http_addresses
-    )

@@ -1,6 +1,7 @@
 """``python -m valerie.pipeline.functions.probe render|infer NAME …``: print this machine's offers as one line of JSON.
 
-It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch.
+It runs as a separate process, since a driver may crash and a worker's supervising process never loads GL or torch. There is one
+for each engine, so it imports neither database nor planning.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ from valerie.errors import ValerieError
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.running.small_network import small_onnx
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
-from valerie.pipeline.base.pinning import TRUTH
-from valerie.pipeline.functions.loader import open_function_document, open_installed
-from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer, Offer
+from valerie.pipeline.functions.opening import open_function_document, open_installed
+from valerie.runs.products.pins import OFFERS, TRUTH, AnyOffer, FunctionOffer, Offer
 from valerie.runs.products.states import Stage, route_of
 from valerie.settings import load_settings
 

@@ -16,7 +16,8 @@ from valerie.perception.training.start_weights import require_trainable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
-from valerie.pipeline.functions.loader import FunctionLoader, open_installed
+from valerie.pipeline.functions.loader import FunctionLoader
+from valerie.pipeline.functions.opening import open_installed
 from valerie.pipeline.functions.registry import SHORT
 from valerie.runs.products.pins import FunctionPin
 from valerie.spelling import plain_name

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
+
+from sqlalchemy import Connection
 
 from valerie.db import frames, measured, results
 from valerie.db.engine import reading
@@ -13,6 +15,7 @@ from valerie.db.measured import MeasuredPerson
 from valerie.db.models import Assignment
 from valerie.db.results import FrameEvaluation
 from valerie.measures import Measures, Source, names_from
+from valerie.parameters.definitions import Value
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pinning import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
@@ -23,6 +26,8 @@ from valerie.runs.products.states import ProductState
 from valerie.runs.resolving.spec import ResolvedRun
 
 _DARK: Final = dict.fromkeys(names_from(Source.LIGHT))
+#: Most rejected variants between a frame and its neighbour.
+_SKIPPED: Final = 60
 _UNSCORED: Final = dict.fromkeys(("tp", "fn", "tn", "pacc", *names_from(Source.FRAME_SCORE)))
 
 
@@ -110,6 +115,28 @@ class EvaluationDetails:
 
 
 @dataclass(frozen=True, slots=True)
+class Neighbour:
+    """A frame that differs from another in one parameter only, and its value there."""
+
+    frame: str
+    value: Value
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterNeighbours:
+    """The nearest frames that differ in one parameter only; None at an end.
+
+    Attributes:
+        parameter: its path, or ``camera``.
+        before, after: in the order of the parameter's values in the run.
+    """
+
+    parameter: str
+    before: Neighbour | None
+    after: Neighbour | None
+
+
+@dataclass(frozen=True, slots=True)
 class FrameDetails(FrameSummary):
     """A frame with its persons, scores and pictures.
 
@@ -123,6 +150,7 @@ class FrameDetails(FrameSummary):
         evaluations: one per sensor setting and function.
         images: kind of picture to its address, through the run's first sensor setting.
         previous, next: ids of the neighbouring frames in the order of the run.
+        neighbours: of each parameter that a grid varies, and of the camera.
     """
 
     run_id: str
@@ -136,6 +164,7 @@ class FrameDetails(FrameSummary):
     images: Mapping[str, str]
     previous: str | None
     next: str | None
+    neighbours: tuple[ParameterNeighbours, ...]
 
 
 def list_frames(context: Context, run_id: str, *, after: FrameKey | None, limit: int) -> list[FrameSummary]:
@@ -170,6 +199,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         evaluations = results.frame_evaluations(connection, key)
         scores = measured.person_scores(connection, [row.scores for row in evaluations])
         previous, following = frames.neighbours(connection, key)
+        neighbours = tuple(_neighbours(connection, key, resolved))
     lights = {person.instance_id: person.measures for person in lit}
     kinds = (*FRAME_KINDS, *(kind for kind in annotations if kind in ANNOTATION_KINDS))
     step = resolved.times.step
@@ -204,7 +234,34 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         images={kind: address(key, kind=kind) for kind in kinds},
         previous=None if previous is None else str(previous),
         next=None if following is None else str(following),
+        neighbours=neighbours,
     )
+
+
+def _neighbours(connection: Connection, key: FrameKey, resolved: ResolvedRun) -> Iterator[ParameterNeighbours]:
+    """Yield the neighbours in each parameter; rejected variants, up to `_SKIPPED` on end, are skipped."""
+    cameras = [Neighbour(str(replace(key, camera=place)), name) for place, name in enumerate(resolved.cameras)]
+    if len(cameras) > 1:
+        before, after = cameras[: key.camera][-1:], cameras[key.camera + 1 :][:1]
+        yield ParameterNeighbours("camera", *(side[0] if side else None for side in (before, after)))
+    sides = {
+        path: (line[: line.index(key.variant)][::-1][:_SKIPPED], line[line.index(key.variant) + 1 :][:_SKIPPED])
+        for path, line in resolved.space.lines(key.variant).items()
+        if len(line) > 1
+    }
+    variants = {variant for lines in sides.values() for line in lines for variant in line}
+    present = frames.variants_with_frame(connection, key, variants)
+    for path, lines in sides.items():
+        nearest = [next((variant for variant in line if variant in present), None) for line in lines]
+        yield ParameterNeighbours(
+            path,
+            *(
+                None
+                if variant is None
+                else Neighbour(str(replace(key, variant=variant)), resolved.space[variant].values[path])
+                for variant in nearest
+            ),
+        )
 
 
 def _summary(frame: StoredFrame, states: Iterable[ProductState], resolved: ResolvedRun) -> FrameSummary:

@@ -24,9 +24,9 @@ from valerie.document import Document
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.parent import end_with_parent
+from valerie.perception.documents.training_data import SITE_SEEDS
 from valerie.perception.training.frame_folder import (
     SEEDS,
-    SITE_SEEDS,
     FrameFolder,
     Shard,
     Split,

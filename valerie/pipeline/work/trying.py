@@ -24,7 +24,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import plan
 from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions.bounded import open_bounded
-from valerie.pipeline.functions.loader import open_function_document
+from valerie.pipeline.functions.opening import open_function_document
 from valerie.pipeline.reading.painting import paint_errors
 from valerie.rendering.base import View
 from valerie.runs.document.run_spec import RunSpec

@@ -31,12 +31,11 @@ from valerie.errors import InvalidInput, MissingDependency, TransientError
 from valerie.parent import end_with_parent
 from valerie.pipeline.base.context import Context, open_context, process_name
 from valerie.pipeline.base.fitness import Counts, Fitness
-from valerie.pipeline.base.pinning import TRUTH
 from valerie.pipeline.base.requests import BROKER_LOST
 from valerie.pipeline.work.asking import ask_for_work
 from valerie.pipeline.work.child import Child
 from valerie.pipeline.work.stages import Maker
-from valerie.runs.products.pins import OFFERS, AnyOffer, FunctionOffer
+from valerie.runs.products.pins import OFFERS, TRUTH, AnyOffer, FunctionOffer
 from valerie.runs.products.states import EVAL_QUEUE, Stage
 from valerie.settings import NO_BROKER, Settings
 

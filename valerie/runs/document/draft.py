@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple, cast
 
 import yaml
 from pydantic import Field, JsonValue
@@ -132,8 +132,8 @@ def changed_draft(text: str, changes: Sequence[FieldChange | ParameterChange]) -
 
 def draft_of(spec: RunSpec) -> str:
     """Return a spec as the text that somebody would write: reads back as an equal spec, in the mapping notation."""
-    document = spec.model_dump(mode="json", exclude_defaults=True)
-    blocks = document.pop("blocks", [])
+    document = spec.short()
+    blocks = cast("list[JsonObject]", document.pop("blocks", []))
     if len(blocks) == 1 and not blocks[0].get("constants") and blocks[0]:
         document |= _block(blocks[0])
     elif blocks:

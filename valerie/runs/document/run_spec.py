@@ -271,13 +271,6 @@ class RunSpec(Document):
     def digest(self) -> str:
         """Digest of the whole document, the same for both notations."""
         document = self.model_dump(mode="json")
-        if self.infer_backgrounds is None:
-            # The report that docs/experiment keeps names its spec by the digest without an undecided field.
-            del document["infer_backgrounds"]
-        for parameter in document["parameters"]:  # as do those without these
-            for name in ("odd", "source"):
-                if not parameter[name]:
-                    del parameter[name]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 

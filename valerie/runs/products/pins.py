@@ -10,6 +10,9 @@ from valerie.document import Document
 from valerie.perception.base import FunctionCard
 from valerie.runs.products.states import Stage
 
+#: The name under which render workers offer the truth pass, beside their engines.
+TRUTH: Final = "truth"
+
 
 class Offer(Document):
     """A renderer, the truth pass or an inference engine that a worker runs.

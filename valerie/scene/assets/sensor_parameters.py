@@ -107,6 +107,10 @@ _ROWS: Final = (
         "share of the light that the lens scatters over the picture: veils dark areas, makes lamps glow", usual=(0, 0.1),
     ),
     SensorParameter(
+        "lens.flare", _FLOAT, "", 0, 0.5, 0.0,
+        "share of the light that becomes ghosts and stars: of the sun and of lamps in the picture", usual=(0, 0.02),
+    ),
+    SensorParameter(
         "lens.chromatic_aberration", _FLOAT, "", -0.02, 0.02, 0.0,
         "lateral: magnifies red and reduces blue, relative to green, by this share",
     ),

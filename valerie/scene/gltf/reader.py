@@ -203,11 +203,15 @@ class _Reader:
         )
         if not (math.isfinite(focal) and focal > 0):
             raise InvalidInput("not a valid angle of view", field=path, value=lens.yfov)
+        near, far = float(lens.znear), float(lens.zfar or 600.0)
+        if not 0 < near < far:
+            planes = f"znear {near:g}, zfar {far:g}"
+            raise InvalidInput(
+                "no space between the clipping planes", field=path, value=planes, limit="0 < znear < zfar"
+            )
         name = path.rpartition(".")[2]
         # Here a camera belongs to the scene itself. Its matrix includes those of its ancestors in the file.
-        return Camera(
-            f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, float(lens.znear), float(lens.zfar or 600.0)
-        )
+        return Camera(f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, near, far)
 
     def _light(self, node: pygltflib.Node) -> JsonObject | None:
         index = ((node.extensions or {}).get(LIGHTS) or {}).get("light")

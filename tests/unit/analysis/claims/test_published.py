@@ -26,7 +26,7 @@ def test_printed_numbers_stand_beside_those_of_the_run() -> None:
         {"what": "occluded", "of": "occlusion_rate", "statistic": "share", "above": 0.05, "value": 0.144},
     ]
     numbers_here = numbers_beside(document(numbers=numbers), table)
-    assert [(one.what, one.function, one.printed, one.here, one.rows) for one in numbers_here] == [
+    assert [(number.what, number.function, number.printed, number.here, number.rows) for number in numbers_here] == [
         ("mean", "b", 0.8927, pytest.approx(0.2), 2),
         ("least", "a", 0.01, 0.5, 1),
         ("least", "b", 0.01, 0.3, 1),

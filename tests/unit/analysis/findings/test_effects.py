@@ -7,7 +7,7 @@ from valerie.analysis.rows.table import EvaluationTable
 
 def test_a_level_has_the_mean_and_number_of_its_persons(dropping_table):
     pacc, functions = dropping_table.numbers("pacc"), dropping_table.codes("function")
-    means = {one.down: one for one in level_means(dropping_table)}["camera"]
+    means = {level_mean.down: level_mean for level_mean in level_means(dropping_table)}["camera"]
     rows = [dict(zip(means.columns, cells, strict=True)) for _, cells in means.rows]
 
     assert [level for level, _ in means.rows] == ["camera-1", "camera-2", "camera-3"]

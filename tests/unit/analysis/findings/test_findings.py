@@ -74,7 +74,7 @@ def test_an_effect_of_twenty_points_within_places_is_confirmed(run, kind, path, 
 def test_the_pair_of_views_differs_in_the_change_alone(run):
     table = run(drop=0.2, functions=("net",))
     rows = {row["frame_id"]: row for row in table.arrow.to_pylist()}
-    (finding,) = [one for one in find_findings(table).items if one.steps[0].factor == "sun-1.azimuth"]
+    (finding,) = [item for item in find_findings(table).items if item.steps[0].factor == "sun-1.azimuth"]
     before, after = (rows[view.frame_id] for view in finding.examples[0])
 
     assert {name for name in table.parameters if before[name] != after[name]} == {SUN}
@@ -114,12 +114,12 @@ def test_a_difference_between_places_names_what_else_differs(run):
     assert finding.effect < -0.4
     assert "between different places" in finding.sentence
     assert "The sides also differ in" in finding.sentence
-    (distance,) = [one for one in finding.unequal if one.column == "distance_m"]
+    (distance,) = [quantity for quantity in finding.unequal if quantity.column == "distance_m"]
     assert distance.after - distance.before > 2
 
 
 def test_a_change_within_places_has_sides_alike(run):
-    (finding,) = [one for one in find_findings(run(drop=0.2, functions=("net",))).items if len(one.steps) == 1]
+    (finding,) = [item for item in find_findings(run(drop=0.2, functions=("net",))).items if len(item.steps) == 1]
 
     assert finding.unequal == ()
 
@@ -132,7 +132,7 @@ def test_an_effect_that_one_character_alone_has_is_an_interaction(run):
             tp = round(row["tp"] * 0.5)
             row |= {"tp": tp, "fn": row["pixel_area"] - tp, "pacc": tp / row["pixel_area"]}
     findings = find_findings(EvaluationTable.from_rows(rows, table.parameters, table.designs))
-    (finding,) = [one for one in findings.items if len(one.steps) == 2]
+    (finding,) = [item for item in findings.items if len(item.steps) == 2]
 
     assert {step.factor for step in finding.steps} == {"sun-1.azimuth", "person-1.character"}
     assert abs(finding.effect) == pytest.approx(0.375, abs=0.03)
@@ -142,7 +142,7 @@ def test_an_effect_that_one_character_alone_has_is_an_interaction(run):
 def test_functions_are_compared_on_identical_frames(run):
     better = lambda function, *law: (0.8 if function == "a-net" else 0.7) + 0.1 * law[-1]  # noqa: E731
     findings = find_findings(run(better))
-    (finding,) = [one for one in findings.items if not one.function]
+    (finding,) = [item for item in findings.items if not item.function]
 
     assert finding.sentence.startswith("a-net sees more than b-net on identical frames: pACC is ")
     assert finding.effect == pytest.approx(-0.1, abs=0.03)
@@ -178,7 +178,7 @@ def test_functions_of_full_or_equally_reduced_precision_are_compared(run, precis
     better = lambda function, *law: (0.8 if function == "a-net" else 0.5) + 0.02 * law[-1]  # noqa: E731
     findings = find_findings(run(better), precisions=dict(zip(("a-net", "b-net"), precisions, strict=True)))
 
-    assert [one for one in findings.items if not one.function]
+    assert [item for item in findings.items if not item.function]
     assert [note for note in findings.notes if "precision" in note] == []
 
 
@@ -206,7 +206,7 @@ def test_a_finding_of_a_grid_proposes_positions_between_those_of_the_run(run):
         }
     )  # fmt: skip
     (finding,) = [
-        one for one in find_findings(run(drop=0.2, functions=("net",)), spec=spec).items if len(one.steps) == 1
+        item for item in find_findings(run(drop=0.2, functions=("net",)), spec=spec).items if len(item.steps) == 1
     ]
     child = parse(finding.spec)
     listed = {vary.parameter: vary.values for vary in child.blocks[0].vary}

@@ -22,7 +22,7 @@ def test_a_person_counts_once_however_many_functions_look() -> None:
 def test_each_pedestrian_and_all_together_share_their_bins() -> None:
     table = planted_table([0.9] * 5, range(5), distance_m=[17, 18, 22, 31, 38.2], character=["a", "a", "b", "b", "b"])
     shares = distributions(table, measure_of("distance_m"))
-    assert [(one.character, [n for _, _, n in one.bins]) for one in shares] == [
+    assert [(share.character, [n for _, _, n in share.bins]) for share in shares] == [
         ("a", [2, 0, 0, 0, 0]),
         ("b", [0, 1, 0, 1, 1]),
         (ALL, [2, 1, 0, 1, 1]),

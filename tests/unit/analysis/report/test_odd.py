@@ -20,7 +20,7 @@ DECLARED = [
     {"path": FOG, "type": "FLOAT", "minimum": 20, "maximum": 200, "unit": "m", "default": 200, "odd": "particulates"},
     {"path": "scene.camera-1.pos.x", "type": "FLOAT", "unit": "m", "default": 0},
 ]  # fmt: skip
-DEFINITIONS = [ParameterDefinition.model_validate({"affects": "light", **one}) for one in DECLARED]
+DEFINITIONS = [ParameterDefinition.model_validate({"affects": "light", **name}) for name in DECLARED]
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +58,10 @@ def test_levels_and_pairs_are_counted_by_frame_and_missing_values_are_defaults(t
 
 def test_what_is_held_and_what_nothing_stands_for_is_named(table: EvaluationTable) -> None:
     coverage = odd_coverage(DEFINITIONS, table, {FOG: 100.0})
-    assert [(one.parameter, one.value) for one in coverage.held] == [("fog", "100 m")]
+    assert [(hole.parameter, hole.value) for hole in coverage.held] == [("fog", "100 m")]
     assert OddAttribute.WIND in coverage.absent
     assert OddAttribute.PARTICULATES not in coverage.absent
-    assert [(one.parameter, one.value) for one in odd_coverage(DEFINITIONS, table, {}).held] == [("fog", "200 m")]
+    assert [(hole.parameter, hole.value) for hole in odd_coverage(DEFINITIONS, table, {}).held] == [("fog", "200 m")]
 
 
 def test_json_and_table_hold_every_level_and_every_pair(table: EvaluationTable) -> None:
@@ -71,7 +71,7 @@ def test_json_and_table_hold_every_level_and_every_pair(table: EvaluationTable) 
     frames = 4  # each is at one level of every parameter, and at one pair of levels of every two
     assert sum(row["frames"] for row in rows) == frames * (3 + 3)
     document = odd_json(coverage)
-    assert [one["branch"] for one in document["varied"]] == [
+    assert [name["branch"] for name in document["varied"]] == [
         OddBranch.ENVIRONMENT, OddBranch.ENVIRONMENT, OddBranch.SCENERY,
     ]  # fmt: skip
     assert document["pairs"][0]["first"] == "environment.rain"

@@ -43,7 +43,8 @@ def test_curves_are_drawn_in_per_cent_for_each_character_and_combined(dropping_t
 def test_a_polynomial_that_its_bins_contradict_is_named_and_not_drawn(dropping_table, trends_of):
     trends = trends_of(dropping_table)
     contradicted = tuple(
-        replace(one, polynomial=replace(one.polynomial, contradicted=one.character == "all")) for one in trends.items
+        replace(item, polynomial=replace(item.polynomial, contradicted=item.character == "all"))
+        for item in trends.items
     )
     panel = make_panel(dropping_table, replace(trends, items=contradicted), "distance_m", "a-net", "default", seed=0)
 

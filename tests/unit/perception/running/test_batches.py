@@ -64,9 +64,9 @@ def test_no_more_pictures_are_read_ahead_than_the_function_takes() -> None:
 
     def counted() -> object:
         nonlocal read
-        for one in pictures(4, 4, 4, 4):
+        for picture in pictures(4, 4, 4, 4):
             read += 1
-            yield one
+            yield picture
 
     next(predicted(Threshold(2), counted()))
     assert read == 2

@@ -97,7 +97,7 @@ def test_another_engine_renders_where_the_spec_s_is_missing_and_the_reason_is_pa
     program = answering({"error": "no Blender here", "engine_missing": True}, {"pictures": [PICTURE]})
     shown = previewed(tmp_path, program, "cycles")
     assert (shown.engine, shown.problem, shown.draft) == ("raster", "no Blender here", {})
-    assert [one.picture for one in shown.variants] == [b"picture"]
+    assert [variant.picture for variant in shown.variants] == [b"picture"]
 
 
 def test_another_engine_renders_where_the_spec_s_takes_too_long(tmp_path: Path) -> None:

@@ -129,6 +129,9 @@ def test_pages_are_the_sorted_rows_with_the_undefined_last(explored: Exploration
     known = [score for score in scores if score is not None]
     assert len(scores) == selection.count
     assert scores == sorted(known, reverse=True) + [None] * (len(scores) - len(known))
+    names = [row["function"] for row in explored.page(explored.select(), sort="-function", limit=1000).to_pylist()]
+    assert names == sorted(names, reverse=True)
+    assert len(set(names)) > 1
     with pytest.raises(UnknownName, match="sort"):
         explored.page(selection, sort="frame_id; --", limit=1)
 
@@ -141,11 +144,12 @@ def test_the_connection_reads_no_file(explored: Exploration) -> None:
 
 
 def test_rates_of_selection_and_rest_are_the_means_of_their_rows(explored: Exploration) -> None:
-    groups = linked_views.rates(explored, explored.select("distance_m > 20"), 0.5)
+    far_rows = explored.select("distance_m > 20").rows
+    groups = linked_views.rates(explored, far_rows, ~far_rows, 0.5)
     rows = explored.table.arrow.to_pylist()
     assert [group.function for group in groups] == ["net", "other"]
     for group in groups:
-        for side, far in ((group.selected, True), (group.rest, False)):
+        for side, far in ((group.selected, True), (group.beside, False)):
             own = [row for row in rows if row["function"] == group.function and (row["distance_m"] > 20) is far]
             known = [row["pacc"] for row in own if row["pacc"] is not None]
             assert side.persons == len(known)

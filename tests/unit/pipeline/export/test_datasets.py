@@ -101,8 +101,8 @@ def test_croissant_describes_every_file_and_every_column(run: tuple[Pipeline, st
     folder = tmp_path / "set"
     export_run(pipeline.context, run_id, folder, ExportSettings(predictions=("blank",), polygons=True))
     document = json.loads((folder / "croissant.json").read_text())
-    files = {one["@id"]: one for one in document["distribution"] if one["@type"] == "cr:FileObject"}
-    sets = [one for one in document["distribution"] if one["@type"] == "cr:FileSet"]
+    files = {entry["@id"]: entry for entry in document["distribution"] if entry["@type"] == "cr:FileObject"}
+    sets = [entry for entry in document["distribution"] if entry["@type"] == "cr:FileSet"]
     for path, one in files.items():
         assert one["contentUrl"] == path
         assert one["sha256"] == hashlib.sha256((folder / path).read_bytes()).hexdigest()
@@ -170,8 +170,11 @@ def test_cityscapes_scripts_find_every_segment_of_the_panoptic_pictures_where_th
     theirs = json.loads((tmp_path / "cityscapes_panoptic_val.json").read_text())
     ours = json.loads((out / "coco/panoptic_val.json").read_text())
     images = {image["id"]: image["file_name"] for image in ours["images"]}
-    named = {images[one["image_id"]]: one for one in ours["annotations"]}
-    truth = {f"{one['image_id'].split('_')[0]}/{one['image_id']}_leftImg8bit.png": one for one in theirs["annotations"]}
+    named = {images[annotation["image_id"]]: annotation for annotation in ours["annotations"]}
+    truth = {
+        f"{annotation['image_id'].split('_')[0]}/{annotation['image_id']}_leftImg8bit.png": annotation
+        for annotation in theirs["annotations"]
+    }
     assert truth.keys() == named.keys()
     categories = {category["id"]: category for category in theirs["categories"]}
     pairs = [(truth[file], named[file]) for file in truth]

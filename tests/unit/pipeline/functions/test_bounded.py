@@ -173,4 +173,6 @@ def test_a_bounded_function_answers_as_the_function_itself() -> None:
     assert (function.card, function.numeric_class, function.revision) == (inner.card, inner.numeric_class, 1)
     pictures: Sequence[NDArray[np.uint8]] = np.random.default_rng(0).integers(0, 256, (2, 8, 8, 3), np.uint8)
     np.testing.assert_array_equal(function.predict(pictures[0]), inner.predict(pictures[0]))
-    np.testing.assert_array_equal(function.predict_many(list(pictures)), [inner.predict(one) for one in pictures])
+    np.testing.assert_array_equal(
+        function.predict_many(list(pictures)), [inner.predict(picture) for picture in pictures]
+    )

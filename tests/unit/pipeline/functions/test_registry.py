@@ -140,7 +140,7 @@ class TestARun:
         assert (pin.digest, pin.kind) == (newest.digest, "onnx")
         assert pin.numeric_class.startswith("onnxruntime-")
         assert pin.card.name == "small"
-        assert [one.verdict for one in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
+        assert [product.verdict for product in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
         first = register(served, tmp_path)
@@ -194,9 +194,9 @@ class TestARun:
         registry.remove(served.context, version.reference)
         lifecycle.resume(served.context, run)
         assert served.run(run) == "completed-with-failures"
-        failed = [one for one in served.products() if one.kind == "prediction"]
-        assert {one.state for one in failed} == {"failed"}
-        assert all("it was removed" in one.error.message for one in failed)
+        failed = [product for product in served.products() if product.kind == "prediction"]
+        assert {product.state for product in failed} == {"failed"}
+        assert all("it was removed" in product.error.message for product in failed)
 
     def test_is_served_although_the_copy_on_this_machine_is_damaged(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
@@ -214,7 +214,7 @@ class TestARun:
         served.context.store.put(key, b"\0" * version.document.payload.bytes, replace=True)
         run = served.submit(named("small"))
         assert served.run(run) == "completed-with-failures"
-        error = next(one.error for one in served.products() if one.kind == "prediction")
+        error = next(product.error for product in served.products() if product.kind == "prediction")
         assert error.type == "CorruptArtifact"
 
 

@@ -7,11 +7,11 @@ import pytest
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.analysis.claims.claims import parse_claims
-from valerie.analysis.wording import duration
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.reading.reports import compare_runs, report_with
+from valerie.runs.moments import duration
 
 CLAIMS = parse_claims(
     {
@@ -35,7 +35,7 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     )
     (function,) = comparison.functions
     assert function.slices[0].pairs == 24  # the second person of each frame stands outside
-    assert [one.text for one in comparison.conclusions] == ["Everybody is seen."]
+    assert [conclusion.text for conclusion in comparison.conclusions] == ["Everybody is seen."]
     report = report_with(pipeline.context, here, claims=CLAIMS, other=there)
     assert [entry.says for entry in report.ledger] == ["Everybody is seen."]
     for words in (

@@ -85,13 +85,13 @@ def test_the_data_set_is_read_once_per_function_and_functions_are_closed(folder:
     opened: list[Forgetful] = []
 
     def keep(reference: str) -> PerceptionFunction:
-        assert all(one.closed for one in opened)  # one network at a time
+        assert all(call.closed for call in opened)  # one network at a time
         opened.append(Forgetful(reference, 0.9))
         return opened[-1]
 
     evaluate_dataset(folder, ["a", "b"], open_function=keep)
     assert len(opened) == 2
-    assert all(one.closed for one in opened)
+    assert all(call.closed for call in opened)
 
 
 def test_persons_have_counts_of_their_own_and_nothing_that_labels_cannot_tell(

@@ -156,9 +156,13 @@ def test_what_is_missing_at_the_deadline_is_a_recorded_failure(waiting: tuple[Pi
     put(pipeline, run)
     expire(pipeline, run)
     assert pipeline.run(run) == "completed-with-failures"
-    errors = [one.error for one in pipeline.products() if one.route == "infer.uploaded" and one.state == "failed"]
+    errors = [
+        product.error
+        for product in pipeline.products()
+        if product.route == "infer.uploaded" and product.state == "failed"
+    ]
     assert len(errors) == len(FRAMES) - 1
-    assert all(one.message.startswith("no prediction by 20") for one in errors)
+    assert all(error.message.startswith("no prediction by 20") for error in errors)
 
 
 def test_a_retry_gives_the_time_again(waiting: tuple[Pipeline, str]) -> None:

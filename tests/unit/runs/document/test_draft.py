@@ -62,6 +62,11 @@ def test_a_spec_written_as_a_draft_reads_back_as_an_equal_spec(path: Path) -> No
     assert again.digest == spec.digest
 
 
+def test_a_draft_says_that_a_sensor_does_not_meter() -> None:
+    spec = parse({"name": "one", "asset": "urban-street", "sensors": [{"auto_exposure": False}]})
+    assert load_document(draft_of(spec))["sensors"] == [{"auto_exposure": False}]
+
+
 @pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
 @pytest.mark.parametrize("value", ["other", None])
 def test_a_changed_field_is_the_only_change_of_an_example(path: Path, value: str | None) -> None:

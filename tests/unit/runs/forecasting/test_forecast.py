@@ -28,7 +28,10 @@ def resolved(street: Manifest, **given: Any) -> ResolvedRun:
 
 
 def products(run: Plan) -> dict[str, tuple[int, int]]:
-    return {f"{one.kind}{one.maker and ' '}{one.maker}": (one.needed, one.present) for one in run.products}
+    return {
+        f"{product.kind}{product.maker and ' '}{product.maker}": (product.needed, product.present)
+        for product in run.products
+    }
 
 
 def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
@@ -44,8 +47,8 @@ def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
         digests["background"].add(frame.products.background)
         digests["layer"].add(frame.products.layer)
         digests["truth"].add(frame.products.truth)
-        digests["prediction"] |= {one.prediction for one in frame.evaluations}
-        digests["evaluation"] |= {one.scores for one in frame.evaluations}
+        digests["prediction"] |= {evaluation.prediction for evaluation in frame.evaluations}
+        digests["evaluation"] |= {evaluation.scores for evaluation in frame.evaluations}
     return digests
 
 
@@ -88,8 +91,8 @@ def test_the_counts_are_those_of_all_frames_one_by_one(street: Manifest, pins: P
     run = resolved(street, vary=PLACES, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}])
     expected = {kind: len(digests) for kind, digests in every_digest(run, pins).items()}
     counts: dict[str, int] = dict.fromkeys(expected, 0)
-    for one in plan(run, pins=pins).products:
-        counts[one.kind] += one.needed
+    for product in plan(run, pins=pins).products:
+        counts[product.kind] += product.needed
     assert counts == expected
 
 
@@ -98,7 +101,7 @@ def test_what_is_there_already_is_not_made_again(street: Manifest, pins: Pins) -
     stored = set().union(*every_digest(run, pins).values())
     again = plan(run, pins=pins, present=lambda digests: digests & stored)
     assert (again.renders, again.inferences, again.cpu_seconds, again.bytes) == (0, 0, 0, 0)
-    assert all(one.needed == one.present for one in again.products)
+    assert all(product.needed == product.present for product in again.products)
 
 
 def test_adding_a_function_only_infers(street: Manifest, pins: Pins) -> None:
@@ -113,8 +116,8 @@ def test_adding_a_function_only_infers(street: Manifest, pins: Pins) -> None:
 def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_so(street: Manifest) -> None:
     forecast = plan(resolved(street, vary=PLACES), present=lambda digests: digests)
     assert forecast.renders > 0
-    assert {one.present for one in forecast.products} == {None}
-    assert all(one["present"] is None for one in forecast.model_dump(mode="json")["products"])
+    assert {product.present for product in forecast.products} == {None}
+    assert all(product["present"] is None for product in forecast.model_dump(mode="json")["products"])
     assert "stored products are unknown" in forecast.warnings[-1]
 
 
@@ -126,10 +129,10 @@ def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: 
         pins=pins,
         costs=CostTable({CostKey(ProductKind.LAYER, "raster", 960, 540): Cost(2.0, 1000.0)}),
     )
-    basis = {(one.kind, one.maker): one.basis for one in recorded.products}
+    basis = {(product.kind, product.maker): product.basis for product in recorded.products}
     assert basis[ProductKind.LAYER, "raster"] is CostBasis.RECORDED
     assert basis[ProductKind.TRUTH, ""] is CostBasis.SHIPPED
-    (layer,) = (one for one in recorded.products if one.kind is ProductKind.LAYER)
+    (layer,) = (product for product in recorded.products if product.kind is ProductKind.LAYER)
     assert (layer.cpu_seconds, layer.bytes) == (2.0 * layer.needed, 1000 * layer.needed)
     assert "recorded here: layer raster" in recorded.cost_basis
     assert "recorded" not in shipped.cost_basis
@@ -149,7 +152,7 @@ def test_an_engine_of_ones_own_is_guessed_to_be_the_dearest() -> None:
 def test_a_plan_costs_what_the_engines_settings_ask_for(street: Manifest) -> None:
     def cpu_seconds(**settings: object) -> float:
         forecast = plan(resolved(street, vary=PLACES, renderer={"name": "cycles", **settings}))
-        return sum(one.cpu_seconds for one in forecast.products if one.maker == "cycles")
+        return sum(product.cpu_seconds for product in forecast.products if product.maker == "cycles")
 
     assert cpu_seconds(samples=256) == pytest.approx(4 * cpu_seconds(quality="standard"))
 

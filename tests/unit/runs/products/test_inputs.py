@@ -48,7 +48,7 @@ def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, 
     without, asked = frame(street, pins, {}), frame(street, pins, {}, annotations=["normals", "boxes"])
     assert without.annotations == ()
     assert changed(without, asked) == set()
-    assert [(one.kind, one.inputs) for one in asked.annotations] == [
+    assert [(annotation.kind, annotation.inputs) for annotation in asked.annotations] == [
         ("normals", (asked.products.truth,)),
         ("boxes", (asked.products.truth,)),
     ]
@@ -65,12 +65,14 @@ def test_the_prediction_of_a_background_follows_from_it_alone_and_changes_evalua
     sensors = [{"name": "plain"}, {"name": "dark", "exposure_ev": -2}, deep]
     plain, asked = (frame(street, pins, {}, sensors=sensors, infer_backgrounds=on) for on in (False, True))
     assert changed(plain, asked) == {"evaluation"}
-    assert {one.empty for one in plain.evaluations} == {None}
+    assert {evaluation.empty for evaluation in plain.evaluations} == {None}
     # One for each sensor and function; a defocused lens needs depths, which are those of the whole frame.
-    assert len({one.empty for one in asked.evaluations if one.sensor_index < 2}) == 4
-    assert {one.empty for one in asked.evaluations if one.sensor_index == 2} == {None}
+    assert len({evaluation.empty for evaluation in asked.evaluations if evaluation.sensor_index < 2}) == 4
+    assert {evaluation.empty for evaluation in asked.evaluations if evaluation.sensor_index == 2} == {None}
     moved = frame(street, pins, {X: 4.0}, sensors=sensors, infer_backgrounds=True)
-    assert [one.empty for one in moved.evaluations] == [one.empty for one in asked.evaluations]
+    assert [evaluation.empty for evaluation in moved.evaluations] == [
+        evaluation.empty for evaluation in asked.evaluations
+    ]
     uploaded = with_function(pins, FUNCTIONS[0], route=UPLOADED_ROUTE)
     first, second, *_ = frame(street, uploaded, {}, infer_backgrounds=True).evaluations
     assert first.empty is None
@@ -179,8 +181,16 @@ def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_defa
 
 def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: Pins) -> None:
     evaluations = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
-    assert [(one.sensor_index, one.function_index) for one in evaluations] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    assert len({one.prediction for one in evaluations} | {one.scores for one in evaluations}) == 8
+    assert [(evaluation.sensor_index, evaluation.function_index) for evaluation in evaluations] == [
+        (0, 0),
+        (0, 1),
+        (1, 0),
+        (1, 1),
+    ]
+    assert (
+        len({evaluation.prediction for evaluation in evaluations} | {evaluation.scores for evaluation in evaluations})
+        == 8
+    )
 
 
 def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:

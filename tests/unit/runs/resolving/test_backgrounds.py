@@ -34,7 +34,7 @@ def test_backgrounds_are_inferred_by_default_where_ten_frames_share_one(
     assert run.infers_backgrounds is expected
 
 
-def test_specs_from_before_the_switch_keep_their_digest(street: Manifest) -> None:
+def test_the_switch_is_part_of_the_digest(street: Manifest) -> None:
     document = {"name": "one", "asset": "urban-street", "vary": PLACES}
     plain = parse(document)
     assert plain.digest == parse(document | {"infer_backgrounds": None}).digest

@@ -36,8 +36,8 @@ def test_the_notations_mean_the_same(street: Manifest) -> None:
         {"sequence": [3, 0.1, 1], "trajectories": [["scene.person-1", [0, -2, 20], [2, 2, 20]]]},
         {"sequence": [3, 0.1, 1], "trajectories": [{"path": "person-1", "keyframes": keys}]},
     ]
-    states = [[run(street, **one).at({}, index) for index in range(3)] for one in trajectories]
-    assert all(one == states[0] for one in states)
+    states = [[run(street, **trajectory).at({}, index) for index in range(3)] for trajectory in trajectories]
+    assert all(state == states[0] for state in states)
 
 
 def test_a_spec_without_time_keeps_its_assignments(street: Manifest) -> None:
@@ -62,15 +62,15 @@ def test_keyframes_and_time_are_varied_like_any_parameter(street: Manifest) -> N
     }
     resolved = run(street, trajectories=WALK, vary=vary)
     assert len(resolved.space) == 6
-    xs = [resolved.at(one.values, 0)["scene.person-1.pos.x"] for one in resolved.space]
+    xs = [resolved.at(point.values, 0)["scene.person-1.pos.x"] for point in resolved.space]
     assert xs == pytest.approx([-2, -2, -1, 0, 0, 2])
-    assert [resolved.seconds(one.values, 0) for one in resolved.space] == [0, 0, 0.5, 0.5, 1, 1]
+    assert [resolved.seconds(point.values, 0) for point in resolved.space] == [0, 0, 0.5, 0.5, 1, 1]
 
 
 def test_a_constraint_may_speak_of_the_time(street: Manifest) -> None:
     vary = {"time": {"homogeneous": {"from": 0, "to": 2, "step": 1}}}
     resolved = run(street, trajectories=WALK, vary=vary, constraints=["time < 1.5"])
-    assert [resolved.rejection(one.values) is None for one in resolved.space] == [True, True, False]
+    assert [resolved.rejection(point.values) is None for point in resolved.space] == [True, True, False]
 
 
 def test_the_asset_s_own_trajectories_move_where_time_is_asked_for(street: Manifest) -> None:

@@ -118,7 +118,7 @@ def test_parameters_that_the_scene_cannot_take_are_all_listed_and_hide_nothing(t
         {"path": "scene.building-1.light.intensity_cd", "minimum": 0, "maximum": 10, "default": 1},
     ]
     findings = asset_findings(written(tmp_path, parameters=parameters, extent=[3000, 3000, 4000, 4000]))
-    assert [f.where for f in findings if f.code == "declared"] == [one["path"] for one in parameters]
+    assert [f.where for f in findings if f.code == "declared"] == [parameter["path"] for parameter in parameters]
     assert only(findings, "extent").severity is Severity.WARNING
 
 

@@ -197,6 +197,14 @@ def test_a_camera_of_another_program_keeps_its_view(written: Path) -> None:
     assert camera.focal_length_px(1920) == pytest.approx(35.0 / 36.0 * 1920)
 
 
+@pytest.mark.parametrize(("near", "far"), [(0.0, 100.0), (-1.0, 100.0), (5.0, 5.0), (10.0, 2.0)])
+def test_a_camera_that_sees_nothing_is_refused(written: Path, near: float, far: float) -> None:
+    document, binary = chunks_of(written)
+    document["cameras"][0]["perspective"] |= {"znear": near, "zfar": far}
+    with pytest.raises(InvalidInput, match=r"camera-\d.*got znear.*limit: 0 < znear < zfar"):
+        load_gltf(embedded(written, document, binary))
+
+
 def test_the_sun_of_another_program_comes_from_the_same_side(written: Path) -> None:
     document, binary = chunks_of(written)
     del document["extensions"]["KHR_lights_punctual"]["lights"][0]["extras"]

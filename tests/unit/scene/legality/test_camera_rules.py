@@ -20,8 +20,8 @@ def street(camera: tuple[float, float, float] = CAMERA, *, axes: str = "xyz", vi
     """The boxes, free of people, with a camera that has a place and a car that moves."""
     document = simple_manifest().model_dump(mode="json")
     car = Footprint(path="scene.car-1", polygon=tuple(CAR.exterior.coords)[:-1], height_m=1.5)
-    others = [one for one in document["obstacles"] if one["path"] != "scene.car-1"]
-    free = [one for one in document["parameters"] if not one["path"].startswith("scene.camera-1.pos")]
+    others = [obstacle for obstacle in document["obstacles"] if obstacle["path"] != "scene.car-1"]
+    free = [parameter for parameter in document["parameters"] if not parameter["path"].startswith("scene.camera-1.pos")]
     place = [
         {"path": f"scene.camera-1.pos.{axis}", "minimum": -40, "maximum": 80, "default": value}
         for axis, value in zip("xyz", camera, strict=True)

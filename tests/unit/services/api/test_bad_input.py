@@ -75,7 +75,7 @@ def test_a_wrong_spec_is_refused_naming_the_field(
     answer = api.post("/v1/runs", json=spec("bad", **changes))
     document = problem(answer, 422 if field else 404)
     if field is not None:
-        assert any(one["field"].startswith(field) for one in document["errors"]), document["errors"]
+        assert any(error["field"].startswith(field) for error in document["errors"]), document["errors"]
     assert said in document["detail"]
     assert api.get("/v1/runs").json() == before
 
@@ -84,7 +84,7 @@ def test_a_wrong_spec_is_refused_naming_the_field(
 def test_nan_and_infinity_are_refused(api: httpx.Client, number: str) -> None:
     text = f'{{"name": "n", "asset": "drawn-street", "vary": [["{X}", "HOMOGENEOUS", {number}, 5.0, 1.0]]}}'
     document = problem(api.post("/v1/runs", content=text), 422)
-    assert any(one["field"].startswith("vary.0") for one in document["errors"])
+    assert any(error["field"].startswith("vary.0") for error in document["errors"])
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_a_body_that_is_no_document_is_refused(api: httpx.Client, body: bytes, s
 
 def test_several_mistakes_are_reported_at_once(api: httpx.Client) -> None:
     document = problem(api.post("/v1/runs", json=spec("bad", seed=-1, detection_threshold=7)), 422)
-    assert {one["field"] for one in document["errors"]} >= {"seed", "detection_threshold"}
+    assert {error["field"] for error in document["errors"]} >= {"seed", "detection_threshold"}
 
 
 def test_a_mapping_shows_value_and_limit(api: httpx.Client) -> None:
@@ -210,7 +210,9 @@ def test_an_unknown_query_parameter_is_refused_with_near_matches_and_the_allowed
 ) -> None:
     document = problem(api.get(path.replace("RUN", drawn.finished)), 422)
     assert near in document["detail"]
-    assert [(one["field"], one["value"], one["limit"]) for one in document["errors"]] == [(field, field, allowed)]
+    assert [(error["field"], error["value"], error["limit"]) for error in document["errors"]] == [
+        (field, field, allowed)
+    ]
 
 
 def test_an_unknown_query_parameter_of_a_change_is_refused_and_nothing_changes(

@@ -23,7 +23,7 @@ from valerie.pipeline.functions import catalog
 
 def test_an_asset_lists_its_parameters_with_bounds_and_units(api: httpx.Client) -> None:
     asset = api.get("/v1/assets/drawn-street").json()
-    parameters = {one["path"]: one for one in asset["parameters"]}
+    parameters = {parameter["path"]: parameter for parameter in asset["parameters"]}
     x = parameters["scene.person-1.pos.x"]
     assert (x["type"], x["minimum"], x["maximum"], x["unit"]) == ("FLOAT", -15.0, 15.0, "m")
     assert asset["cameras"] == ["camera-1", "camera-2"]
@@ -42,7 +42,7 @@ def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:
     (folder / "manifest.yaml").write_text("name: broken\nparameters: 5\n")
     (folder / "manifest.json").write_text("{")
     write_box_street(tmp_path / "assets" / "boxes")
-    assets = {one.name: one for one in catalog.assets(settings_of(tmp_path))}
+    assets = {asset.name: asset for asset in catalog.assets(settings_of(tmp_path))}
     assert assets["boxes"].problem is None
     assert all(one.problem for name, one in assets.items() if name == "broken")
 
@@ -63,13 +63,13 @@ def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(catalog, "function_card", card)
     world = DrawnWorld(settings_of(tmp_path))
     functions = catalog.functions(world.context)
-    assert [one.name for one in functions] == list(FUNCTIONS)
-    assert all("safetensors" in (one.problem or "") for one in functions)
+    assert [function.name for function in functions] == list(FUNCTIONS)
+    assert all("safetensors" in (function.problem or "") for function in functions)
 
 
 def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:
     labels = {one["name"]: (one["id"], one["train_id"], tuple(one["color"])) for one in api.get("/v1/labels").json()}
-    assert labels == {one.name: (one.id, one.train_id, one.color) for one in CITYSCAPES}
+    assert labels == {label.name: (label.id, label.train_id, label.color) for label in CITYSCAPES}
 
 
 def test_workers_without_a_recent_sign_of_life_are_not_listed(tmp_path: Path) -> None:

@@ -87,7 +87,8 @@ def test_a_preview_is_the_small_picture_of_its_variant(api: httpx.Client, drawn:
     answer = api.post("/v1/preview", params={"variant": [0, 1], "camera": "camera-2"}, json=document, timeout=120)
     assert answer.status_code == 200, answer.text
     pictures = [
-        np.asarray(Image.open(io.BytesIO(base64.b64decode(one["picture"])))) for one in answer.json()["variants"]
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(variant["picture"]))))
+        for variant in answer.json()["variants"]
     ]
     folder = drawn.folder / "assets"
     manifest, digest = asset_manifest(ASSET, asset_dir=folder)

@@ -86,7 +86,7 @@ def test_a_confusion_matrix_counts_the_pixels_of_the_selected_frames_and_names_t
     matrix = answer["confusion"]
     assert matrix["evaluations"] == len(frames) > 3
     np.testing.assert_array_equal(matrix["counts"], expected)
-    listed = [(answer["rows"][str(one["row"])]["frame_id"], one["pixels"]) for one in matrix["frames"]]
+    listed = [(answer["rows"][str(frame["row"])]["frame_id"], frame["pixels"]) for frame in matrix["frames"]]
     assert dict(listed) == {frame: pixels for frame, pixels in of_cell.items() if pixels}
     assert [pixels for _, pixels in listed] == sorted((pixels for _, pixels in listed), reverse=True)
     for wrong in ({"truth": "person"}, {"truth": "persn", "predicted": "void"}, {"function": "nobody"}):
@@ -121,8 +121,19 @@ def test_a_selection_becomes_the_spec_of_a_run_that_looks_closer(api: httpx.Clie
     varied = {one.parameter: one for one in block.vary}
     assert (child.parent_run, child.iteration, block.count) == (drawn.finished, 1, 7)
     assert (varied["scene.person-1.pos.y"].minimum, varied["scene.person-1.pos.y"].maximum) == (15.0, 35.0)
-    assert block.constants["scene.person-1.character"] == CHARACTERS[0]
+    assert child.constants["scene.person-1.character"] == CHARACTERS[0]
+    draft = api.post("/v1/draft", json={"text": answer["yaml"]}).json()
+    assert not draft["several_blocks"], "a form shows it"
     assert api.post("/v1/plan", content=answer["yaml"], headers={"Content-Type": "application/yaml"}).status_code == 200
+
+
+def test_a_selection_is_compared_with_another_that_may_overlap_it(api: httpx.Client, drawn: DrawnRuns) -> None:
+    asked = {"run": drawn.finished, "where": "distance_m > 20"}
+    alone = api.get("/v1/explore/rates", params={"run": drawn.finished, "where": "distance_m > 10"}).json()
+    both = api.get("/v1/explore/rates", params={**asked, "beside": "distance_m > 10"}).json()
+    assert [one["beside"] for one in both["groups"]] == [one["selected"] for one in alone["groups"]]
+    refused = api.get("/v1/explore/rates", params={**asked, "beside": "nope > 1"})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "beside")
 
 
 def test_two_runs_are_explored_together_and_matched(api: httpx.Client, drawn: DrawnRuns) -> None:

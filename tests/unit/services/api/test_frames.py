@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.world.drawn import DrawnRuns
 from tests.world.world import settings_of
-from valerie.labels import PERSON, colorize
+from valerie.labels import CITYSCAPES, PERSON, TRAIN_LABELS, colorize
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import open_context
 from valerie.storage import codecs
@@ -38,7 +38,7 @@ def image(client: httpx.Client, address: str) -> np.ndarray[Any, Any]:
 def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client, drawn: DrawnRuns) -> None:
     path = f"/v1/runs/{drawn.finished}/frames"
     whole = api.get(path).json()["items"]
-    places = [(one["variant_index"], one["camera"]) for one in whole]
+    places = [(run["variant_index"], run["camera"]) for run in whole]
     assert places == sorted(places)
     frames: list[Any] = []
     cursor: dict[str, str] = {}
@@ -52,10 +52,40 @@ def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client
 
 
 def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, drawn: DrawnRuns) -> None:
-    whole = [one["id"] for one in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]]
-    details = [api.get(f"/v1/frames/{one}").json() for one in whole]
-    assert [one["next"] for one in details] == [*whole[1:], None]
-    assert [one["previous"] for one in details] == [None, *whole[:-1]]
+    whole = [item["id"] for item in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]]
+    details = [api.get(f"/v1/frames/{run}").json() for run in whole]
+    assert [detail["next"] for detail in details] == [*whole[1:], None]
+    assert [detail["previous"] for detail in details] == [None, *whole[:-1]]
+
+
+def test_neighbours_in_a_parameter_differ_in_nothing_else_and_rejected_variants_are_skipped(
+    api: httpx.Client, drawn: DrawnRuns
+) -> None:
+    listed = api.get(f"/v1/runs/{drawn.finished}/frames", params={"limit": 1000}).json()["items"]
+    frames = {one["id"]: api.get(f"/v1/frames/{one['id']}").json() for one in listed}
+    seen = 0
+    for frame in frames.values():
+        for near in frame["neighbours"]:
+            here = {**frame["assignment"], "camera": frame["camera"]}
+            same = sorted(
+                ({**one["assignment"], "camera": one["camera"]} for one in frames.values()),
+                key=lambda values: (values[near["parameter"]] != "red-coat", values[near["parameter"]]),
+            )
+            line = [
+                values[near["parameter"]]
+                for values in same
+                if all(values[k] == here[k] for k in here if k != near["parameter"])
+            ]
+            place = line.index(here[near["parameter"]])
+            expected = (line[place - 1] if place else None, line[place + 1] if place + 1 < len(line) else None)
+            assert tuple(side and side["value"] for side in (near["before"], near["after"])) == expected
+            for side in filter(None, (near["before"], near["after"])):
+                other = frames[side["frame"]]
+                assert {**other["assignment"], "camera": other["camera"]} == {**here, near["parameter"]: side["value"]}
+                seen += 1
+    assert seen > 100
+    parameters = {near["parameter"].removeprefix("scene.person-1.") for near in frame["neighbours"]}
+    assert parameters == {"camera", "pos.x", "pos.y", "character"}
 
 
 def test_visibility_and_scores_agree_with_the_stored_products(
@@ -80,13 +110,50 @@ def test_visibility_and_scores_agree_with_the_stored_products(
             "pacc_empty": 0.0,  # the drawn functions see nobody where nobody stands
         }
         assert scored.items() >= expected.items()
-    assert [one["function"] for one in frame["evaluations"]] == ["deeplabv3plus-small", "semantic-fpn-small"]
+    assert [evaluation["function"] for evaluation in frame["evaluations"]] == [
+        "deeplabv3plus-small",
+        "semantic-fpn-small",
+    ]
+
+
+def test_a_pixel_names_what_the_stored_products_hold_there(
+    api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
+) -> None:
+    store = open_context(settings_of(drawn.folder)).store
+    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    predictions = {
+        one["function"]: codecs.decode_prediction(store.get(product_key("prediction", one["prediction"])))
+        for one in frame["evaluations"]
+    }
+    person = tuple(np.argwhere(truth.instance_map == frame["persons"][0]["instance_id"])[0])
+    sky = tuple(np.argwhere(~np.isfinite(truth.depth))[0])
+    for y, x in (person, sky, (frame["height"] - 1, frame["width"] - 1)):
+        (seen,) = api.get(f"/v1/frames/{frame['id']}/pixel", params={"x": int(x), "y": int(y)}).json()
+        depth = float(truth.depth[y, x])
+        assert seen == {
+            "sensor": "default",
+            "label": next(one.name for one in CITYSCAPES if one.id == truth.class_map[y, x]),
+            "instance_id": int(truth.instance_map[y, x]) or None,
+            "depth_m": depth if np.isfinite(depth) else None,
+            "predictions": {
+                name: next((one.name for one in TRAIN_LABELS if one.train_id == labels[y, x]), "void")
+                for name, labels in predictions.items()
+            },
+        }
+    outside = api.get(f"/v1/frames/{frame['id']}/pixel", params={"x": frame["width"], "y": 0})
+    assert outside.status_code == 422
+    assert outside.json()["errors"][0] == {
+        "field": "x",
+        "message": "outside the frame",
+        "value": frame["width"],
+        "limit": f"0 … {frame['width'] - 1}",
+    }
 
 
 def test_every_address_of_a_frame_shows_a_picture_of_its_size(api: httpx.Client, frame: dict[str, Any]) -> None:
-    addresses = [*frame["images"].values(), *(one for e in frame["evaluations"] for one in e["images"].values())]
+    addresses = [*frame["images"].values(), *(value for e in frame["evaluations"] for value in e["images"].values())]
     assert len(addresses) == 5 + 2 * 4
-    assert {image(api, one).shape for one in addresses} == {(frame["height"], frame["width"], 3)}
+    assert {image(api, address).shape for address in addresses} == {(frame["height"], frame["width"], 3)}
 
 
 def test_truth_and_prediction_are_painted_in_the_colours_of_their_classes(
@@ -123,7 +190,7 @@ def test_different_pictures_have_different_tags(api: httpx.Client, frame: dict[s
         *frame["images"].values(),
         *(e["images"][k] for e in frame["evaluations"] for k in ("prediction", "errors")),
     ]
-    assert len({api.get(one).headers["ETag"] for one in addresses}) == len(addresses)
+    assert len({api.get(address).headers["ETag"] for address in addresses}) == len(addresses)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +246,7 @@ def test_an_artifact_is_the_stored_object(api: httpx.Client, drawn: DrawnRuns, f
 def test_a_failed_frame_has_its_state_and_the_pictures_that_exist(api: httpx.Client, drawn: DrawnRuns) -> None:
     detail = api.get(f"/v1/frames/{drawn.failed}.4.0.0").json()
     assert detail["state"] == "failed"
-    assert {one["state"] for one in detail["evaluations"]} == {"failed"}
+    assert {evaluation["state"] for evaluation in detail["evaluations"]} == {"failed"}
     assert api.get(detail["images"]["truth"]).status_code == 200
     answer = api.get(detail["images"]["picture"])
     assert answer.status_code == 409

@@ -43,7 +43,7 @@ def test_an_onnx_file_with_its_document_is_registered_once(fresh: httpx.Client, 
     again = post(fresh, onnx, document=SIDE)
     assert (again.status_code, again.json()["digest"]) == (200, function["digest"])
     listed = [one for one in fresh.get("/v1/functions").json() if one["name"] == "small"]
-    assert [(one["version"], one["digest"]) for one in listed] == [(1, function["digest"])]
+    assert [(function["version"], function["digest"]) for function in listed] == [(1, function["digest"])]
 
 
 def test_a_version_is_read_by_name_or_digest_and_its_file_is_unchanged(fresh: httpx.Client, onnx: Path) -> None:

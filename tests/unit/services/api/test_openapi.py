@@ -103,7 +103,7 @@ def test_answers_fit_their_schemas(
             run_id=run, frame_id=frame, study_id=study, name="drawn-street", reference="deeplabv3plus-small"
         )
         sides = {"before": f"{run}:deeplabv3plus-small", "after": f"{run}:semantic-fpn-small"}
-        values = {"run": run, "column": "pacc", "function": "deeplabv3plus-small", **sides}
+        values = {"run": run, "column": "pacc", "function": "deeplabv3plus-small", "x": 0, "y": 0, **sides}
         needed = [one["name"] for one in item["get"].get("parameters", []) if one["in"] == "query" and one["required"]]
         answer = api.get(address, params={name: values[name] for name in needed})
         assert answer.status_code == 200, (address, answer.text)

@@ -129,7 +129,7 @@ def test_points_over_a_varied_parameter_are_those_of_its_column(
     points = api.get(f"/v1/runs/{drawn.finished}/points", params={"column": column}).json()
     drawn = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
     assert drawn == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
-    (axis,) = [one for one in points["axes"] if one["column"] == column]
+    (axis,) = [axis for axis in points["axes"] if axis["column"] == column]
     assert axis == {"column": column, "title": "person-1.pos.y", "unit": "m", "scale": 1.0, "group": "varied"}
 
 
@@ -172,10 +172,10 @@ def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns
 def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, drawn: DrawnRuns) -> None:
     path = f"/v1/runs/{drawn.finished}/variants"
     whole = api.get(path).json()["items"]
-    assert [one["index"] for one in whole] == list(range(24))
+    assert [run["index"] for run in whole] == list(range(24))
     first = api.get(path, params={"limit": 12}).json()
     second = api.get(path, params={"limit": 12, "cursor": first["next"]}).json()
     assert first["items"] + second["items"] == whole
     assert second["next"] is None
     accepted = api.get(path, params={"rejected": False}).json()["items"]
-    assert accepted == [one for one in whole if one["rejection"] is None]
+    assert accepted == [run for run in whole if run["rejection"] is None]

@@ -104,11 +104,11 @@ def stages_rejected(client: httpx.Client, run: str) -> int:
 
 def test_failures_have_stage_error_attempts_and_cause(api: httpx.Client, drawn: DrawnRuns) -> None:
     failures = api.get(f"/v1/runs/{drawn.failed}/failures").json()
-    roots = [one for one in failures if "cause" not in one["error"]]
-    assert {(one["kind"], one["variant_index"]) for one in roots} == {("layer", 4)}
-    assert all(one["error"]["type"] == "RenderingError" and one["error"]["attempts"] == 1 for one in roots)
-    digests = {one["digest"] for one in failures}
-    assert all(one["error"]["cause"] in digests for one in failures if "cause" in one["error"])
+    roots = [failure for failure in failures if "cause" not in failure["error"]]
+    assert {(root["kind"], root["variant_index"]) for root in roots} == {("layer", 4)}
+    assert all(root["error"]["type"] == "RenderingError" and root["error"]["attempts"] == 1 for root in roots)
+    digests = {failure["digest"] for failure in failures}
+    assert all(failure["error"]["cause"] in digests for failure in failures if "cause" in failure["error"])
 
 
 def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: httpx.Client, drawn: DrawnRuns) -> None:

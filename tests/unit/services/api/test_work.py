@@ -84,7 +84,7 @@ def test_the_lineage_has_ancestors_siblings_and_descendants_and_nothing_else(fre
     other = child(None, "other")
     for run in (root, left, right, grandchild):
         lineage = fresh.get(f"/v1/runs/{run}/lineage").json()
-        assert {one["id"]: one["parent_run"] for one in lineage} == {
+        assert {node["id"]: node["parent_run"] for node in lineage} == {
             root: None,
             left: root,
             right: root,
