@@ -56,15 +56,3 @@ def for_whom(estimand: Estimand | None) -> str:
 def points(difference: float) -> str:
     """Return a difference of rates in percentage points with its sign."""
     return f"{100 * difference:+.1f}".replace("-", "−")
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as text for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    if whole < 86_400:
-        return f"{whole // 3600} h {whole % 3600 // 60} min"
-    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"

@@ -151,7 +151,7 @@ class ProgressLines:
         if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()
-        from valerie.analysis.wording import duration
+        from valerie.runs.moments import duration
 
         text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
         if per_s:

@@ -226,7 +226,7 @@ def _variants(plan: Plan) -> Table:
 def _show_products(plan: Plan) -> None:
     from rich.table import Table
 
-    from valerie.analysis.wording import duration
+    from valerie.runs.moments import duration
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")

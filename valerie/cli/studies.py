@@ -329,12 +329,12 @@ def follow_study(system: System, study_id: str, *, quiet: bool) -> Study:
 
 
 def _show(study: Study, *, as_json: bool) -> None:
+    from valerie.runs.moments import duration
+
     if as_json:
         typer.echo(study.model_dump_json())
         return
     from rich.table import Table
-
-    from valerie.analysis.wording import duration
 
     out = console()
     out.print(f"{study.name} ({study.id}), {study.goal}: {study.state}" + (f", {study.reason}" if study.reason else ""))

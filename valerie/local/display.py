@@ -16,6 +16,7 @@ from rich.text import Text
 
 from valerie.client import Progress, StageProgress
 from valerie.local.terminal import console
+from valerie.runs.moments import duration
 from valerie.runs.products.states import RunState
 
 #: Stage to the name of its products.
@@ -164,7 +165,7 @@ def progress_line(title: str, progress: Progress) -> str:
         parts.append(text)
     left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
     if left and not RunState(progress.state).is_final:
-        parts.append(f"about {_duration(max(left))} left")
+        parts.append(f"about {duration(max(left))} left")
     if progress.reason:
         parts.append(progress.reason)
     return ", ".join(parts)
@@ -174,13 +175,7 @@ def remaining(stage: StageProgress) -> str:
     """Return the remaining time of a stage as text: empty if it is done, ``…`` if unknown."""
     if stage.done + stage.failed >= stage.total:
         return ""
-    return f"{_duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
-
-
-def _duration(seconds: float) -> str:
-    from valerie.analysis.wording import duration  # with numpy and pyarrow, without which commands start
-
-    return duration(seconds)
+    return f"{duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
 
 
 def _variants(progress: Progress) -> str:

@@ -1,4 +1,4 @@
-"""Points in time in UTC, and as text."""
+"""Points in time in UTC, and durations; both as text."""
 
 from __future__ import annotations
 
@@ -20,3 +20,15 @@ Moment = Annotated[datetime, AfterValidator(in_utc)]
 def moment_text(moment: datetime) -> str:
     """Return a moment as text, e.g. ``2026-11-21 14:05 UTC``."""
     return in_utc(moment).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as text for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    if whole < 86_400:
+        return f"{whole // 3600} h {whole % 3600 // 60} min"
+    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"

@@ -95,11 +95,6 @@ def build_report(source: StudyReport) -> str:
     )
 
 
-def duration(seconds: float) -> str:
-    """Return a CPU time as text."""
-    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 3600:.2f} h"
-
-
 @cache
 def _environment() -> jinja2.Environment:
     return page_environment("valerie.studies")

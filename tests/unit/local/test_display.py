@@ -5,9 +5,9 @@ import json
 import pytest
 from rich.console import Console
 
-from valerie.analysis.wording import duration
 from valerie.client import Progress, StageProgress, VariantProgress
 from valerie.local.display import STAGES, JsonDisplay, LineDisplay, progress_line, progress_table
+from valerie.runs.moments import duration
 
 
 def _progress(done: int = 30, *, state: str = "running", failed: int = 0, reason: str | None = None) -> Progress:

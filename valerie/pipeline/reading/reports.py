@@ -19,7 +19,6 @@ from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
-from valerie.analysis.wording import duration
 from valerie.db import results, runs
 from valerie.db.engine import database_moment, reading
 from valerie.db.results import FailedLink
@@ -36,6 +35,7 @@ from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.run_verdicts import read_verdicts
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.plain import JsonObject
+from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.runs.products.ready import Fault

@@ -10,9 +10,10 @@ from valerie.pipeline.control.studies.advancing import informed_pursuit
 from valerie.pipeline.control.studies.reporting import decisive_pictures
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.rounds.flow import Flow, FlowEnd, Round, Studied, Trained
+from valerie.runs.moments import duration
 from valerie.runs.study.study_document import StudyDocument, VerifyGoal
 from valerie.studies.flow_report import FlowReport, ShownRound, ShownStage, StageState, build_flow_report
-from valerie.studies.report import ShownPicture, duration
+from valerie.studies.report import ShownPicture
 
 #: Frames that are shown of a round, failures first.
 _PICTURES: Final = 3

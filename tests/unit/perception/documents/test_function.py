@@ -119,6 +119,7 @@ def test_a_contradiction_is_named_with_its_field(change: dict[str, Any], field: 
         ({"payload": {**PAYLOAD, "sha": 1}}, "sha256"),
         ({"output": {"class_map": {"person": "peson"}}}, "person"),
         ({"output": {"target_classes": ["persons"]}}, "person"),
+        ({"output": {"classes": "cityscape"}}, "cityscapes"),
     ],
 )
 def test_unknown_names_come_with_near_matches(change: dict[str, Any], near: str) -> None:
@@ -134,6 +135,16 @@ def test_a_target_class_must_be_one_that_the_function_can_predict() -> None:
 def test_a_missing_field_is_named() -> None:
     with pytest.raises(InvalidInput, match="kind: this field is missing"):
         parse_function({"name": "f"})
+
+
+def test_a_wrong_kind_is_one_problem_and_a_wrong_name_shows_its_form() -> None:
+    with pytest.raises(InvalidInputs) as caught:
+        parse_function({"name": "A B", "kind": "onix", "input": {"size": "512x256"}})
+    assert [str(problem) for problem in caught.value.problems] == [
+        "name: not of the required form; got A B; limit: ^[a-z0-9][a-z0-9_.-]*$",
+        "kind: unknown value 'onix'; did you mean onnx?",
+        "input.size: a list is needed here; got 512x256; limit: [512, 256]",
+    ]
 
 
 def test_a_document_cannot_be_changed() -> None:

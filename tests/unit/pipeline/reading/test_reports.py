@@ -7,11 +7,11 @@ import pytest
 from tests.world.blank import SMALL, Pipeline
 from tests.world.boxes import spec
 from valerie.analysis.claims.claims import parse_claims
-from valerie.analysis.wording import duration
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline.reading.reports import compare_runs, report_with
+from valerie.runs.moments import duration
 
 CLAIMS = parse_claims(
     {

@@ -17,10 +17,11 @@ from valerie.pipeline.control.studies.advancing import informed_pursuit
 from valerie.pipeline.control.studies.resolving import resolve_row
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
+from valerie.runs.moments import duration
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import PictureKind
 from valerie.studies.pursuit import Pursuit
-from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report, duration
+from valerie.studies.report import ShownBatch, ShownPicture, StudyReport, build_report
 from valerie.studies.resolved import ResolvedStudy
 
 log = structlog.get_logger()
