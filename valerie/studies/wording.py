@@ -126,7 +126,8 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
     sentences = [
         f"{calls} of the operational domain, by the calls of the map.",
         f"Of {known.tested} exploring points where it gives a verdict, {100 * known.wrong:.1f} % would have been called wrongly "
-        f"without their own scores; by a bound of {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of the calls are wrong."
+        f"without their own scores; by a bound of {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of the calls "
+        "are wrong."
         if known.tested
         else f"No verdict anywhere: more than {100 * WRONG:g} % might be wrong.",
         "A region without points gets the verdict of its surroundings, so an island of failures there stays unseen.",
