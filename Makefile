@@ -162,6 +162,10 @@ sensor-strip: setup-dev ## Render docs/images/sensor.jpg: one frame behind each 
 gallery: setup-dev ## Render docs/images/gallery.jpg and one large picture per engine (minutes; Cycles after `make cycles`)
 	@exec $(PYTHON_BIN) -m tools.gallery
 
+.PHONY: screenshots
+screenshots: setup-dev ## Take the dashboard's pictures of docs/images/ from the first run (minutes; Chromium)
+	@exec $(PYTHON_BIN) -m tools.screenshots
+
 .PHONY: notebook
 notebook: setup-dev ## Execute examples/notebook.ipynb and render it as docs/notebook.md
 	@exec $(PYTHON_BIN) -m tools.notebook

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from pydantic_core import ErrorDetails
@@ -13,7 +14,15 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-_BOUNDS: Final = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<", "max_length": "at most", "min_length": "at least"}
+_BOUNDS: Final = {
+    "pattern": "",
+    "ge": ">=",
+    "gt": ">",
+    "le": "<=",
+    "lt": "<",
+    "max_length": "at most",
+    "min_length": "at least",
+}
 _MESSAGES: Final = {
     **dict.fromkeys(
         (
@@ -42,11 +51,14 @@ _MESSAGES: Final = {
     "model_type": "a mapping is needed here",
     "union_tag_not_found": "a distribution is needed here",
     "extra_forbidden": "this field is unknown",
+    "string_pattern_mismatch": "not of the required form",
     **dict.fromkeys(
         ("datetime_type", "datetime_parsing", "datetime_from_date_parsing", "datetime_object_invalid"),
         "a moment is needed here",
     ),
 }
+#: The sign in 960x540.
+_BETWEEN_NUMBERS: Final = re.compile(r"(?<=[0-9])\s*[x×]\s*(?=[0-9])")
 #: Errors for a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
 
@@ -69,20 +81,24 @@ def problem_of(detail: ErrorDetails, field: str) -> InvalidInput:
         return UnknownName("value", value, re.findall(r"'([^']*)'", str(context["expected"])), field=field)
     if kind in _OF_A_FEW:
         return InvalidInput("not an accepted value", field=field, value=_shown(value), limit=context["expected"])
-    limit = next(
-        (f"{sign} {context[key]}{_counted(kind, context[key])}" for key, sign in _BOUNDS.items() if key in context),
-        None,
-    )
-    if kind == "tuple_type":
-        limit = _listed(value)
-    elif kind.startswith("datetime"):
-        limit = "as 2027-01-31T18:00"
-    elif kind == "string_type" and isinstance(value, bool | int | float):
-        limit = f"{json.dumps(value)!r} in quotes"
     text = detail["msg"].removeprefix("Value error, ")
     # The messages of VALERIE's own validators (value_error) stay unchanged.
     message = _MESSAGES.get(kind, text if kind == "value_error" else text[:1].lower() + text[1:])
-    return InvalidInput(message, field=field, value=_shown(value), limit=limit)
+    return InvalidInput(message, field=field, value=_shown(value), limit=_right(kind, value, context))
+
+
+def _right(kind: str, value: object, context: Mapping[str, object]) -> str | None:
+    """Return what is accepted instead of a value; None if that is unknown."""
+    if kind == "tuple_type":
+        return _listed(value)
+    if kind.startswith("datetime"):
+        return "as 2027-01-31T18:00"
+    if kind == "string_type" and isinstance(value, bool | int | float):
+        return f"{json.dumps(value)!r} in quotes"
+    if "pattern" in context:
+        return str(context["pattern"])
+    bounds = (f"{sign} {context[key]}{_counted(kind, context[key])}" for key, sign in _BOUNDS.items() if key in context)
+    return next(bounds, None)
 
 
 def _shown(value: object) -> object:
@@ -90,7 +106,7 @@ def _shown(value: object) -> object:
     return None if isinstance(value, dict) else value
 
 
-def _counted(kind: str, number: int) -> str:
+def _counted(kind: str, number: object) -> str:
     """Return the noun that a bound counts; empty if it is not of a length."""
     if not kind.endswith(("too_short", "too_long")):
         return ""
@@ -102,4 +118,4 @@ def _listed(value: object) -> str | None:
     """Return a value as a list of one; None for no value."""
     if isinstance(value, dict):
         return f"[{{{next(iter(value))}: …}}]" if value else None
-    return None if value is None else f"[{value}]"
+    return None if value is None else f"[{_BETWEEN_NUMBERS.sub(', ', str(value))}]"

@@ -305,10 +305,10 @@ export function histogramPlot(column, { brushed, removed }) {
     for (let k = last; k > 0; k -= 1) if (place >= left(k)) return k;
     return Math.max(0, Math.min(last, Math.floor(place / unit)));
   };
-  const pick = (a, b, ended) => {
+  const pick = (a, b) => {
     const bins = data.every.length - 1;
     const [first, last] = a <= b ? [a, b] : [b, a];
-    brushed(brushOfBins(data, column.numeric, first >= bins ? bins : first, last), ended);
+    brushed(brushOfBins(data, column.numeric, first >= bins ? bins : first, last));
   };
   canvas.addEventListener("pointermove", (event) => { if (data && !event.buttons) { at = binAt(event.offsetX); tell(); } });
   canvas.addEventListener("pointerleave", () => { at = -1; if (data) tell(); });
@@ -316,8 +316,8 @@ export function histogramPlot(column, { brushed, removed }) {
   dragging(canvas, ([ax], [bx], ended) => {
     if (!data) return;
     const a = binAt(ax), b = binAt(bx), covered = binsOfBrush(data, brush);
-    if (ended && a === b && Math.abs(ax - bx) < 4 && covered && covered[0] === a && covered[1] === a) brushed(null, true);
-    else pick(a, b, ended);
+    if (ended && a === b && Math.abs(ax - bx) < 4 && covered && covered[0] === a && covered[1] === a) brushed(null);
+    else pick(a, b);
   });
   canvas.addEventListener("keydown", (event) => {
     if (!data) return;
@@ -326,11 +326,11 @@ export function histogramPlot(column, { brushed, removed }) {
     if (step) {
       event.preventDefault();
       const next = Math.max(0, Math.min(last, at + step)), covered = binsOfBrush(data, brush);
-      if (event.shiftKey) pick(covered ? (step > 0 ? covered[0] : Math.min(covered[0], next)) : Math.max(at, 0), step > 0 ? next : covered ? covered[1] : next, true);
+      if (event.shiftKey) pick(covered ? (step > 0 ? covered[0] : Math.min(covered[0], next)) : Math.max(at, 0), step > 0 ? next : covered ? covered[1] : next);
       at = next;
       tell();
-    } else if (event.key === "Enter" && at >= 0) pick(at, at, true);
-    else if (event.key === "Escape") brushed(null, true);
+    } else if (event.key === "Enter" && at >= 0) pick(at, at);
+    else if (event.key === "Escape") brushed(null);
   });
   return {
     element, end: view.end,

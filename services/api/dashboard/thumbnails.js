@@ -1,4 +1,4 @@
-// A grid of thumbnails. Each picture from the server is a sheet of many.
+// A grid of thumbnails; `show` resolves when all are there. Each picture from the server is a sheet of many.
 import { picture } from "./api.js";
 import { h } from "./dom.js";
 
@@ -18,7 +18,7 @@ export function thumbnails() {
     });
     if (further) element.append(...cells.map((one) => one.link));
     else element.replaceChildren(...(cells.length ? cells.map((one) => one.link) : [h("p", { class: "soft" }, "No row is selected.")]));
-    for (let k = 0; k < cells.length; k += SHEET) sheet(cells.slice(k, k + SHEET), kind, crop, () => mine === latest);
+    return Promise.all(Array.from({ length: Math.ceil(cells.length / SHEET) }, (_, k) => sheet(cells.slice(k * SHEET, (k + 1) * SHEET), kind, crop, () => mine === latest)));
   };
   return { element, show };
 }

@@ -81,7 +81,12 @@ def _scale(value: object) -> object:
 
 
 def _listed(value: object) -> object:
-    return CLASS_LISTS.get(value, value) if isinstance(value, str) else value
+    """Return the classes of a named list; other values unchanged."""
+    if not isinstance(value, str):
+        return value
+    if value not in CLASS_LISTS:
+        raise UnknownName("list of classes", value, CLASS_LISTS, field="output.classes", limit="[class, class, …]")
+    return CLASS_LISTS[value]
 
 
 class Payload(Document):
@@ -312,7 +317,11 @@ def parse_function(source: str | bytes | Mapping[str, Json], **entries: object) 
         return FunctionDocument.model_validate(values)
     except ValidationError as error:
         kind = str(values.get("kind"))
-        raise InvalidInputs([_problem(problem, kind) for problem in error.errors(include_url=False)]) from None
+        # A known kind has an engine by default, and an unknown one is a problem of its own.
+        problems = [
+            problem for problem in error.errors(include_url=False) if problem["loc"] != ("engine",) or kind in ENGINES
+        ]
+        raise InvalidInputs([_problem(problem, kind) for problem in problems]) from None
 
 
 def _problem(problem: ErrorDetails, kind: str) -> InvalidInput:

@@ -43,10 +43,36 @@ class Bins:
         """Number of bins, without that of the undefined rows."""
         return len(self.levels) or len(self.edges) - 1
 
-    def counts(self, rows: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-        """Return (count + 1,) numbers of rows in each bin, undefined ones last; ``rows``, (N,) bool, selects rows."""
-        codes = self.codes if rows is None else self.codes[rows]
+    def counts(self, numbers: NDArray[np.intp] | None = None) -> NDArray[np.int64]:
+        """Return (count + 1,) numbers of rows in each bin, undefined ones last; ``numbers`` selects rows."""
+        codes = self.codes if numbers is None else self.codes.take(numbers)
         return np.bincount(codes, minlength=self.count + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Equal cells along an axis.
+
+    Attributes:
+        cells: (N,) int16 cell of each row; −1 where the row has no value.
+        low: start of the first cell.
+        width: of a cell.
+    """
+
+    cells: NDArray[np.int16]
+    low: float
+    width: float
+
+
+def column_grid(values: NDArray[np.float64], count: int) -> Grid:
+    """Divide the range of numbers into equal cells."""
+    finite = np.isfinite(values)
+    if not finite.any():
+        return Grid(np.full(len(values), -1, np.int16), 0.0, 1.0)
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    width = ((high - low) or 1.0) / count
+    place = np.minimum(np.where(finite, (values - low) / width, -1), count - 1)
+    return Grid(place.astype(np.int16), low, width)
 
 
 def column_bins(table: EvaluationTable, column: str, count: int) -> Bins:

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, UnknownName
 from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
-from valerie.parameters.constraints import Sql, compile_constraint, quoted
+from valerie.parameters.constraints import Sql, compile_constraint
 from valerie.parameters.definitions import ParameterType
-from valerie.pipeline.exploring.bins import Bins, column_bins
+from valerie.pipeline.exploring.bins import Bins, Grid, column_bins, column_grid
 from valerie.runs.resolving.where import Column
 
 #: Most rows of an exploration.
@@ -37,6 +37,8 @@ _MEMORY: Final = "1GB"
 _THREADS: Final = 2
 #: Number of cached selections, one byte per row each.
 _KEPT: Final = 12
+#: Number of cached orders of rows, eight bytes per row each.
+_KEPT_ORDERS: Final = 4
 #: Column of row numbers; expressions cannot name it.
 ROW: Final = "row number"
 _SCORES: Final = frozenset(names_from(*OF_FUNCTION)) - {"function"}
@@ -79,16 +81,21 @@ class Selection:
     Attributes:
         where: the expression; empty: all rows.
         rows: (N,) bool.
-        count: number of selected rows.
+        numbers: (count,) their numbers, ascending.
         sql: the expression in SQL.
         scored: whether it depends on a function's scores.
     """
 
     where: str
     rows: NDArray[np.bool_]
-    count: int
+    numbers: NDArray[np.intp]
     sql: Sql
     scored: bool
+
+    @property
+    def count(self) -> int:
+        """Number of selected rows."""
+        return len(self.numbers)
 
 
 class Exploration:
@@ -115,12 +122,14 @@ class Exploration:
         # A quotient by zero is NULL, as in `valerie.parameters.constraints`.
         for setting in ("ieee_floating_point_ops", "error_on_division_by_zero", "enable_external_access"):
             self._connection.execute(f"SET {setting} = false")
-        rows = table.arrow.append_column(ROW, pa.array(np.arange(len(table), dtype=np.int32)))
-        self._connection.register("rows", rows)
+        self._numbered = table.arrow.append_column(ROW, pa.array(np.arange(len(table), dtype=np.int32)))
+        self._connection.register("rows", self._numbered)
         self._connection.execute("SET lock_configuration = true")
         self._lock, self._caching = Lock(), RLock()
         self._selections: LRUCache[str, Selection] = LRUCache(_KEPT)
         self._bins: dict[tuple[str, int], Bins] = {}
+        self._orders: LRUCache[tuple[str, bool], NDArray[np.intp]] = LRUCache(_KEPT_ORDERS)
+        self._grids: LRUCache[tuple[str, int], Grid] = LRUCache(_KEPT)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -151,20 +160,20 @@ class Exploration:
             InvalidInput: it violates the grammar, compares different types or takes too long.
             UnknownName: it names an unknown column, or an unknown name of one.
         """
+        # The views of a page ask for the same selection at once; one of them computes it.
         with self._caching:
-            if where in self._selections:
-                return self._selections[where]
+            if where not in self._selections:
+                self._selections[where] = self._selected(where, field)
+            return self._selections[where]
+
+    def _selected(self, where: str, field: str) -> Selection:
+        sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
         if where.strip():
             constraint = compile_constraint(where, self._operands, field=field, word="column")
             sql, scored = constraint.sql, not constraint.paths.isdisjoint(_SCORES)
             answer = self.query(Sql(f"SELECT coalesce({sql.text}, false) AS selected FROM rows", sql.values))
             rows = answer["selected"].to_numpy()
-        else:
-            sql, scored, rows = Sql("TRUE"), False, np.ones(len(self), np.bool_)
-        selection = Selection(where, rows, int(np.count_nonzero(rows)), sql, scored)
-        with self._caching:
-            self._selections[where] = selection
-        return selection
+        return Selection(where, rows, np.flatnonzero(rows), sql, scored)
 
     def bins(self, column: str, count: int) -> Bins:
         """Return the bins of a column; errors as in `column_bins`."""
@@ -172,6 +181,13 @@ class Exploration:
             if (column, count) not in self._bins:
                 self._bins[column, count] = column_bins(self.table, column, count)
             return self._bins[column, count]
+
+    def grid(self, column: str, count: int) -> Grid:
+        """Return the cells of a column of numbers along an axis of a density."""
+        with self._caching:
+            if (column, count) not in self._grids:
+                self._grids[column, count] = column_grid(self.table.numbers(column), count)
+            return self._grids[column, count]
 
     def page(self, selection: Selection, *, sort: str = "", limit: int, offset: int = 0) -> pa.Table:
         """Return selected rows sorted by a column, undefined values last, ties in the order of the runs.
@@ -184,13 +200,26 @@ class Exploration:
         Raises:
             UnknownName: no such column.
         """
-        name = sort.removeprefix("-")
-        order = quoted(ROW)
-        if name:
+        numbers = selection.numbers
+        if name := sort.removeprefix("-"):
             self.require(name, field="sort")
-            order = f"{quoted(name)} {'DESC' if sort.startswith('-') else 'ASC'} NULLS LAST, {order}"
-        text = f"SELECT * FROM rows WHERE {selection.sql.text} ORDER BY {order} LIMIT {int(limit)} OFFSET {int(offset)}"
-        return self.query(Sql(text, selection.sql.values))
+            order = self._order(name, descending=sort.startswith("-"))
+            numbers = order[selection.rows[order]]
+        return self._numbered.take(pa.array(numbers[offset : offset + limit]))
+
+    def _order(self, column: str, *, descending: bool) -> NDArray[np.intp]:
+        """Return the numbers of all rows in the order of a column, undefined values last."""
+        with self._caching:
+            if (column, descending) not in self._orders:
+                values = self._sortable(column)
+                self._orders[column, descending] = np.argsort(-values if descending else values, kind="stable")
+            return self._orders[column, descending]
+
+    def _sortable(self, column: str) -> NDArray[np.float64]:
+        if self.table.is_number(column):
+            return self.table.numbers(column)
+        index = self.table.codes(column).index
+        return np.where(index < 0, np.nan, index)
 
     def rows(self, selection: Selection) -> pa.Table:
         """Return all selected rows with the columns of the long table."""

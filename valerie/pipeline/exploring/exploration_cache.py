@@ -29,8 +29,8 @@ from valerie.storage.keys import run_key
 
 #: Most rows of all cached explorations together.
 _KEPT_ROWS: Final = MAX_ROWS
-#: Most runs of an exploration.
-MAX_RUNS: Final = 20
+#: Most runs of an exploration: a study has one for each batch.
+MAX_RUNS: Final = 100
 #: Shortest time between two reads of an active run, seconds.
 _FRESH_SECONDS: Final = 30.0
 
@@ -102,8 +102,8 @@ def _together(tables: Sequence[EvaluationTable]) -> EvaluationTable:
 
 def _present(table: EvaluationTable) -> EvaluationTable:
     """Return the rows without persons that are absent from the scene; frames without persons keep their row."""
-    reasons = table.codes("undefined_reason")
-    return table.select(~(reasons.where(ABSENT) & np.isfinite(table.numbers("instance_id"))))
+    absent = table.codes("undefined_reason").where(ABSENT) & np.isfinite(table.numbers("instance_id"))
+    return table.select(~absent) if absent.any() else table  # a copy of a large table takes a second
 
 
 def _plain(table: EvaluationTable) -> pa.Table:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.measures import Cell
+from valerie.pipeline.exploring.bins import Grid
 from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.statistics.intervals import Interval, Refusal, mean_interval
 
@@ -55,7 +56,7 @@ def histogram(exploration: Exploration, column: str, selection: Selection) -> Hi
     exploration.require(column, field="column")
     bins = exploration.bins(column, BINS)
     every = bins.counts()
-    selected = every if selection.count == len(exploration) else bins.counts(selection.rows)
+    selected = every if selection.count == len(exploration) else bins.counts(selection.numbers)
     return Histogram(column, list(bins.levels), list(bins.edges), every.tolist(), selected.tolist())
 
 
@@ -78,7 +79,7 @@ def links(exploration: Exploration, columns: Sequence[str], selection: Selection
     for column in columns:
         exploration.require(column, field="column")
     bins = [exploration.bins(column, BINS) for column in columns]
-    codes = [axis.codes[selection.rows] for axis in bins]
+    codes = [axis.codes.take(selection.numbers) for axis in bins]
     answer = []
     for k in range(len(columns) - 1):
         width = bins[k + 1].count + 1
@@ -111,41 +112,40 @@ def scatter(
         UnknownName: no such column.
         InvalidInput: x or y contains names.
     """
-    columns = []
     for field, name in (("x", x), ("y", y)):
         exploration.require(name, field=field)
         if not exploration.table.is_number(name):
             raise InvalidInput("an axis needs numbers; this column holds names", field=field, value=name)
-        columns.append(exploration.table.numbers(name))
     shades = _shades(exploration, color)
     if selection.count <= MAX_POINTS and form == "auto":
-        rows = np.flatnonzero(selection.rows)
-        a, b = columns[0][rows], columns[1][rows]
+        rows = selection.numbers
+        a, b = (exploration.table.numbers(name).take(rows) for name in (x, y))
         shown = np.isfinite(a) & np.isfinite(b)
         points = {"x": a[shown], "y": b[shown]}
         if shades is not None:
             points["color"] = shades[rows[shown]]
         return _table(points, {"row": rows[shown]}, form="points", undefined=int((~shown).sum()))
-    return _cells(columns[0], columns[1], shades, selection, names=_named(exploration, color))
+    return _cells(
+        exploration.grid(x, ACROSS), exploration.grid(y, UP), shades, selection, names=_named(exploration, color)
+    )
 
 
 def _cells(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    x: Grid,
+    y: Grid,
     shades: NDArray[np.float64] | None,
     selection: Selection,
     *,
     names: int,
 ) -> pa.Table:
-    column, x_low, width = _grid(x, ACROSS)
-    row, y_low, height = _grid(y, UP)
-    shown = selection.rows & (column >= 0) & (row >= 0)
+    column, row = x.cells.take(selection.numbers), y.cells.take(selection.numbers)
+    shown = (column >= 0) & (row >= 0)
     cell = row[shown].astype(np.int32) * ACROSS + column[shown]
     counts = np.bincount(cell, minlength=ACROSS * UP)
     occupied = np.flatnonzero(counts)
-    cells = {"x": x_low + (occupied % ACROSS + 0.5) * width, "y": y_low + (occupied // ACROSS + 0.5) * height}
+    cells = {"x": x.low + (occupied % ACROSS + 0.5) * x.width, "y": y.low + (occupied // ACROSS + 0.5) * y.width}
     if shades is not None:
-        shade = shades[shown]
+        shade = shades.take(selection.numbers[shown])
         known = np.isfinite(shade)
         if names:
             of = np.bincount(cell[known] * names + shade[known].astype(np.int32), minlength=ACROSS * UP * names)
@@ -156,18 +156,7 @@ def _cells(
             number = np.bincount(cell[known], minlength=ACROSS * UP)[occupied]
             cells["color"] = np.where(number > 0, total / np.maximum(number, 1), np.nan)
     undefined = selection.count - int(counts.sum())
-    return _table(cells, {"count": counts[occupied]}, form="cells", width=width, height=height, undefined=undefined)
-
-
-def _grid(values: NDArray[np.float64], count: int) -> tuple[NDArray[np.int16], float, float]:
-    """Return the cell of each value along an axis (−1: none), the start of the first, and the width of a cell."""
-    finite = np.isfinite(values)
-    if not finite.any():
-        return np.full(len(values), -1, np.int16), 0.0, 1.0
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    width = ((high - low) or 1.0) / count
-    place = np.minimum(np.where(finite, (values - low) / width, -1), count - 1)
-    return place.astype(np.int16), low, width
+    return _table(cells, {"count": counts[occupied]}, form="cells", width=x.width, height=y.width, undefined=undefined)
 
 
 def _shades(exploration: Exploration, color: str) -> NDArray[np.float64] | None:

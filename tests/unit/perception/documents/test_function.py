@@ -80,7 +80,7 @@ def test_the_scale_may_be_a_number(given: object, read: str) -> None:
 @pytest.mark.parametrize(
     ("change", "field", "message"),
     [
-        ({"name": "My Net"}, "name", "match"),
+        ({"name": "My Net"}, "name", "not of the required form"),
         ({"kind": "torchscript"}, "kind", "onnx"),
         ({"engine": "torch"}, "", "engine torch cannot run kind onnx"),
         ({"engine": "onnxruntime", "precision": "bf16"}, "", "onnxruntime has no bf16"),
@@ -90,7 +90,7 @@ def test_the_scale_may_be_a_number(given: object, read: str) -> None:
         ({"kind": "http", "payload": None, "options": {}}, "options.url", "missing"),
         ({"options": {"outptu": "y"}}, "options.outptu", "did you mean output"),
         ({"kind": "network", "payload": {**PAYLOAD, "format": "safetensors"}}, "", "needs an architecture"),
-        ({"payload": {**PAYLOAD, "sha256": "../etc"}}, "payload.sha256", "match"),
+        ({"payload": {**PAYLOAD, "sha256": "../etc"}}, "payload.sha256", "not of the required form"),
         ({"input": {"mode": "tile"}}, "input", "mode tile needs a size"),
         ({"input": {"size": [64, 0], "mode": "tile"}}, "input.size.1", "limit: >= 1"),
         ({"input": {"size": [64, 64], "overlap": 8}}, "input", "overlap belongs to mode tile"),
@@ -119,6 +119,7 @@ def test_a_contradiction_is_named_with_its_field(change: dict[str, Any], field: 
         ({"payload": {**PAYLOAD, "sha": 1}}, "sha256"),
         ({"output": {"class_map": {"person": "peson"}}}, "person"),
         ({"output": {"target_classes": ["persons"]}}, "person"),
+        ({"output": {"classes": "cityscape"}}, "cityscapes"),
     ],
 )
 def test_unknown_names_come_with_near_matches(change: dict[str, Any], near: str) -> None:
@@ -134,6 +135,16 @@ def test_a_target_class_must_be_one_that_the_function_can_predict() -> None:
 def test_a_missing_field_is_named() -> None:
     with pytest.raises(InvalidInput, match="kind: this field is missing"):
         parse_function({"name": "f"})
+
+
+def test_a_wrong_kind_is_one_problem_and_a_wrong_name_shows_its_form() -> None:
+    with pytest.raises(InvalidInputs) as caught:
+        parse_function({"name": "A B", "kind": "onix", "input": {"size": "512x256"}})
+    assert [str(problem) for problem in caught.value.problems] == [
+        "name: not of the required form; got A B; limit: ^[a-z0-9][a-z0-9_.-]*$",
+        "kind: unknown value 'onix'; did you mean onnx?",
+        "input.size: a list is needed here; got 512x256; limit: [512, 256]",
+    ]
 
 
 def test_a_document_cannot_be_changed() -> None:

@@ -129,6 +129,9 @@ def test_pages_are_the_sorted_rows_with_the_undefined_last(explored: Exploration
     known = [score for score in scores if score is not None]
     assert len(scores) == selection.count
     assert scores == sorted(known, reverse=True) + [None] * (len(scores) - len(known))
+    names = [row["function"] for row in explored.page(explored.select(), sort="-function", limit=1000).to_pylist()]
+    assert names == sorted(names, reverse=True)
+    assert len(set(names)) > 1
     with pytest.raises(UnknownName, match="sort"):
         explored.page(selection, sort="frame_id; --", limit=1)
 
