@@ -1,6 +1,6 @@
 """A map of the boundary between pass and fail: pass, fail, undefined, or not known.
 
-A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. A quarter of each batch explores
+A Gaussian process (Matérn 5/2, one length scale per parameter) is fitted to the margins. Half of each batch explores
 with scrambled Sobol' points. The others are the points of a pool where the process is least sure of the verdict, with the
 largest 1.96 σ − |μ| (straddle heuristic: Bryan and others 2005, *Advances in Neural Information Processing Systems* 18);
 each choice lowers σ around it before the next.
@@ -38,7 +38,7 @@ from valerie.parameters.samplers import UnitPoints
 Floats = NDArray[np.float64]
 
 #: Share of a batch that explores.
-EXPLORING: Final = 0.25
+EXPLORING: Final = 0.5
 #: Exploring points before the first fit.
 FIRST: Final = 64
 #: Largest share of wrong calls where the map gives a verdict, and the confidence in it.
@@ -289,7 +289,8 @@ def _least(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
     likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
     called, errors = np.arange(1, len(order) + 1), np.cumsum(wrong)
     bound = np.where(errors < called, betaincinv(errors + 1, np.maximum(called - errors, 1), CONFIDENCE), 1.0)
-    return float(likely[bound <= WRONG].min(initial=np.inf))
+    complete = np.append(likely[1:] < likely[:-1], True)  # calls of equal probability count together
+    return float(likely[complete & (bound <= WRONG)].min(initial=np.inf))
 
 
 def _share(of: NDArray[np.bool_]) -> float:

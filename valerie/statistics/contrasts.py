@@ -439,7 +439,8 @@ class _Model:
             np.where(wider, theirs, ours) for ours, theirs in zip((error, degrees, p_values), own_choice, strict=True)
         )
         # The intercept belongs to the model, so the mean of the fit is that of the figures.
-        means = figures.mean(axis=0) + solved[: len(count)] - count @ solved[: len(count)] / len(figures)
+        own = solved[: len(count)]
+        means = own + (figures.sum(axis=0) - count @ own) / max(len(figures), 1)
         sides = [
             [
                 Figures.around(mean + residual[member] * np.sqrt(used), furthest)

@@ -95,7 +95,9 @@ def _modes(known: Modes, study: ResolvedStudy) -> tuple[str, ...]:
     unscored = f" Without a score when repeated: {known.unscored}." if known.unscored else ""
     idle = "Nothing is random here, so every failure repeats: `repeats: 0` saves these variants."
     return (
-        f"{counted(len(known.modes), 'mode')} in {counted(known.failures, repeated)}.",
+        f"{counted(len(known.modes), 'mode')} in {counted(known.failures, repeated)}."
+        if known.failures
+        else f"No {repeated} so far.",
         f"Not placed yet: {counted(known.unplaced, 'failure')}. Not repeated: {known.unrepeated}.{unscored}",
         *(_mode(number, mode, known, study) for number, mode in enumerate(known.modes, 1)),
         "Failures are one mode if the variant halfway fails, so a bent mode may count as several, and touching ones as one.",
@@ -125,9 +127,8 @@ def _boundary(known: Boundary) -> tuple[str, ...]:
     calls = ", ".join(f"{call}: {100 * share:.1f} %" for call, share in shares.items())
     sentences = [
         f"{calls} of the operational domain, by the calls of the map.",
-        f"Of {known.tested} exploring points where it gives a verdict, {100 * known.wrong:.1f} % would have been called wrongly "
-        f"without their own scores; by a bound of {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of the calls "
-        "are wrong."
+        f"Without their own scores, {100 * known.wrong:.1f} % of the {known.tested} exploring points with a verdict would be "
+        f"called wrongly; with {100 * CONFIDENCE:g} % confidence, at most {100 * WRONG:g} % of all verdicts are wrong."
         if known.tested
         else f"No verdict anywhere: more than {100 * WRONG:g} % might be wrong.",
         "A region without points gets the verdict of its surroundings, so an island of failures there stays unseen.",

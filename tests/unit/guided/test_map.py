@@ -7,18 +7,23 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.special import expit
+from scipy.stats import binomtest
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 
+from benchmarks import planted_streets
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.map import WRONG, Call, Map
+from valerie.guided.map import CONFIDENCE, WRONG, Call, Map, _least, _Process
 from valerie.guided.strategy import Strategy, pursue
+from valerie.guided.surrogate import margins
 from valerie.testing.strategies import StrategyContract
 
 Points = np.ndarray
 
 
 def bent(points: Points) -> Points:
-    return expit(6 * (points[:, 0] + points[:, 1] * points[:, 2] - 0.9))
+    return np.asarray(expit(6 * (points[:, 0] + points[:, 1] * points[:, 2] - 0.9)))
 
 
 def mapped(score: Callable[[Points], Points], dimensions: int, budget: int) -> Map:
@@ -47,6 +52,40 @@ def test_scores_that_nobody_can_predict_are_not_known() -> None:
     strategy = mapped(noise, 3, 192)
     assert strategy.result is not None
     assert strategy.result.not_known > 0.9
+
+
+def test_noisy_scores_with_jumps_are_known_where_calls_are_right() -> None:
+    planted = planted_streets.plant("street", 6)
+    strategy = Map(planted.domain, at_least=0.5, seed=6)
+    pursue(strategy, planted.score, budget=256, batch=64)
+    points = np.random.default_rng(9).random((3000, planted.domain.dimensions))
+    calls, fails = strategy.calls(points), planted.score(points) < 0.5
+    known = calls != Call.NOT_KNOWN
+    assert known.mean() > 0.5
+    assert np.mean((calls == Call.FAIL)[known] != fails[known]) < WRONG
+    result = strategy.result
+    assert result is not None
+    assert result.failing_unknown == pytest.approx(fails[~known].mean(), abs=4 * 0.5 / np.sqrt(256 * 0.2))
+
+
+def test_a_held_out_prediction_is_that_of_a_process_without_the_point() -> None:
+    points = np.random.default_rng(9).random((40, 3))
+    margin = margins(bent(points), 0.5)
+    kernel = Matern([0.5, 1, 1], nu=2.5) + WhiteKernel(0.1)
+    predicted = _Process(Cube(3), points, margin, kernel).held_out()
+    for row in (0, 17, 39):
+        others = np.arange(len(points)) != row
+        model = GaussianProcessRegressor(kernel, optimizer=None).fit(points[others], margin[others] - margin.mean())
+        mean, deviation = model.predict(points[row : row + 1], return_std=True)
+        assert predicted[row] == pytest.approx((mean[0] + margin.mean()) / deviation[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(("right", "wrong", "known"), [(44, 0, False), (45, 0, True), (75, 1, False), (76, 1, True)])
+def test_a_verdict_needs_a_bound_below_the_allowed_share(right: int, wrong: int, known: bool) -> None:
+    bound = binomtest(wrong, right + wrong, alternative="less").proportion_ci(CONFIDENCE).high
+    assert (bound <= WRONG) == known
+    probabilities = np.tile([0.9, 0.1, 0.0], (right + wrong, 1))
+    assert (_least(probabilities, np.repeat([0, 1], [right, wrong])) <= 0.9) == known
 
 
 def test_undefined_scores_are_a_region_of_their_own() -> None:

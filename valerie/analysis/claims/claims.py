@@ -21,6 +21,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from valerie.analysis.rows.levels import Factor, factors_of
 from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.wording import points
 from valerie.document import Document
 from valerie.errors import UnknownName
 from valerie.runs.resolving.where import compile_where
@@ -434,8 +435,8 @@ def _difference(
         held, against = (low > 0, high < 0) if test.sign == ">" else (high < 0, low > 0)
     outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
     finding = (
-        f"{test.factor} {test.first} less {test.second}: {100 * contrast.estimate:+.1f} points "
-        f"({100 * low:.1f} to {100 * high:.1f}; {contrast.matching}, {contrast.pairs:,} pairs)"
+        f"{test.factor} {test.first} less {test.second}: {points(contrast.estimate)} points "
+        f"({points(low)} to {points(high)}; {contrast.matching}, {contrast.pairs:,} pairs)"
     )
     return replace(
         entry, outcome=outcome, finding=finding, estimate=contrast.estimate, low=low, high=high,
@@ -459,7 +460,7 @@ def _flip(
     return replace(
         entry,
         outcome=ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED,
-        finding=f"the largest change of {test.factor} alone, from {test.second} to {test.first}, is {100 * largest:+.1f} points "
+        finding=f"the largest change of {test.factor} alone, from {test.second} to {test.first}, is {points(largest)} points "
         f"({contrast.pairs:,} pairs)",
         estimate=largest, rows=2 * contrast.pairs, places=contrast.places,
         frames=() if pair is None else tuple(frames.names[frames.index[row]] for row in pair),
@@ -551,8 +552,8 @@ def _trend(
     outcome = ClaimOutcome.REPRODUCED if held else ClaimOutcome.NOT_REPRODUCED if against else ClaimOutcome.UNDECIDED
     bins = changes.bins
     finding = (
-        f"pACC over {test.over}: the last third less the first is {100 * changes.difference:+.1f} points "
-        f"({100 * changes.low:.1f} to {100 * changes.high:.1f}){shown}; {100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, "
+        f"pACC over {test.over}: the last third less the first is {points(changes.difference)} points "
+        f"({points(changes.low)} to {points(changes.high)}){shown}; {100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, "
         f"{100 * bins.mean[-1]:.1f} % at {bins.centre[-1]:.3g}"
     )
     return replace(

@@ -567,7 +567,7 @@ def test_a_strategy_that_is_not_allowed_or_refuses_its_options_is_refused(
     ("change", "limit"),
     [
         ({"goal": "estimate", "budget": {"variants": 19}}, ">= 20"),
-        ({"goal": "map"}, ">= 110"),
+        ({"goal": "map"}, ">= 64"),
         ({"goal": "rank", "budget": {"variants": 29}}, ">= 30"),
         ({"goal": {"name": "compare", "within": 0.1}, "functions": ["blank", "deeplabv3plus-small"]}, ">= 50"),
     ],
