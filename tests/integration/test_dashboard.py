@@ -349,8 +349,14 @@ def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(
     transforms = page.evaluate("() => [...document.querySelectorAll('.world')].map(one => one.style.transform)")
     assert len(transforms) == 2
     assert len(set(transforms)) == 1
+    page.click("[data-view=all]")
+    page.wait_for_function("() => document.querySelectorAll('.world.near').length === 8")
+    transforms = page.evaluate("() => [...document.querySelectorAll('.world')].map(one => one.style.transform)")
+    assert len(set(transforms)) == 1, "every layer of every function follows"
     page.keyboard.press("0")
     page.wait_for_selector(".world.near", state="detached")
+    page.click("[aria-label='Variant'] a[aria-label*='pos.y']")
+    page.wait_for_function("() => document.querySelector('[aria-label=Variant]').innerText.includes('← 5')")
 
 
 def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:

@@ -47,7 +47,7 @@ from valerie.runs.study.study_document import (
 from valerie.studies.boundary import BoundarySlice, slice_of
 from valerie.studies.pairs import ExplainFromScratch
 from valerie.studies.resolved import ResolvedStudy
-from valerie.studies.wording import result_sentences
+from valerie.studies.wording import in_quantity, result_sentences
 
 #: A batch depends on the outcomes of the batches up to this many before it.
 LAG: Final = 2
@@ -174,6 +174,7 @@ class Pursuit:
         known = self._known()
         if known is None:
             return None
+        known = in_quantity(known, self.study)
         return StudyResult(sentences=result_sentences(known, self.study), numbers=_numbers(known), batches=self.told)
 
     def enough(self) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -22,8 +23,23 @@ from valerie.statistics.intervals import Interval
 from valerie.studies.resolved import ResolvedStudy
 
 
+def in_quantity(known: Result, study: ResolvedStudy) -> Result:
+    """Return a result with its means of scores as means of the bounded quantity, of which a score is 1 less with ``<=``."""
+    goal = study.document.goal
+    if study.measure.statistic.sign == ">=":
+        return known
+    match known:
+        case Verification() if isinstance(goal, VerifyGoal) and goal.share is None:
+            return replace(known, estimate=1 - known.estimate, bound=1 - known.bound)
+        case Difference() if isinstance(goal, CompareGoal) and goal.of == "mean":
+            return replace(known, estimate=-known.estimate, low=-known.high, high=-known.low)
+        case TwoEngines() if isinstance(goal, CascadeGoal) and goal.of == "mean":
+            return replace(known, estimate=1 - known.estimate, low=1 - known.high, high=1 - known.low)
+    return known
+
+
 def result_sentences(known: Result, study: ResolvedStudy) -> tuple[str, ...]:
-    """Return the result of a study in words, the most important sentence first."""
+    """Return a result of `in_quantity` in words, the most important sentence first."""
     match known:
         case FailureRate():
             return _failure_rate(known, study)
@@ -143,7 +159,7 @@ def _verification(known: Verification, study: ResolvedStudy) -> tuple[str, ...]:
     if isinstance(goal, VerifyGoal) and goal.share is not None:
         what, estimate, required = f"share of variants with {measure.text}", known.estimate, f"at least {known.bound:g}"
     else:
-        what, estimate = f"mean of {measure.quantity} over the variants", measure.shown(known.estimate)
+        what, estimate = f"mean of {measure.quantity} over the variants", known.estimate
         required = f"{'at least' if measure.statistic.sign == '>=' else 'at most'} {measure.statistic.bound:g}"
     shown_estimate = f"{estimate:.3f}" if isfinite(estimate) else "not known"
     sentences = [f"{known.outcome.capitalize()}: the {what} is {shown_estimate}, {required} required."]
@@ -168,8 +184,6 @@ def _difference(known: Difference, study: ResolvedStudy) -> tuple[str, ...]:
     what = f"share of variants with {study.measure.text}"
     if goal.of == "mean":
         what = f"mean of {study.measure.quantity}"
-        if study.measure.statistic.sign == "<=":  # the score is 1 less the quantity
-            estimate, low, high = -estimate, -high, -low
     if known.further is None:
         interval = f"{estimate:+.3f} over {counted(known.pairs, 'pair')}, too few for an interval"
     else:
@@ -214,8 +228,6 @@ def _two_engines(known: TwoEngines, study: ResolvedStudy) -> tuple[str, ...]:
     what = "failure rate"
     if isinstance(goal, CascadeGoal) and goal.of == "mean":
         what = f"mean of {measure.quantity}"
-        estimate, *ends = (measure.shown(value) for value in (estimate, low, high))
-        low, high = sorted(ends)
     correlation = (
         f"the engines correlate with {known.correlation:.2f}"
         if isfinite(known.correlation)

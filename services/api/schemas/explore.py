@@ -12,6 +12,7 @@ from valerie.analysis.summary.wording import interval_sentences, refusal_sentenc
 from valerie.measures import Cell
 from valerie.pipeline.exploring.class_confusion import Confusion
 from valerie.pipeline.exploring.exploration import ExploredColumn
+from valerie.pipeline.exploring.exploration_cache import MAX_RUNS
 from valerie.pipeline.exploring.linked_views import GroupRates, Histogram, Links
 from valerie.pipeline.exploring.pairs import Comparison, Swing
 from valerie.plain import JsonObject
@@ -178,7 +179,7 @@ class NewSelection(BaseModel, extra="forbid"):
     name: Annotated[str, Field(min_length=1, max_length=120, pattern=SELECTION_NAME, examples=["dark and far"])]
     runs: Annotated[
         tuple[Annotated[str, Field(pattern=ID)], ...],
-        Field(min_length=1, max_length=20, examples=[[RUN_ID]]),
+        Field(min_length=1, max_length=MAX_RUNS, examples=[[RUN_ID]]),
     ]
     expression: Annotated[str, Field(max_length=2000, pattern=_TEXT, examples=["distance_m > 25"])] = ""
     view: Annotated[

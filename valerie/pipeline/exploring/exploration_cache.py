@@ -29,8 +29,8 @@ from valerie.storage.keys import run_key
 
 #: Most rows of all cached explorations together.
 _KEPT_ROWS: Final = MAX_ROWS
-#: Most runs of an exploration.
-MAX_RUNS: Final = 20
+#: Most runs of an exploration: a study has one for each batch.
+MAX_RUNS: Final = 100
 #: Shortest time between two reads of an active run, seconds.
 _FRESH_SECONDS: Final = 30.0
 
