@@ -12,6 +12,11 @@ from valerie.statistics.units import Estimand
 DASH: Final = "–"
 #: Largest number of classes that a sentence names one by one.
 _NAMED: Final = 4
+_POPULATIONS: Final = {
+    Estimand.LISTED_GRID: "the listed variants",
+    Estimand.DESIGN_BOX: "the space that the design draws from",
+    Estimand.SITES: "all sites that the asset generates, at the listed variants",
+}
 
 
 def percent(value: float | None, digits: int = 1) -> str:
@@ -48,9 +53,27 @@ def classes_text(judged_by: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else f"{last} alone"
 
 
+def unit_noun(estimand: Estimand) -> str:
+    """Return the name of sampling units, in the plural."""
+    return "sites" if estimand is Estimand.SITES else "variants"
+
+
+def population(estimand: Estimand) -> str:
+    """Return the population of a mean."""
+    return _POPULATIONS[estimand]
+
+
+def population_of_differences(estimand: Estimand) -> str:
+    """Return the population of a difference with an interval by place.
+
+    Places of a listed grid count as exchangeable with further places of their site.
+    """
+    return "places like these on this site" if estimand is Estimand.LISTED_GRID else population(estimand)
+
+
 def for_whom(estimand: Estimand | None) -> str:
     """Return what the interval of a difference is for, `` for places like these on this site``; empty if unknown."""
-    return "" if estimand is None else f" for {estimand.population_of_differences}"
+    return "" if estimand is None else f" for {population_of_differences(estimand)}"
 
 
 def points(difference: float) -> str:

@@ -17,7 +17,8 @@ from valerie.local.spec_files import read_spec
 from valerie.local.terminal import console
 
 if TYPE_CHECKING:
-    from valerie.analysis.claims.claims import Claims, LedgerEntry
+    from valerie.analysis.claims.claims import Claims
+    from valerie.analysis.claims.ledger import LedgerEntry
 
 #: Formats of the ledger, by file suffix.
 _FORMATS = (".csv", ".parquet", ".json", ".md")
@@ -43,7 +44,7 @@ def claims(
     """
     if output is not None and output.suffix not in _FORMATS:
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(_FORMATS))
-    from valerie.analysis.claims.claims import write_ledger
+    from valerie.analysis.claims.ledger import write_ledger
 
     statements = read_claims(document)
     run = run_reader(url, data_dir)(run_id)
@@ -73,7 +74,8 @@ def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: 
     from rich.padding import Padding
     from rich.text import Text
 
-    from valerie.analysis.claims.claims import ClaimOutcome, ledger_notes
+    from valerie.analysis.claims.ledger import ClaimOutcome
+    from valerie.analysis.claims.text import ledger_notes
 
     styles = {
         ClaimOutcome.REPRODUCED: "bold green",
@@ -95,7 +97,8 @@ def show_ledger(statements: Claims, entries: Sequence[LedgerEntry], *, as_json: 
 
 
 def _content(statements: Claims, entries: Sequence[LedgerEntry], suffix: str) -> bytes:
-    from valerie.analysis.claims.claims import ledger_table, ledger_text
+    from valerie.analysis.claims.ledger import ledger_table
+    from valerie.analysis.claims.text import ledger_text
     from valerie.analysis.rows.table import encoded
 
     if suffix == ".json":

@@ -43,9 +43,12 @@ _NO_SPREAD: Final = 1e-12
 class Matching(StrEnum):
     """Rule by which the two sides of a contrast are matched."""
 
-    BLOCKS = "same place and all other factors equal"
-    PLACES = "same place"
-    MODEL = "between places, other factors in a linear model"
+    #: The sides agree in place and in all other factors.
+    BLOCKS = "blocks"
+    #: The sides agree in place.
+    PLACES = "places"
+    #: The sides are at different places; a linear model has the other factors.
+    MODEL = "model"
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,31 +39,6 @@ class Estimand(StrEnum):
     DESIGN_BOX = "design_box"
     SITES = "sites"
 
-    @property
-    def noun(self) -> str:
-        """The name of the units, in the plural."""
-        return "sites" if self is Estimand.SITES else "variants"
-
-    @property
-    def population(self) -> str:
-        """Name the population of a mean, in words."""
-        return _POPULATIONS[self]
-
-    @property
-    def population_of_differences(self) -> str:
-        """Name the population of a difference with an interval by place, in words.
-
-        Places of a listed grid count as exchangeable with further places of their site.
-        """
-        return "places like these on this site" if self is Estimand.LISTED_GRID else self.population
-
-
-_POPULATIONS: Final = {
-    Estimand.LISTED_GRID: "the listed variants",
-    Estimand.DESIGN_BOX: "the space that the design draws from",
-    Estimand.SITES: "all sites that the asset generates, at the listed variants",
-}
-
 
 #: Designs that list their variants.
 LISTED: Final = frozenset({"grid", "points"})

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.claims.claims import Claims, Cross, is_score, rows_of, statistic_of
+from valerie.analysis.claims.claims import Claims, Cross
+from valerie.analysis.claims.ledger import is_score, rows_of, statistic_of
 from valerie.analysis.rows.levels import Factor, factors_of
 from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.errors import UnknownName

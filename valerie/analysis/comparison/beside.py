@@ -16,7 +16,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from valerie.analysis.claims.claims import Claim, ClaimOutcome, Claims, DifferenceTest, LedgerEntry, write_ledger
+from valerie.analysis.claims.claims import Claim, Claims, DifferenceTest
+from valerie.analysis.claims.ledger import ClaimOutcome, LedgerEntry, write_ledger
 from valerie.analysis.comparison.before_after import GroupDifference, differences_of
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.rows.pairing import RowKey, paired_rows, parts_of, row_keys, rows_taken

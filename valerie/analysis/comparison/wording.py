@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
-from valerie.analysis.wording import for_whom, percent, points
+from valerie.analysis.wording import for_whom, percent, points, population
 from valerie.measures import measure_of
 from valerie.statistics.fidelity import Fidelity
 
@@ -56,7 +56,7 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     span = ""
     if fidelity.low is not None and fidelity.high is not None:
         span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
-        span += "" if fidelity.estimand is None else f" for {fidelity.estimand.population}"
+        span += "" if fidelity.estimand is None else f" for {population(fidelity.estimand)}"
     kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from valerie.analysis.findings.findings import Finding, Findings, Inequality, PictureFault, Step
-from valerie.analysis.wording import for_whom, percent
+from valerie.analysis.wording import for_whom, percent, population, unit_noun
 from valerie.measures import measure_of
 from valerie.statistics.contrasts import Matching
 from valerie.statistics.intervals import Interval
@@ -103,8 +103,8 @@ def false_positives_sentence(function: str, sensor: str, interval: Interval) -> 
     """Return the share of false person pixels of a function with its interval."""
     return (
         f"{function}, sensor {sensor}: {percent(interval.estimate)} % of the pixels that it calls person belong to no person "
-        f"(95 % interval {percent(interval.low)} to {percent(interval.high)} for {interval.estimand.population}, from "
-        f"{interval.units:,} {interval.estimand.noun})."
+        f"(95 % interval {percent(interval.low)} to {percent(interval.high)} for {population(interval.estimand)}, from "
+        f"{interval.units:,} {unit_noun(interval.estimand)})."
     )
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
-from valerie.analysis.claims.claims import Claims, LedgerEntry
+from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.ledger import LedgerEntry
 from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.report.odd import OddCoverage

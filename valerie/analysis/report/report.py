@@ -21,8 +21,8 @@ import yaml
 from markupsafe import Markup
 
 from valerie.analysis import wording
-from valerie.analysis.claims.claims import ledger_notes
 from valerie.analysis.claims.published import CrossExample, cross_examples, numbers_beside
+from valerie.analysis.claims.text import ledger_notes
 from valerie.analysis.comparison.beside import Beside, SharedPerson
 from valerie.analysis.comparison.wording import fidelity_sentence
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
@@ -165,6 +165,7 @@ def _environment() -> jinja2.Environment:
         "settled": candidate_text,
         "ledger_notes": ledger_notes,
         "for_whom": wording.for_whom,
+        "population_of_differences": wording.population_of_differences,
         "shade": _shade,
         "verdict_title": verdict_text.title,
         "verdict_sentence": verdict_text.sentence,

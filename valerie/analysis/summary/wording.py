@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from valerie.analysis.findings.findings import Findings
 from valerie.analysis.rows.frame_counts import ALL
 from valerie.analysis.summary.summary import OCCLUDED, OcclusionShare, Summary, SummaryRow
-from valerie.analysis.wording import percent, reasons_text
+from valerie.analysis.wording import percent, population, reasons_text, unit_noun
 from valerie.statistics.intervals import Interval, Refusal, Shortfall
 from valerie.statistics.units import Estimand
 
@@ -37,7 +37,7 @@ def interval_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[s
     if not units:
         return []
     estimand, most = max(units, key=lambda entry: entry[1])
-    return [f"[95 % interval] for {estimand.population}, from {most:,} {estimand.noun}."]
+    return [f"[95 % interval] for {population(estimand)}, from {most:,} {unit_noun(estimand)}."]
 
 
 def refusal_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[str]:
@@ -47,7 +47,7 @@ def refusal_sentences(intervals: Iterable[Interval | Refusal | None]) -> list[st
 
 
 def _refusal(refusal: Refusal) -> str:
-    units, more = f"{refusal.units} {refusal.estimand.noun}", refusal.more_units
+    units, more = f"{refusal.units} {unit_noun(refusal.estimand)}", refusal.more_units
     match refusal.reason:
         case Shortfall.LISTED:
             return (
@@ -65,7 +65,7 @@ def limits(summary: Summary, findings: Findings) -> list[str]:
     first = next((interval for row in summary.rows if (interval := row.pacc_mean_interval) is not None), None)
     sentences = []
     if first is not None:
-        sentences.append(f"Means apply only to {first.estimand.population}.")
+        sentences.append(f"Means apply only to {population(first.estimand)}.")
     if first is not None and first.estimand is Estimand.LISTED_GRID:
         sentences.append("All variants were listed, so the results do not apply between them or on other sites.")
     if findings.places_searched:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.claims.claims import Claims, LedgerEntry, write_ledger
+from valerie.analysis.claims.claims import Claims
+from valerie.analysis.claims.ledger import LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.odd import OddCoverage, odd_coverage

@@ -8,15 +8,10 @@ import pytest
 import yaml
 
 from tests.planted_tables import X, planted_table
-from valerie.analysis.claims.claims import (
-    ClaimOutcome,
-    LedgerEntry,
-    ledger_table,
-    ledger_text,
-    parse_claims,
-    write_ledger,
-)
+from valerie.analysis.claims.claims import parse_claims
+from valerie.analysis.claims.ledger import ClaimOutcome, LedgerEntry, ledger_table, write_ledger
 from valerie.analysis.claims.published import numbers_beside
+from valerie.analysis.claims.text import ledger_text
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.plain import typed
