@@ -10,7 +10,6 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from hashlib import blake2b
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -82,8 +81,7 @@ SCREENSHOTS: Final = (
 
 
 def finished_run(url: str) -> str:
-    """Submit the spec, or find its run, and wait for its end."""
-    text = SPEC.read_bytes()
+    """Submit the spec, and wait for the run's end."""
     with httpx.Client(base_url=url, timeout=60, trust_env=False) as client:
         headers = {
             "Content-Type": "application/yaml",
