@@ -82,7 +82,7 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
     html = report(KEPT / "paper-cycles.json")
     in_short = html[html.index("In short") : html.index("<h2>Findings")]
     assert (
-        "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−5.5, +2.7] for places like these on this "
+        "deeplabv3plus-small in paper-cycles (cycles): −1.4 points, 95 % [−9.0, +5.6] for places like these on this "
         "site, on 216 equal views" in in_short
     )
     assert "comparison uses another run" in html
