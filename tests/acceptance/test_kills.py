@@ -125,7 +125,7 @@ def test_a_run_survives_kill_9_of_the_child_that_computes(
 STUDY = spec(vary=[["person-1.pos.x", "UNIFORM", -3, 3], ["person-1.pos.y", "UNIFORM", 3, 9]]) | {
     "measure": "min(pacc) >= 0.5",
     "goal": {"name": "find", "repeats": 0},
-    "budget": {"variants": 64},
+    "budget": {"variants": 96},
     "batch": 8,
 }
 

@@ -89,7 +89,7 @@ def test_no_parameter_takes_a_number_that_is_too_large(deployment: Deployment) -
             if parameter["in"] == "query" and any(form.get("type") in ("integer", "number") for form in forms):
                 for number in _NUMBERS:
                     answer = deployment.client.get(
-                        path.format(run_id=deployment.finished),
+                        path.format(run_id=deployment.finished, frame_id=f"{deployment.finished}.0.0.0"),
                         params={parameter["name"]: number, "run": deployment.finished},
                     )
                     assert answer.status_code < 500, (path, parameter["name"], number, answer.text)

@@ -114,7 +114,7 @@ class Map:
         self._scores: Scores = np.empty(0)
         self._explores: deque[int] = deque()
         self._explored = np.empty(0, np.bool_)
-        self._process: _Process | None = None
+        self._process: Process | None = None
         self._verdicts: _Verdicts | None = None
         self._lengths: tuple[int, Any] = (0, None)
 
@@ -185,7 +185,7 @@ class Map:
             )
         return self._verdicts
 
-    def _doubtful(self, process: _Process, rng: np.random.Generator, count: int) -> UnitPoints:
+    def _doubtful(self, process: Process, rng: np.random.Generator, count: int) -> UnitPoints:
         pool = self.domain.draw(rng, max(_POOL, 4 * count))
         mean, deviation = process.predict(pool)
         best = np.argsort(np.abs(mean) - 1.96 * deviation, kind="stable")[: max(_DOUBTFUL, 2 * count)]
@@ -202,13 +202,13 @@ class Map:
             covariance = covariance - np.outer(column, column) / (column[row] + process.noise)
         return pool[chosen]
 
-    def _fitted(self) -> _Process:
+    def _fitted(self) -> Process:
         """Return the process for all scores so far; length scales are refitted each time the points have grown by half."""
         defined = ~np.isnan(self._scores)
         points, values = self.domain.features(self._points[defined]), margins(self._scores[defined], self.at_least)
         if len(points) >= 1.5 * self._lengths[0] and self._lengths[0] < FITTED:
-            self._lengths = len(points), _Process.lengths(points[-FITTED:], values[-FITTED:], self._lengths[1])
-        return _Process(self.domain, points, values, self._lengths[1])
+            self._lengths = len(points), Process.lengths(points[-FITTED:], values[-FITTED:], self._lengths[1])
+        return Process(self.domain, points, values, self._lengths[1])
 
 
 class _Verdicts:
@@ -228,7 +228,7 @@ class _Verdicts:
     def __init__(
         self,
         domain: Cube,
-        process: _Process,
+        process: Process,
         points: UnitPoints,
         scores: Scores,
         explored: NDArray[np.bool_],
@@ -253,7 +253,7 @@ class _Verdicts:
             np.concatenate([inputs[~lacking], np.zeros((2, 2))]), np.append(numbers[~lacking], [0, 1])
         )
         likely = self._probabilities(inputs, votes)
-        self._least = _least(likely[explored], numbers[explored])
+        self._least = least_probability(likely[explored], numbers[explored])
         self.held_out = self._called(likely)
 
     def calls(self, points: UnitPoints) -> NDArray[np.str_]:
@@ -283,7 +283,7 @@ def _inputs(confidence: Floats, votes: Floats) -> Floats:
     return np.column_stack([np.clip(confidence, -_SUREST, _SUREST), np.log(passing / failing)])
 
 
-def _least(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
+def least_probability(probabilities: Floats, numbers: NDArray[np.int64]) -> float:
     """Return the least probability of a call at which at most a share `WRONG` is wrong; infinite if there is none."""
     order = np.argsort(-probabilities.max(axis=1), kind="stable")
     likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
@@ -297,7 +297,7 @@ def _share(of: NDArray[np.bool_]) -> float:
     return float(of.mean()) if len(of) else float("nan")
 
 
-class _Process:
+class Process:
     """A Gaussian process with a given kernel."""
 
     def __init__(self, domain: Cube, features: Floats, values: Floats, kernel: Any) -> None:

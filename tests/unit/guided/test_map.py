@@ -14,7 +14,7 @@ from sklearn.gaussian_process.kernels import Matern, WhiteKernel
 from benchmarks import planted_streets
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
-from valerie.guided.map import CONFIDENCE, WRONG, Call, Map, _least, _Process
+from valerie.guided.map import CONFIDENCE, WRONG, Call, Map, Process, least_probability
 from valerie.guided.strategy import Strategy, pursue
 from valerie.guided.surrogate import margins
 from valerie.testing.strategies import StrategyContract
@@ -72,7 +72,7 @@ def test_a_held_out_prediction_is_that_of_a_process_without_the_point() -> None:
     points = np.random.default_rng(9).random((40, 3))
     margin = margins(bent(points), 0.5)
     kernel = Matern([0.5, 1, 1], nu=2.5) + WhiteKernel(0.1)
-    predicted = _Process(Cube(3), points, margin, kernel).held_out()
+    predicted = Process(Cube(3), points, margin, kernel).held_out()
     for row in (0, 17, 39):
         others = np.arange(len(points)) != row
         model = GaussianProcessRegressor(kernel, optimizer=None).fit(points[others], margin[others] - margin.mean())
@@ -85,7 +85,7 @@ def test_a_verdict_needs_a_bound_below_the_allowed_share(right: int, wrong: int,
     bound = binomtest(wrong, right + wrong, alternative="less").proportion_ci(CONFIDENCE).high
     assert (bound <= WRONG) == known
     probabilities = np.tile([0.9, 0.1, 0.0], (right + wrong, 1))
-    assert (_least(probabilities, np.repeat([0, 1], [right, wrong])) <= 0.9) == known
+    assert (least_probability(probabilities, np.repeat([0, 1], [right, wrong])) <= 0.9) == known
 
 
 def test_undefined_scores_are_a_region_of_their_own() -> None:
