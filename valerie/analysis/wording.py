@@ -71,9 +71,9 @@ def population_of_differences(estimand: Estimand) -> str:
     return "places like these on this site" if estimand is Estimand.LISTED_GRID else population(estimand)
 
 
-def for_whom(estimand: Estimand | None) -> str:
-    """Return what the interval of a difference is for, `` for places like these on this site``; empty if unknown."""
-    return "" if estimand is None else f" for {population_of_differences(estimand)}"
+def for_whom(estimand: Estimand) -> str:
+    """Return what the interval of a difference is for, `` for places like these on this site``."""
+    return f" for {population_of_differences(estimand)}"
 
 
 def points(difference: float) -> str:

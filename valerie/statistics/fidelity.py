@@ -22,7 +22,7 @@ class Fidelity:
     Attributes:
         both, only_here, only_there, neither: numbers of persons; a person counts once in each frame.
         low, high: 95 % interval of the share on which the sides agree, by sampling unit; None if the design allows none.
-        estimand: what the share is over; None in documents of older releases.
+        estimand: what the share is over.
     """
 
     both: int
@@ -31,7 +31,7 @@ class Fidelity:
     neither: int
     low: float | None
     high: float | None
-    estimand: Estimand | None = None
+    estimand: Estimand
 
     @property
     def persons(self) -> int:

@@ -45,12 +45,10 @@ def test_a_finding_within_places_says_effect_condition_interval_and_numbers() ->
 
 def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
     unequal = (Inequality("occlusion_rate", FAR, 0.03, 0.5), Inequality("distance_m", FAR, 17.5, 38.2))
-    assert finding_sentence(
-        finding(-0.5, FAR, low=-0.7, high=-0.1, matching=Matching.MODEL, unequal=unequal, estimand=None)
-    ) == (
+    assert finding_sentence(finding(-0.5, FAR, low=-0.7, high=-0.1, matching=Matching.MODEL, unequal=unequal)) == (
         "net: pACC is 50.0 points lower with person-1.pos.y 26 than with 5, between different places "
-        "(joint 95 % interval −70.0 to −10.0, 6 places, 36 pairs). The sides also differ in occlusion (50.0 % with "
-        "person-1.pos.y 26, 3.0 % with 5) and "
+        "(joint 95 % interval −70.0 to −10.0 for places like these on this site, 6 places, 36 pairs). The sides also "
+        "differ in occlusion (50.0 % with person-1.pos.y 26, 3.0 % with 5) and "
         "distance (38.20 m with person-1.pos.y 26, 17.50 m with 5)."
     )
 

@@ -59,7 +59,7 @@ class GroupDifference:
         places: number of places.
         lost, gained: persons that only the first version detects; persons that only the later one detects.
         judgement: ``better`` or ``worse``, all groups accounted for; empty if neither is clear.
-        estimand: what the mean and its interval are over; None in documents of older releases.
+        estimand: what the mean and its interval are over.
     """
 
     mean: float
@@ -69,7 +69,7 @@ class GroupDifference:
     lost: int
     gained: int
     judgement: Literal["better", "worse", ""]
-    estimand: Estimand | None = None
+    estimand: Estimand
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ class FunctionBeside:
 
     Attributes:
         function, sensor: as the first run names them.
-        function_there: as the second run names it; empty in documents of older releases.
+        function_there: as the second run names it.
         slices: all persons first, then the parts.
         rank_correlation: Spearman's, over the persons; None with fewer than three or with constant scores.
         fidelity: agreement of the runs about which persons are missed.
@@ -99,19 +99,22 @@ class FunctionBeside:
     """
 
     function: str
+    function_there: str
     sensor: str
     slices: tuple[SharedSlice, ...]
     rank_correlation: float | None
     fidelity: Fidelity
     fell: tuple[SharedPerson, ...]
     rose: tuple[SharedPerson, ...]
-    function_there: str = ""
 
     @property
     def title(self) -> str:
         """Name of the function, or of both."""
-        same = self.function_there in ("", self.function)
-        return self.function if same else f"{self.function} here, {self.function_there} there"
+        return (
+            self.function
+            if self.function_there == self.function
+            else f"{self.function} here, {self.function_there} there"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +206,7 @@ class Beside:
                     "sensor": comparison.sensor, "slice": part.name, "pairs": part.pairs,
                     "places": part.difference.places, "pacc_here": part.here, "pacc_there": part.there,
                     "difference": part.difference.mean, "low": part.difference.low, "high": part.difference.high,
-                    "estimand": None if part.difference.estimand is None else part.difference.estimand.value,
+                    "estimand": part.difference.estimand.value,
                     "lost": part.difference.lost, "gained": part.difference.gained,
                     "judgement": part.difference.judgement, "rank_correlation": comparison.rank_correlation,
                     "same_outcome": comparison.fidelity.share, "kappa": comparison.fidelity.kappa,
@@ -306,13 +309,13 @@ def _functions(
             entries.append(
                 FunctionBeside(
                     function,
+                    str(other.arrow["function"][int(rows[0])]),
                     sensor,
                     tuple(slices),
                     _rank_correlation(before[own], after[own]),
                     instance_fidelity(before[own] < threshold, after[own] < threshold, one.units.of(own)),
                     tuple(_pair(one, other, int(row)) for row in fell),
                     tuple(_pair(one, other, int(row)) for row in rose),
-                    str(other.arrow["function"][int(rows[0])]),
                 )
             )
     return entries

@@ -56,7 +56,7 @@ def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "ther
     span = ""
     if fidelity.low is not None and fidelity.high is not None:
         span = f", 95 % [{percent(fidelity.low)}, {percent(fidelity.high)}]"
-        span += "" if fidelity.estimand is None else f" for {population(fidelity.estimand)}"
+        span += f" for {population(fidelity.estimand)}"
     kappa = "" if fidelity.kappa is None else f", κ {fidelity.kappa:.2f}".replace("-", "−")
     return (
         f"{percent(fidelity.share)} % of {fidelity.persons:,} persons are missed on both sides or on neither{span}{kappa}. "

@@ -79,7 +79,7 @@ class Finding:
         unequal: measured quantities in which the sides differ strongly, so that they may cause the effect.
         picture_fault: faulty pictures that carry it; None where none do.
         spec: YAML of a run that examines the finding on fresh places; empty if the spec of the run is unknown.
-        estimand: what the effect and its interval are over; None in documents of older releases.
+        estimand: what the effect and its interval are over.
         places_for_size: places that would show the size of an effect without interval; None: these do, the effect is not
             shown either, or no affordable number suffices.
     """
@@ -95,11 +95,11 @@ class Finding:
     places: int
     pairs: int
     places_needed: int | None
+    estimand: Estimand
     examples: tuple[tuple[ScoredPerson, ScoredPerson], ...] = ()
     unequal: tuple[Inequality, ...] = ()
     picture_fault: PictureFault | None = None
     spec: str = ""
-    estimand: Estimand | None = None
     places_for_size: int | None = None
 
 

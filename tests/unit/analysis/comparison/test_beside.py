@@ -1,14 +1,10 @@
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
 from tests.planted_tables import X, planted_table
 from valerie.analysis.claims.claims import parse_claims
-from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
-from valerie.analysis.comparison.wording import span_text
+from valerie.analysis.comparison.beside import ComparedRun, put_beside
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
 
@@ -78,16 +74,3 @@ def test_a_claim_that_only_one_run_shows_is_named() -> None:
 def test_runs_without_a_common_scene_are_refused() -> None:
     with pytest.raises(InvalidInput, match="share no scene"):
         put_beside(side("a", scores(0, 0, 1)[:2], SCENES[:2]), side("b", scores(0, 0, 1)[:2], SCENES[2:4]))
-
-
-def test_a_comparison_of_an_older_release_is_read_without_estimands():
-    document = json.loads((Path(__file__).parents[4] / "docs" / "experiment" / "paper-cycles.json").read_text("utf-8"))
-    for function in document["functions"]:
-        del function["fidelity"]["estimand"]
-        for part in function["slices"]:
-            del part["difference"]["estimand"]
-    older = Beside.from_json(json.dumps(document))
-    difference = older.functions[0].slices[0].difference
-    assert difference.estimand is None
-    assert span_text(difference) == ", 95 % [−9.0, +5.6]"
-    assert older.slices_table()["estimand"].null_count == older.slices_table().num_rows
