@@ -60,12 +60,13 @@ def _table_columns(
     variants, cameras, times, sensors, functions, instances, measures = piece
     places = list(zip(variants, cameras, times, strict=True))
     frames = {
-        place: frame_columns(FrameKey(run.id, *place), assignments[place[0]], resolved)
-        for place in dict.fromkeys(places)
+        (variant, camera, time): frame_columns(FrameKey(run.id, variant, camera, time), assignments[variant], resolved)
+        for variant, camera, time in dict.fromkeys(places)
     }
     persons = list(zip(instances, variants, strict=True))
     characters = {
-        person: character_of(person[0], assignments[person[1]], resolved) for person in dict.fromkeys(persons)
+        (instance, variant): character_of(instance, assignments[variant], resolved)
+        for instance, variant in dict.fromkeys(persons)
     }
     of_frames = [frames[place] for place in places]
     columns: dict[str, Sequence[Cell]] = {**measures}
