@@ -112,9 +112,9 @@ def _first(numbers: _Numbers, *, modelled: bool) -> str:
 def _doubtful(numbers: _Numbers) -> str:
     operational = _points(numbers, "operational")
     return (
-        f"{_known(numbers)} A model of the scores expects {numbers['expected']:.1%} failures in operation, which may be wrong "
-        f"where it has no points. {operational} as they occur in operation test it and estimate the rate without it; "
-        f"{_points(numbers, 'doubtful')} where it is unsure of the verdict narrow the assisted estimate."
+        f"{_known(numbers)} A model of the scores expects {100 * numbers['expected']:.1f} % failures in operation, "
+        f"which may be wrong where it has no points. {operational} as they occur in operation test it and estimate the "
+        f"rate without it; {_points(numbers, 'doubtful')} where it is unsure of the verdict narrow the assisted estimate."
     )
 
 

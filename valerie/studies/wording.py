@@ -69,7 +69,7 @@ def _failure_rate(known: FailureRate, study: ResolvedStudy) -> tuple[str, ...]:
         sentences.append(f"The score of {_between(known.undefined)} is undefined: they neither fail nor pass.")
     sentences.append(
         "With 95 % confidence, a given mode of failures that no operational point hit has a probability of at most "
-        f"{known.hidden_mode:.2%}."
+        f"{100 * known.hidden_mode:.2f} %."
     )
     sentences.append(
         "The intervals hold when the budget is spent; they do not for a study that someone stops because of them."
@@ -187,7 +187,7 @@ def _difference(known: Difference, study: ResolvedStudy) -> tuple[str, ...]:
     if known.further is None:
         interval = f"{estimate:+.3f} over {counted(known.pairs, 'pair')}, too few for an interval"
     else:
-        interval = f"{estimate:+.3f} ({low:+.3f} … {high:+.3f}, {percent(goal.level)} confidence)"
+        interval = f"{estimate:+.3f} ({low:+.3f} … {high:+.3f}, {confidence_text(goal.level)} confidence)"
     wide = f"It is known to ± {known.half_width:.3f}; ± {known.within:g} was requested."
     undefined = f"{counted(known.undefined, 'variant')} without a score of both left out."
     return (
@@ -215,10 +215,11 @@ def _effect(effect: Effect, study: ResolvedStudy) -> str:
     if effect.total is None or effect.alone is None:
         known = isfinite(effect.elementary)
         return f"{name}: mean elementary effect {f'{effect.elementary:.3f}' if known else 'not known'}."
+    signed = f"{100 * effect.alone.estimate:.0f}".replace("-", "−")
     return (
         f"{name}: {100 * effect.total.estimate:.0f} % of the variance with interactions "
         f"({100 * effect.total.low:.0f} … {100 * effect.total.high:.0f}, 95 % confidence), "
-        f"{100 * effect.alone.estimate:.0f} % alone."
+        f"{signed} % alone."
     )
 
 
@@ -247,10 +248,11 @@ def _shown(point: UnitPoints, study: ResolvedStudy) -> dict[int, str]:
 
 
 def _between(interval: Interval) -> str:
-    return f"{interval.estimate:.2%} ({interval.low:.2%} to {interval.high:.2%}, {percent(interval.level)} confidence)"
+    estimate, low, high = 100 * interval.estimate, 100 * interval.low, 100 * interval.high
+    return f"{estimate:.2f} % ({low:.2f} to {high:.2f}, {confidence_text(interval.level)} confidence)"
 
 
-def percent(level: float) -> str:
+def confidence_text(level: float) -> str:
     """Return a confidence as text; one below 1 never reads as 100 %."""
     return f"{100 * level:.4g} %" if level < 0.9999 else f"{100 * level:.6g} %"
 
