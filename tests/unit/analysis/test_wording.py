@@ -57,6 +57,9 @@ def test_an_effect_without_interval_says_how_many_places_would_show_its_size() -
     assert finding_sentence(finding(-0.2, SUN, places_for_size=1234)).endswith(
         "(6 places, 36 pairs). They show that it is lower, not by how much; about 1,234 places would."
     )
+    assert finding_sentence(finding(-0.2, SUN, places_for_size=1234, confirmed=False)).endswith(
+        "(6 places, 36 pairs). They do not show its size; about 1,234 places would."
+    )
     assert finding_sentence(finding(-0.2, SUN)).endswith("(6 places, 36 pairs).")
 
 

@@ -47,8 +47,11 @@ def _size_sentence(finding: Finding) -> str:
     """Return how many places would show the size of an effect; empty if these do."""
     if finding.places_for_size is None:
         return ""
+    enough = f"about {finding.places_for_size:,} places would."
+    if not finding.confirmed:
+        return f" They do not show its size; {enough}"
     higher = "higher" if finding.effect > 0 or not finding.function else "lower"
-    return f" They show that it is {higher}, not by how much; about {finding.places_for_size:,} places would."
+    return f" They show that it is {higher}, not by how much; {enough}"
 
 
 def picture_fault_sentence(fault: PictureFault) -> str:
