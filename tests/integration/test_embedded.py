@@ -210,6 +210,8 @@ def test_an_interrupted_run_is_cancelled_and_the_next_makes_the_rest(start: Call
     url = first.running().url
     assert _until(lambda: bool(_get(url, "/v1/runs").get("items")))
     run_id = _get(url, "/v1/runs")["items"][0]["id"]
+    # The list shows a run before the command has the answer to its submission; a run that is running was answered.
+    assert _until(lambda: _get(url, f"/v1/runs/{run_id}")["state"] == "running")
     first.process.send_signal(signal.SIGINT)
     output = first.output()
     assert first.process.returncode == 130
