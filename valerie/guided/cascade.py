@@ -26,6 +26,7 @@ from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Why
 from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.intervals import highest_share
 
 Floats = NDArray[np.float64]
 
@@ -267,5 +268,4 @@ class _Share:
         """Return the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404)."""
         missed = self.count - self.hits
         low = float(betaincinv(self.hits, missed + 1, error / 2)) if self.hits else 0.0
-        high = float(betaincinv(self.hits + 1, missed, 1 - error / 2)) if missed else 1.0
-        return low, high
+        return low, float(highest_share(self.hits, self.count, 1 - error / 2))

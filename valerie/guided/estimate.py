@@ -29,7 +29,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv, gammaincinv, stdtrit
+from scipy.special import gammaincinv, stdtrit
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -43,7 +43,7 @@ from valerie.guided.surrogate import (
     prediction_error,
 )
 from valerie.parameters.samplers import UnitPoints
-from valerie.statistics.intervals import Interval, mean_interval
+from valerie.statistics.intervals import Interval, highest_share, mean_interval
 from valerie.statistics.units import Estimand, sampling_units
 
 #: Range of the operational share α of guided batches; the first one has the least.
@@ -92,9 +92,7 @@ class FailureRate(Result):
     @property
     def hidden_share(self) -> float:
         """Upper bound of the share of failures that the surrogate does not expect, at 95 %: 1 without failures."""
-        if self.unforeseen == self.judged:
-            return 1.0
-        return float(betaincinv(self.unforeseen + 1, self.judged - self.unforeseen, 0.95))
+        return float(highest_share(self.unforeseen, self.judged, 0.95))
 
     @property
     def calibrated(self) -> bool:

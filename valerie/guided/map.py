@@ -11,7 +11,7 @@ weighs them (stacking: Wolpert 1992, doi:10.1016/S0893-6080(05)80023-1). *Held-o
 bag for the forest, so no point is predicted from its own score.
 
 The map gives a verdict from the largest probability of a call down to where at most a share `WRONG` of the calls is wrong, by
-the upper bound (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404) of the held-out calls of exploring points, which are
+the upper bound (`highest_share`) of the held-out calls of exploring points, which are
 spread like the domain (selection with guaranteed risk: Geifman and El-Yaniv 2017, arXiv:1705.08500). Elsewhere it says "not
 known".
 """
@@ -26,7 +26,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv
 
 from valerie.errors import InvalidInput
 from valerie.guided.domain import Cube
@@ -34,6 +33,7 @@ from valerie.guided.exploration import SpaceFilling
 from valerie.guided.strategy import OpenBatches, Proposal, Reason, Result, Scores, Why
 from valerie.guided.surrogate import margins
 from valerie.parameters.samplers import UnitPoints
+from valerie.statistics.intervals import highest_share
 
 Floats = NDArray[np.float64]
 
@@ -288,7 +288,7 @@ def least_probability(probabilities: Floats, numbers: NDArray[np.int64]) -> floa
     order = np.argsort(-probabilities.max(axis=1), kind="stable")
     likely, wrong = probabilities.max(axis=1)[order], (probabilities.argmax(axis=1) != numbers)[order]
     called, errors = np.arange(1, len(order) + 1), np.cumsum(wrong)
-    bound = np.where(errors < called, betaincinv(errors + 1, np.maximum(called - errors, 1), CONFIDENCE), 1.0)
+    bound = highest_share(errors, called, CONFIDENCE)
     complete = np.append(likely[1:] < likely[:-1], True)  # calls of equal probability count together
     return float(likely[complete & (bound <= WRONG)].min(initial=np.inf))
 

@@ -157,6 +157,18 @@ def mean_interval(
     return Interval(low, high, estimate, level, count, method, units.estimand)
 
 
+def highest_share(hits: ArrayLike, count: ArrayLike, confidence: float) -> NDArray[np.float64]:
+    """Return the upper bound of a share of which ``hits`` of ``count`` were drawn; 1 without others.
+
+    Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404).
+    """
+    from scipy.special import betaincinv
+
+    number = np.asarray(hits)
+    others = np.asarray(count) - number
+    return np.where(others > 0, betaincinv(number + 1, np.maximum(others, 1), confidence), 1.0)
+
+
 def is_piled(scores: NDArray[np.float64]) -> bool:
     """Return True if at least half of (N,) scores lie near 0 or 1; those drawn then say little about rare others."""
     return bool(np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) >= _PILED * len(scores))
