@@ -90,6 +90,10 @@ _BY_NODE_CLASS: Final = {label.node_class: label for label in CITYSCAPES}
 #: The 19 evaluated classes, in train-id order.
 TRAIN_LABELS: Final = tuple(sorted((label for label in CITYSCAPES if label.train_id != VOID), key=lambda x: x.train_id))
 NUM_TRAIN_CLASSES: Final = len(TRAIN_LABELS)
+#: Name of a pixel or a class without an evaluated class.
+VOID_NAME: Final = "void"
+#: Train id to name, void last.
+TRAIN_NAMES: Final = {**{label.train_id: label.name for label in TRAIN_LABELS}, VOID: VOID_NAME}
 
 PERSON: Final = BY_NAME["person"]
 RIDER: Final = BY_NAME["rider"]

@@ -277,9 +277,9 @@ def _show_scores(scores: CollectionScores) -> None:
     """Print the classes in the truth with their shares of predicted classes, the person first."""
     from rich.table import Table
 
-    from valerie.labels import PERSON, TRAIN_LABELS
+    from valerie.labels import PERSON, TRAIN_NAMES
 
-    names = [*(label.name for label in TRAIN_LABELS), "void"]
+    names = list(TRAIN_NAMES.values())
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("class", "pixels", "pACC", "precision", "predicted as"):
         table.add_column(column, justify="left" if column in ("class", "predicted as") else "right")

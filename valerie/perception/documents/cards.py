@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from valerie.labels import TRAIN_LABELS, VOID
+from valerie.labels import TRAIN_NAMES
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents.class_maps import VOID_NAME
 from valerie.perception.documents.function import FunctionDocument, InputDocument, OutputDocument
 from valerie.perception.documents.options import HttpOptions, PredictionsOptions
 from valerie.perception.documents.training_data import trained_on
@@ -52,8 +51,7 @@ def _answers(part: OutputDocument) -> list[CardRow]:
 
 def _class_texts(part: OutputDocument) -> list[str]:
     """Return the names of the function's own classes, with an arrow to the evaluated class if their names differ."""
-    names = {label.train_id: label.name for label in TRAIN_LABELS} | {VOID: VOID_NAME}
-    targets = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
+    targets = [TRAIN_NAMES[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
     return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, targets, strict=True)]
 
 

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.labels import BY_NAME, CITYSCAPES, PERSON, TRAIN_LABELS, VOID
+from valerie.labels import BY_NAME, CITYSCAPES, PERSON, TRAIN_LABELS, VOID, VOID_NAME
 
-#: Target of a class without a Cityscapes class.
-VOID_NAME: Final = "void"
 #: Ids of a function's classes are 0…254; 255 in its label map is void, as in Cityscapes.
 MAX_CLASSES: Final = 255
 

@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
-from valerie.labels import TRAIN_LABELS
+from valerie.labels import TRAIN_LABELS, VOID_NAME
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.exploring.exploration import Exploration, Selection
 from valerie.storage.codecs import decode_counts
 
-#: Names of the rows of a matrix; its columns have these and `VOID`.
+#: Names of the rows of a matrix; its columns have these and `VOID_NAME`.
 CLASSES: Final = tuple(label.name for label in TRAIN_LABELS)
-VOID: Final = "void"
 #: Most evaluations of a function that are read: 76 MB, a few seconds.
 MAX_EVALUATIONS: Final = 50_000
 _KEPT: Final = 2
@@ -32,7 +31,7 @@ _KEPT: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class ConfusionCell:
-    """A cell of the matrix: pixels of the class ``truth`` that are predicted as ``predicted`` (a class, or `VOID`)."""
+    """A cell of the matrix: pixels of the class ``truth`` that are predicted as ``predicted`` (a class, or `VOID_NAME`)."""
 
     truth: str
     predicted: str
@@ -44,10 +43,13 @@ class ConfusionCell:
         Raises:
             UnknownName: no such class.
         """
-        for field, name, known in (("truth", self.truth, CLASSES), ("predicted", self.predicted, (*CLASSES, VOID))):
+        for field, name, known in (
+            ("truth", self.truth, CLASSES),
+            ("predicted", self.predicted, (*CLASSES, VOID_NAME)),
+        ):
             if name not in known:
                 raise UnknownName("class", name, known, field=field)
-        return CLASSES.index(self.truth), (*CLASSES, VOID).index(self.predicted)
+        return CLASSES.index(self.truth), (*CLASSES, VOID_NAME).index(self.predicted)
 
 
 @dataclass(frozen=True, slots=True)

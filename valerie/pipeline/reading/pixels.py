@@ -13,7 +13,7 @@ from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.labels import BY_ID, TRAIN_LABELS, VOID
+from valerie.labels import BY_ID, TRAIN_NAMES
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.capture import Capture
 from valerie.pipeline.reading.frame_pictures import frame_sources
@@ -76,7 +76,7 @@ class Pixels:
             for number, setting in enumerate(spec.sensors):
                 truth = self._truth(sources.picture(PictureKind.TRUTH, sensor=setting.name).capture)
                 predictions = {
-                    spec.functions[row.function_index]: _name(self._prediction(row.prediction)[y, x])
+                    spec.functions[row.function_index]: TRAIN_NAMES[int(self._prediction(row.prediction)[y, x])]
                     for row in sources.evaluations
                     if row.sensor_index == number and row.prediction_state == ProductState.DONE
                 }
@@ -101,7 +101,3 @@ class Pixels:
         if digest not in self._predictions:
             self._predictions[digest] = self._reader.prediction(digest)
         return self._predictions[digest]
-
-
-def _name(train_id: np.uint8) -> str:
-    return "void" if train_id == VOID else TRAIN_LABELS[train_id].name

@@ -25,7 +25,7 @@ from valerie.datasets.twins import LEAST_OVERLAP, Twin
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
-from valerie.labels import TRAIN_LABELS
+from valerie.labels import TRAIN_NAMES
 from valerie.measures import TableRow
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
@@ -108,7 +108,7 @@ class DatasetResult:
             "split": self.split,
             "digest": self.digest,
             "has_instances": self.has_instances,
-            "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
+            "class_order": list(TRAIN_NAMES.values()),
             "functions": {
                 function.name: {
                     "card": asdict(function.card),
