@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.shell import AsJson, DataDir, RunId, write_output
-from valerie.errors import InvalidInput
+from valerie.cli.shell import AsJson, DataDir, RunId, require_format, write_output
 from valerie.local.spec_files import read_spec
 from valerie.local.terminal import console
 
@@ -42,8 +41,7 @@ def claims(
     Every claim is answered: reproduced, not reproduced, undecided, or not
     testable here, with the quantity and its interval.
     """
-    if output is not None and output.suffix not in _FORMATS:
-        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(_FORMATS))
+    require_format(output, _FORMATS)
     from valerie.analysis.claims.ledger import write_ledger
 
     statements = read_claims(document)

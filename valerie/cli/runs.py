@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, say
+from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, require_format, say
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -283,9 +283,7 @@ def compare(
     from valerie.pipeline.reading.reports import compare_runs, report_with
 
     pair = _function_pair(other, functions or [])
-    formats = (".html", ".csv", ".parquet", ".json")
-    if output is not None and output.suffix not in formats:
-        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(formats))
+    require_format(output, (".html", ".csv", ".parquet", ".json"))
     statements = None if claims is None else read_claims(claims)
     with context_of(data_dir) as context:
         comparison = compare_runs(context, run_id, other or run_id, functions=pair, claims=statements)

@@ -6,7 +6,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from importlib import resources
@@ -172,6 +172,16 @@ def save(content: bytes, path: Path) -> Path:
     except OSError as error:
         raise StorageUnavailable(f"{path} cannot be written: {error.strerror}") from error
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def require_format(output: Path | None, formats: Sequence[str]) -> None:
+    """Refuse an output file whose suffix is none of ``formats``.
+
+    Raises:
+        InvalidInput: it is another one.
+    """
+    if output is not None and output.suffix not in formats:
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=", ".join(formats))
 
 
 def write_output(path: Path, content: bytes) -> None:
