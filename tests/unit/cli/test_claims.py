@@ -9,8 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
-from tests.world.world import settings_of
+from tests.world.drawn import FUNCTIONS
 from tools.paper import KEPT
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
@@ -22,16 +21,6 @@ claims:
   - {id: falls, says: It falls., trend: {over: distance_m, shape: falling}}
   - {id: slip, says: More than all., slip: There is no more than all.}
 """
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    folder = tmp_path_factory.mktemp("claims") / "data"
-    world = DrawnWorld(settings_of(folder))
-    vary = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 1.0]]
-    run_id = world.work(spec("claimed", vary=vary, constants={"person-1.pos.x": 2.2}, cameras=["camera-1"]))
-    world.context.engine.dispose()
-    return folder, run_id
 
 
 def called(run: tuple[Path, str], document: Path, *arguments: str) -> str:

@@ -12,22 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
-from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
-from tests.world.world import settings_of
+from tests.world.drawn import FUNCTIONS
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
 
 HERE, THERE = FUNCTIONS
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    folder = tmp_path_factory.mktemp("compared") / "data"
-    world = DrawnWorld(settings_of(folder))
-    vary = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 1.0]]
-    run_id = world.work(spec("compared", vary=vary, constants={"person-1.pos.x": 2.2}, cameras=["camera-1"]))
-    world.context.engine.dispose()
-    return folder, run_id
 
 
 def called(run: tuple[Path, str], command: str, *arguments: str) -> Result:
