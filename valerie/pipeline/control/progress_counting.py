@@ -7,7 +7,7 @@ bounded by the feeding window.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -119,10 +119,30 @@ class ProgressBook:
             reason=reason or awaiting_reason(look.awaited, run.pins),
             variants=VariantProgress(total=run.variant_count, fed=run.next_index, rejected=run.rejected_count),
             frames=FrameProgress(fed=look.total.frames, exact=run.next_index == run.variant_count),
-            stages={stage: _stage_progress(stage, look, history) for stage in Stage},
+            stages=_stages(look, history),
             awaiting=look.awaited,
             updated_at=look.now,
         )
+
+
+def _stages(look: _Look, history: Sequence[tuple[float, BlockCounts]]) -> dict[Stage, StageProgress]:
+    stages = {stage: _stage_progress(stage, look, history) for stage in Stage}
+    if look.run.next_index == look.run.variant_count:
+        return stages
+    return with_waiting(stages, [stage for stage in Stage if look.total.stage(stage).unfinished == 0])
+
+
+def with_waiting(stages: Mapping[Stage, StageProgress], waiting: Collection[Stage]) -> dict[Stage, StageProgress]:
+    """Give the stages that wait for more to be fed the remaining time of the slowest other stage, which decides when that is.
+
+    A fast stage stands still while the feeding window is full. By its own rate, which falls all that time, it would never end.
+    """
+    times = [progress.eta_s for stage, progress in stages.items() if stage not in waiting]
+    slowest = max((seconds for seconds in times if seconds is not None), default=None)
+    return {
+        stage: progress.model_copy(update={"eta_s": slowest}) if stage in waiting else progress
+        for stage, progress in stages.items()
+    }
 
 
 def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, BlockCounts]]) -> StageProgress:

@@ -22,6 +22,11 @@ class StageCounts(NamedTuple):
     done: int
     failed: int
 
+    @property
+    def unfinished(self) -> int:
+        """Number that are neither done nor failed."""
+        return self.total - self.done - self.failed
+
 
 class BlockCounts(Document):
     """Frames and evaluations of a range of variants.
@@ -55,9 +60,8 @@ class BlockCounts(Document):
     @property
     def unfinished(self) -> int:
         """Number of products that have not ended: three per frame, prediction and scores per evaluation."""
-        frames = self.frames - self.rendered - self.render_failed
-        predictions = self.evaluations - self.inferred - self.infer_failed
-        return 3 * frames + predictions + self.evaluations - self.evaluated - self.eval_failed
+        frames, predictions, scores = (self.stage(stage).unfinished for stage in Stage)
+        return 3 * frames + predictions + scores
 
     @property
     def is_final(self) -> bool:
@@ -81,7 +85,8 @@ class StageProgress(Document):
         total: exact once every variant is fed; extrapolated before.
         running: products of this stage that workers hold, for all runs.
         rate_per_s: number that end per second.
-        eta_s: seconds until the rest ends; None until ten have ended, and while nothing ends.
+        eta_s: seconds until the rest ends; None until ten have ended, and while nothing ends. A stage that waits for more to be
+            fed has that of the slowest other stage.
     """
 
     done: int

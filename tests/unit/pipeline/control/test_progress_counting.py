@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from valerie.pipeline.control.progress_counting import finished_per_second, seconds_left
+from valerie.pipeline.control.progress_counting import finished_per_second, seconds_left, with_waiting
+from valerie.runs.products.progress import StageProgress
+from valerie.runs.products.states import Stage
 
 
 def steady(every_s: float, seconds: int) -> list[tuple[float, int]]:
@@ -47,3 +49,16 @@ def test_the_remaining_time_appears_when_ten_products_or_five_minutes_tell_the_r
     history: list[tuple[float, int]], left: int, expected: float | None
 ) -> None:
     assert seconds_left(history, left) == expected
+
+
+@pytest.mark.parametrize(("infer_s", "expected"), [(4_500.0, 4_500.0), (None, None)])
+def test_a_stage_that_waits_for_more_to_be_fed_ends_with_the_slowest_other(
+    infer_s: float | None, expected: float | None
+) -> None:
+    own = {Stage.RENDER: 51_000.0, Stage.INFER: infer_s, Stage.EVAL: infer_s}
+    stages = {
+        stage: StageProgress(done=500, total=1_000, failed=0, running=0, rate_per_s=0.1, eta_s=seconds)
+        for stage, seconds in own.items()
+    }
+    waiting = with_waiting(stages, [Stage.RENDER])
+    assert [waiting[stage].eta_s for stage in Stage] == [expected, infer_s, infer_s]
