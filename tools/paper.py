@@ -20,6 +20,7 @@ from PIL import Image
 
 from tools.contact_sheet import captioned, contact_sheet
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
+from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.report.panels import make_panel
 from valerie.analysis.report.plots import static_figure
@@ -100,7 +101,7 @@ def compare_kept() -> Beside:
         *sides,
         findings=[*findings.items, *findings.candidates],
         claims=read_claims(Path(CLAIMS)),
-        differs=[f"renderer (raster here, {spec['renderer']} there)"],
+        differs=[difference_of_specs("renderer", "raster", spec["renderer"])],
     )
 
 

@@ -21,7 +21,9 @@ _POPULATIONS: Final = {
 
 def percent(value: float | None, digits: int = 1) -> str:
     """Return a rate in per cent without the sign, for columns that state the unit; a dash where undefined."""
-    return DASH if value is None else f"{100 * value:.{digits}f}"
+    if value is None:
+        return DASH
+    return f"{round(100 * value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def pedestrian(character: str) -> str:
@@ -78,4 +80,4 @@ def for_whom(estimand: Estimand) -> str:
 
 def points(difference: float) -> str:
     """Return a difference of rates in percentage points with its sign."""
-    return f"{100 * difference:+.1f}".replace("-", "−")
+    return f"{round(100 * difference, 1) + 0.0:+.1f}".replace("-", "−")

@@ -54,7 +54,7 @@ def renderables(beside: Beside) -> list[RenderableType]:
     if beside.conclusions:
         parts.append(Text("Conclusions, on the shared frames", "bold"))
     for conclusion in beside.conclusions:
-        parts.append(Text(f"  {conclusion.agreement}: {conclusion.text}"))
+        parts.append(Text(f"  {conclusion.agreement}: {conclusion.here.function}: {conclusion.text}"))
         parts.append(Text(f"    here: {conclusion.here.finding}; there: {conclusion.there.finding}", "dim"))
     return parts
 

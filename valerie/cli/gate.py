@@ -178,11 +178,15 @@ def renderables(result: GateResult) -> list[RenderableType]:
 
     parts: list[RenderableType] = [verdicts_renderable(result.verdicts), ""] if result.verdicts else []
     for version in result.versions:
+        worse, slices = len(version.gate.worse), version.gate.slices
+        few = sum(item.too_few for item in slices if not item.worse)
         head = f"{version.version} against {version.baseline}: "
-        worse = len(version.gate.worse)
-        head += f"worse in {worse:,} of {len(version.gate.slices):,} slices" if worse else "nowhere worse"
+        head += f"worse in {worse:,} of {len(slices):,} slices" if worse else "nowhere shown to be worse"
+        if few:
+            head += f"; {few:,} of {len(slices):,} slices have too few places to show a drop of "
+            head += f"{100 * version.gate.effect:g} points"
         parts.append(Text(head, style="bold red" if worse else "bold"))
-        for item in sorted(version.gate.slices, key=lambda item: not item.worse):
+        for item in sorted(slices, key=lambda item: not item.worse):
             text = f"  {'WORSE  ' if item.worse else ''}{item.name}: {slice_text(item, version.gate.effect)}"
             parts.append(Text(text, style="" if item.worse else "dim"))
         if version.unmatched:

@@ -72,6 +72,11 @@ class SliceComparison:
     flips: tuple[int, ...]
     places_needed: int | None
 
+    @property
+    def too_few(self) -> bool:
+        """True if the places of the slice do not suffice to detect the effect, or nobody knows."""
+        return self.places_needed is None or self.places_needed > self.places
+
 
 @dataclass(frozen=True, slots=True)
 class Gate:

@@ -39,7 +39,7 @@ def finding(
 def test_a_finding_within_places_says_effect_condition_interval_and_numbers() -> None:
     assert finding_sentence(finding(-0.1234, SUN, low=-0.2, high=-0.05)) == (
         "net: pACC is 12.3 points lower with sun-1.azimuth 260° than with 140°, all else equal "
-        "(joint 95 % interval −20.0 to −5.0 for places like these on this site, 6 places, 36 pairs)."
+        "(joint 95 % interval −20.0 to −5.0 points for places like these on this site, 6 places, 36 pairs)."
     )
 
 
@@ -47,7 +47,7 @@ def test_a_finding_between_places_says_so_and_names_what_else_differs() -> None:
     unequal = (Inequality("occlusion_rate", FAR, 0.03, 0.5), Inequality("distance_m", FAR, 17.5, 38.2))
     assert finding_sentence(finding(-0.5, FAR, low=-0.7, high=-0.1, matching=Matching.MODEL, unequal=unequal)) == (
         "net: pACC is 50.0 points lower with person-1.pos.y 26 than with 5, between different places "
-        "(joint 95 % interval −70.0 to −10.0 for places like these on this site, 6 places, 36 pairs). The sides also "
+        "(joint 95 % interval −70.0 to −10.0 points for places like these on this site, 6 places, 36 pairs). The sides also "
         "differ in occlusion (50.0 % with person-1.pos.y 26, 3.0 % with 5) and "
         "distance (38.20 m with person-1.pos.y 26, 17.50 m with 5)."
     )
@@ -75,7 +75,7 @@ def test_of_two_functions_the_better_one_is_named_first() -> None:
     functions = Step("function", "deeplab", "fpn")
     assert finding_sentence(finding(-0.05, functions, function="", low=-0.08, high=-0.02)) == (
         "deeplab sees more than fpn on identical frames: pACC is 5.0 points higher "
-        "(joint 95 % interval 2.0 to 8.0 for places like these on this site, 6 places, 36 pairs)."
+        "(joint 95 % interval 2.0 to 8.0 points for places like these on this site, 6 places, 36 pairs)."
     )
 
 

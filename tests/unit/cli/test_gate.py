@@ -6,6 +6,7 @@ import csv
 import html
 import io
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -97,10 +98,19 @@ def test_a_function_worse_than_its_baseline_shuts_the_gate(deployed: tuple[Path,
     assert {name for name in slices if name.startswith("distance")} >= {"distance 20–30 m"}
 
 
+def test_a_gate_says_in_how_many_slices_a_drop_would_not_show(deployed: tuple[Path, str, str, str]) -> None:
+    printed = gated(deployed, deployed[1], "--baseline", BETTER, "--effect", "0.001", code=Exit.GATE_FAILED)
+    (head,) = (line for line in printed.splitlines() if " slices have too few places" in line)
+    said = re.search(r"; (\d+) of \d+ slices have too few places to show a drop of 0.1 points", head)
+    assert said is not None
+    assert int(said[1]) == printed.count("; too few: ") > 0
+
+
 def test_a_run_on_the_same_frames_is_a_baseline(deployed: tuple[Path, str, str, str]) -> None:
     folder, run_id, other, failed = deployed
     printed = gated(deployed, other, "--baseline", run_id, code=Exit.OK)
-    assert f"{WORSE} against {WORSE} of run {run_id}: nowhere worse" in printed
+    assert f"{WORSE} against {WORSE} of run {run_id}: nowhere shown to be worse" in printed
+    assert "too few" not in printed
     assert "The gate passes." in printed
     with pytest.raises(InvalidInput, match="looked at other frames: its resolution differs"):
         gated(deployed, other, "--baseline", failed, code=Exit.OK)

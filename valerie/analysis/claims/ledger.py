@@ -35,6 +35,7 @@ from valerie.analysis.claims.wording import (
     difference_sentence,
     flip_sentence,
     quantity_sentence,
+    title_of,
     trend_sentence,
 )
 from valerie.analysis.rows.levels import Factor, factors_of
@@ -208,7 +209,7 @@ def _quantity(test: QuantityTest, entry: LedgerEntry, table: EvaluationTable, ro
     values = table.numbers(test.of)
     rows = rows & np.isfinite(values)
     if not rows.any():
-        return replace(entry, finding=f"no row has {test.of}")
+        return replace(entry, finding=f"no row has {title_of(test.of)}")
     scores = values[rows] if test.above is None else (values[rows] > test.above).astype(np.float64)
     estimate = statistic_of(values[rows], test.statistic, test.above)
     low = high = None
@@ -239,7 +240,7 @@ def _difference(
     contrast, _ = _contrast(test, table, rows, field)
     if contrast is None:
         return replace(entry, finding=f"no place shows both {test.first} and {test.second}, everything else equal")
-    low, high = contrast.interval(LEVEL)
+    low, high = np.clip(contrast.interval(LEVEL), -1.0, 1.0).tolist()
     if test.sign == "=":
         held, against = max(abs(low), abs(high)) <= test.within, low > test.within or high < -test.within
     else:
@@ -313,7 +314,7 @@ def _departure(
         choosing=halves(len(occurring), seed)[place],
     )
     if curve is None:
-        return replace(entry, finding=f"too few places for a curve over {test.over}")
+        return replace(entry, finding=f"too few places for a curve over {title_of(test.over)}")
     left = departure(curve, test.by)
     not_before, at_latest = left.not_before, left.at_latest
     reached = at_latest is not None and at_latest <= test.at + test.tolerance
@@ -337,7 +338,7 @@ def _trend(
 ) -> LedgerEntry:
     changes = proven_changes(table.numbers(test.over)[rows], table.numbers("pacc")[rows], table.places[rows], seed=seed)
     if changes is None:
-        return replace(entry, finding=f"too few places for averages over {test.over}")
+        return replace(entry, finding=f"too few places for averages over {title_of(test.over)}")
     falls, rises = changes.high < 0, changes.low > 0
     if test.shape == "level":
         held, against = changes.most <= LEVEL_WITHIN, falls or rises or changes.falls or changes.rises

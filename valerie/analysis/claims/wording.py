@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from valerie.analysis.claims.claims import DepartureTest, DifferenceTest, FlipTest, QuantityTest, TrendTest
-from valerie.analysis.wording import points
+from valerie.analysis.wording import percent, points
+from valerie.measures import MEASURES
 from valerie.statistics.contrasts import Contrast, Matching
 from valerie.statistics.curves import Changes, Departure
 
@@ -16,13 +17,36 @@ _MATCHINGS: Final = {
 }
 
 
+_STATISTICS: Final = {"minimum": "smallest", "maximum": "largest"}
+_MEASURES: Final = {measure.name: measure for measure in MEASURES}
+
+
+def title_of(column: str) -> str:
+    """Return the title of a measure, or the name of another column."""
+    return _MEASURES[column].title if column in _MEASURES else column
+
+
+def _value(column: str, value: float) -> str:
+    """Return a value of a column with its unit, as far as that is known."""
+    return _MEASURES[column].text(value) if column in _MEASURES else f"{value:.3g}"
+
+
 def quantity_sentence(test: QuantityTest, estimate: float) -> str:
     """Return a statistic and the claimed range."""
-    quantity = test.of if test.above is None else f"{test.of} > {test.above:g}"
+    if test.above is None:
+        quantity = f"{_STATISTICS.get(test.statistic, test.statistic)} {title_of(test.of)}"
+    else:
+        quantity = f"share of persons with {title_of(test.of)} above {_value(test.of, test.above)}"
+
+    def text(value: float) -> str:
+        return _value(test.of, value) if test.above is None else f"{percent(value)} %"
+
     claimed = " and ".join(
-        f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
+        f"{bounded} {text(bound)}"
+        for bounded, bound in (("at least", test.low), ("at most", test.high))
+        if bound is not None
     )
-    return f"{test.statistic}({quantity}) is {estimate:.4g}; claimed {claimed}"
+    return f"{quantity} is {text(estimate)}; claimed {claimed}"
 
 
 def difference_sentence(test: DifferenceTest, contrast: Contrast, low: float, high: float) -> str:
@@ -43,22 +67,24 @@ def flip_sentence(test: FlipTest, largest: float, pairs: int) -> str:
 
 def departure_sentence(test: DepartureTest, left: Departure) -> str:
     """Return where a curve leaves its first level, and the claimed place."""
-    best = "never" if left.estimate is None else f"at {left.estimate:.3g}"
-    certain = [f"not before {left.not_before:.3g}"] if left.not_before is not None else []
-    certain += [f"at {left.at_latest:.3g} at the latest"] if left.at_latest is not None else []
-    return (
-        f"pACC leaves its first level by {100 * test.by:g} points {best}"
-        + (f" ({', '.join(certain)})" if certain else " (the band is too wide to say when)")
-        + f"; claimed {test.at:g} ± {test.tolerance:g}"
-    )
+    leaves, change = f"over {title_of(test.over)}, pACC", f"its first level by {100 * test.by:g} points"
+    if left.estimate is None:
+        best = f"{leaves} nowhere leaves {change}"
+    else:
+        best = f"{leaves} leaves {change} at {_value(test.over, left.estimate)}"
+    certain = [f"not before {_value(test.over, left.not_before)}"] if left.not_before is not None else []
+    certain += [f"at {_value(test.over, left.at_latest)} at the latest"] if left.at_latest is not None else []
+    claimed = f"{_value(test.over, test.at - test.tolerance)} to {_value(test.over, test.at + test.tolerance)}"
+    return f"{best} ({', '.join(certain) or 'the band is too wide to be sure'}); claimed {claimed}"
 
 
 def trend_sentence(test: TrendTest, changes: Changes) -> str:
     """Return the change from the first to the last third of the rows, the proven shape, and the outer averages."""
     shapes = {(False, False): "", (True, False): "; falls somewhere", (False, True): "; rises somewhere"}
     shape, bins = shapes.get((changes.falls, changes.rises), "; falls and rises"), changes.bins
+    title = title_of(test.over)
+    first, last = (f"{percent(bins.mean[k])} % ({title} {_value(test.over, bins.centre[k])})" for k in (0, -1))
     return (
-        f"pACC over {test.over}: the last third less the first is {points(changes.difference)} points "
-        f"({points(changes.low)} to {points(changes.high)}){shape}; {100 * bins.mean[0]:.1f} % at {bins.centre[0]:.3g}, "
-        f"{100 * bins.mean[-1]:.1f} % at {bins.centre[-1]:.3g}"
+        f"pACC over {title}: the last third less the first is {points(changes.difference)} points "
+        f"({points(changes.low)} to {points(changes.high)}){shape}; from {first} to {last}"
     )

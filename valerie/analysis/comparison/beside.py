@@ -31,6 +31,10 @@ from valerie.statistics.fidelity import Fidelity, instance_fidelity
 _SHOWN_FLIPS: Final = 3
 #: Most findings and candidates that are tested in the other run.
 _MOST_FINDINGS: Final = 12
+#: Whether something is so here and there, in words.
+_WHERE: Final = {
+    (True, True): "in both", (False, False): "in neither", (True, False): "only here", (False, True): "only there",
+}  # fmt: skip
 #: Columns that are taken from the other run. The function keeps its name in the first run.
 _OWN_COLUMNS: Final = tuple(name for name in (*names_from(*OF_FUNCTION), "undefined_reason") if name != "function")
 
@@ -123,7 +127,7 @@ class Conclusion:
 
     Attributes:
         kind: ``finding``, ``candidate`` or ``claim``.
-        text: its statement.
+        text: its statement, about ``here.function``.
         here, there: the ledger's answers.
     """
 
@@ -135,15 +139,12 @@ class Conclusion:
     @property
     def agreement(self) -> str:
         """Agreement of both runs in words."""
-        held = [entry.outcome is ClaimOutcome.REPRODUCED for entry in (self.here, self.there)]
-        refuted = [entry.outcome is ClaimOutcome.NOT_REPRODUCED for entry in (self.here, self.there)]
-        if all(held):
-            return "holds in both"
-        if all(refuted):
-            return "holds in neither"
-        if any(held) and any(refuted):
-            return "holds only here" if held[0] else "holds only there"
-        return "undecided here" if not (held[0] or refuted[0]) else "undecided there"
+        outcomes = self.here.outcome, self.there.outcome
+        held = [outcome is ClaimOutcome.REPRODUCED for outcome in outcomes]
+        decided = [outcome in (ClaimOutcome.REPRODUCED, ClaimOutcome.NOT_REPRODUCED) for outcome in outcomes]
+        if all(decided):
+            return f"holds {_WHERE[held[0], held[1]]}"
+        return f"undecided {_WHERE[not decided[0], not decided[1]]}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,7 +356,9 @@ def _of_findings(
             continue
         step = finding.steps[0]
         sign = ">" if finding.effect > 0 else "<"
-        text = f"{finding.function}: {step.factor} {step.after} {'above' if sign == '>' else 'below'} {step.before}"
+        text = (
+            f"pACC is {'higher' if sign == '>' else 'lower'} with {step.factor} {step.after} than with {step.before}."
+        )
         test = DifferenceTest(factor=step.factor, first=step.after, second=step.before, sign=sign)
         claim = Claim(id="finding", says=text, functions=(finding.function,), difference=test)
         kind = "finding" if finding.confirmed else "candidate"

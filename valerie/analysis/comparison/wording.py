@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from valerie.analysis.comparison.before_after import GroupDifference, VersionChange, VersionComparison
 from valerie.analysis.wording import for_whom, percent, points, population
 from valerie.measures import measure_of
@@ -44,6 +46,17 @@ def numeric_classes_sentence(comparison: VersionComparison) -> str:
         f"Numeric classes differ, so differences may come from precision or engine: "
         f"{'; '.join(f'{version} ran as {numeric_class}' for version, numeric_class in ran)}."
     )
+
+
+def difference_of_specs(place: str, here: object, there: object) -> str:
+    """Return a value that two specs set differently, with its place."""
+    return f"{place} ({_setting(here)} here, {_setting(there)} there)"
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_setting(part)}" for key, part in value.items())
+    return "not set" if value is None else str(value)
 
 
 def fidelity_sentence(fidelity: Fidelity, here: str = "here", there: str = "there") -> str:

@@ -32,13 +32,13 @@ def finding_sentence(finding: Finding) -> str:
     elif finding.function:
         text += ", all else equal"
     counted = [f"{finding.places:,} places"]
-    counted += [f"{finding.pairs:,} pairs"] if finding.pairs else []
+    counted += [f"{finding.pairs:,} pair{'s' if finding.pairs > 1 else ''}"] if finding.pairs else []
     if finding.low is not None and finding.high is not None:
         # The better function is named first, so the interval takes its sign.
         sign = -1 if finding.effect < 0 and not finding.function else 1
         ends = sorted(100 * sign * end for end in (finding.low, finding.high))
         low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
-        counted.insert(0, f"joint 95 % interval {low} to {high}{for_whom(finding.estimand)}")
+        counted.insert(0, f"joint 95 % interval {low} to {high} points{for_whom(finding.estimand)}")
     fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
     return f"{fault}{text} ({', '.join(counted)}).{_size_sentence(finding)}{unequal_sentence(finding.unequal)}"
 
@@ -91,7 +91,7 @@ def searched_sentence(findings: Findings) -> str:
 
 def candidate_text(finding: Finding) -> str:
     """Return how a candidate can be settled."""
-    return f"To confirm half of it, about {finding.places_needed:,} fresh places would be needed."
+    return f"To confirm an effect half as large, about {finding.places_needed:,} fresh places are needed."
 
 
 def alike_sentence(function: str) -> str:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+from valerie.analysis.comparison.beside import Beside
 from valerie.analysis.comparison.wording import span_text
 from valerie.analysis.report.model import ReportInput
 from valerie.analysis.report.seeing import Seeing
 from valerie.analysis.rows.frame_counts import ALL
+from valerie.analysis.verdicts.verdicts import RequirementVerdict
 from valerie.analysis.wording import percent, points, setting_labels
 from valerie.statistics.units import Estimand
+from valerie.statistics.verdicts import Outcome
 
 
 def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
@@ -20,7 +23,7 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     together = [row for row in summary.rows if row.character == ALL] or list(summary.rows)
     seen_together = [row for row in seen if row.character == ALL] or list(seen)
     findings = len(source.findings.items)
-    sentences = [_counted("Requirements", [verdict.outcome.value for verdict in source.verdicts])]
+    sentences = [_requirements(source.verdicts)]
     sentences += [
         f"{labels[row.function, row.sensor]} sees {percent(row.pacc_mean)} % of a person's visible pixels on average, and "
         f"misses {row.defined - row.detected:,} of {row.defined:,} persons (pACC < {summary.threshold:g})."
@@ -44,11 +47,11 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
             other = function.function_there not in ("", function.function)
             who = f"{function.function_there} against {function.function}" if other else function.function
             sentences.append(
-                f"{who} in {source.beside.there}: {points(whole.difference.mean)} points"
-                f"{span_text(whole.difference)}, on {whole.pairs:,} equal views"
+                f"{who}: in {source.beside.there}, pACC differs by {points(whole.difference.mean)} points from "
+                f"{source.beside.here}{span_text(whole.difference)}, on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )
-        sentences.append(_counted("Conclusions", [conclusion.agreement for conclusion in source.beside.conclusions]))
+        sentences += _conclusions(source.beside)
     listed = any(
         row.pacc_mean_interval is not None and row.pacc_mean_interval.estimand is Estimand.LISTED_GRID
         for row in summary.rows
@@ -58,6 +61,33 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     )
     sentences.append(f"Not claimed: anything about {beyond}.")
     return [sentence for sentence in sentences if sentence]
+
+
+def _requirements(verdicts: Sequence[RequirementVerdict]) -> str:
+    """Return the number of each verdict, and which requirements are not met or undecided."""
+    by_outcome: dict[Outcome, list[str]] = {outcome: [] for outcome in Outcome}
+    for verdict in verdicts:
+        by_outcome[verdict.outcome].append(f"{verdict.id} by {verdict.function}")
+    counts = [
+        f"{len(names):,} {outcome}" + ("" if outcome is Outcome.MET else f" ({', '.join(names)})")
+        for outcome, names in by_outcome.items()
+        if names
+    ]
+    return f"Requirements: {'; '.join(counts)}." if counts else ""
+
+
+def _conclusions(beside: Beside) -> Iterator[str]:
+    """Yield which conclusions hold in both runs, in neither or in one, and how many are undecided."""
+    agreements: dict[str, dict[str, list[str]]] = {}
+    for conclusion in beside.conclusions:
+        functions = agreements.setdefault(conclusion.agreement, {}).setdefault(conclusion.text.rstrip("."), [])
+        functions.append(conclusion.here.function)
+    for agreement, texts in sorted(agreements.items()):
+        if agreement.startswith("undecided"):
+            said = f"{sum(map(len, texts.values())):,} of {len(beside.conclusions):,} conclusions"
+        else:
+            said = "; ".join(f"{text} ({', '.join(functions)})" for text, functions in texts.items())
+        yield f"{agreement.capitalize()}: {said}."
 
 
 def _counted(what: str, answers: Sequence[str]) -> str:

@@ -26,7 +26,7 @@ class Factor:
 
     Attributes:
         column: path of a parameter, or name of a measure.
-        levels: texts of the occurring levels: ``red``, ``300°``, ``5–10``; the last is ``default`` if rows have no value.
+        levels: texts of the occurring levels: ``red``, ``300°``, ``5 to 10 m``; the last is ``default`` if rows have no value.
         codes: (N,) int64, index into ``levels``.
     """
 
@@ -62,15 +62,20 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
     if kind == "BOOL":
         levels = ["true" if value else "false" for value in known]
         return _with_default(column, levels, _positions(values, known))
-    unit = "°" if kind == "ANGLE" else ""
+    unit = unit_after(column, kind)
     if len(known) <= MAX_LEVELS:
         levels = [f"{value:g}{unit}" for value in known.tolist()]
         return _with_default(column, levels, _positions(values, known))
     edges = bin_edges(float(known[0]), float(known[-1]), _round_width(float(known[-1] - known[0]) / _RANGES))
     place = np.where(np.isfinite(values), np.digitize(values, edges) - 1, -1)
     filled = np.unique(place[place >= 0])
-    ranges = [f"{low:g}–{high:g}{unit}" for low, high in pairwise(edges.tolist())]
+    ranges = [f"{low:g} to {high:g}{unit}" for low, high in pairwise(edges.tolist())]
     return _with_default(column, [ranges[k] for k in filled], np.where(place >= 0, np.searchsorted(filled, place), -1))
+
+
+def unit_after(column: str, kind: str) -> str:
+    """Return what follows a number of a parameter; the world is in metres."""
+    return "°" if kind == "ANGLE" else " m" if ".pos." in column else ""
 
 
 def _with_default(column: str, levels: list[str], codes: NDArray[np.int64]) -> Factor:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from valerie.analysis.rows.binning import bin_edges
 from valerie.analysis.rows.frame_counts import characters
+from valerie.analysis.rows.levels import unit_after
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.parameters.paths import short_name
 from valerie.runs.products.frame_keys import FrameKey
@@ -120,11 +121,12 @@ def _levels(table: EvaluationTable, path: str, kind: str) -> dict[str, NDArray[n
     levels = np.unique(values[np.isfinite(values)])
     if kind == "BOOL":
         return {("false", "true")[int(level)]: values == level for level in levels.tolist()}
+    unit = unit_after(path, kind)
     if len(levels) <= _MOST_LEVELS:
-        return {f"{level:g}": values == level for level in levels.tolist()}
+        return {f"{level:g}{unit}": values == level for level in levels.tolist()}
     edges = np.unique(np.quantile(values[np.isfinite(values)], np.linspace(0, 1, _PARTS + 1)))
     parts = {}
     for low, high in pairwise(edges.tolist()):
         below = values <= high if high == edges[-1] else values < high
-        parts[f"{low:.4g}…{high:.4g}"] = (values >= low) & below
+        parts[f"{low:.4g} to {high:.4g}{unit}"] = (values >= low) & below
     return parts

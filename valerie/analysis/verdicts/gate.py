@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from valerie.analysis.rows.pairing import frames_of_any_run, levels_of, paired_rows, row_keys, rows_taken
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
+from valerie.analysis.wording import points
 from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.plain import JsonObject
 from valerie.runs.products.pins import Pins
@@ -316,17 +317,17 @@ def slice_text(item: SliceComparison, effect: float) -> str:
     """Return one compared slice in words."""
     if not item.pairs:
         return "no pairs"
-    text = f"{100 * item.difference:+.1f} points"
+    text = f"{points(item.difference)} points"
     if item.low is not None and item.high is not None:
-        text += f" ({100 * item.low:+.1f} to {100 * item.high:+.1f})"
+        text += f" ({points(item.low)} to {points(item.high)})"
     text += f", {item.pairs:,} pairs at {item.places:,} places, {item.lost:,} lost and {item.gained:,} gained"
     needed = item.places_needed
     if item.worse:
         return text
     if needed is None:
         return f"{text}; the number of places needed to detect a drop of {100 * effect:g} points is unknown"
-    enough = "" if needed <= item.places else " and these are too few"
-    return f"{text}; {needed:,} places show a drop of {100 * effect:g} points{enough}"
+    too_few = "too few: " if item.too_few else ""
+    return f"{text}; {too_few}{needed:,} places show a drop of {100 * effect:g} points"
 
 
 def _without_nan(value: Any) -> Any:

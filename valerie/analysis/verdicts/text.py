@@ -58,12 +58,12 @@ def notes(verdict: RequirementVerdict) -> list[str]:
     if verdict.basis is None:
         lines = [f"Not judged: {counted}."]
     else:
-        after = "" if verdict.decided_after is None else f"; decided after {verdict.decided_after:,}"
+        after = "" if verdict.decided_after is None else f"; decided after {verdict.decided_after:,} variants"
         lines = [f"Of {verdict.basis}: {counted}; {verdict.method}{after}."]
-    out = [f"without a value: {reasons_text(verdict.undefined)}"] if verdict.undefined else []
-    out += [f"too few visible pixels: {verdict.too_small:,}"] if verdict.too_small else []
-    out += [f"failed for good, so at their worst: {verdict.lost:,}"] if verdict.lost else []
-    lines += [f"{verdict.of.capitalize()} not counted or not known: {'; '.join(out)}."] if out else []
+    out = [f"{reasons_text(verdict.undefined)} (no value)"] if verdict.undefined else []
+    out += [f"{verdict.too_small:,} with too few visible pixels"] if verdict.too_small else []
+    out += [f"{verdict.lost:,} failed for good, counted at their worst"] if verdict.lost else []
+    lines += [f"Not counted or not known: {'; '.join(out)}."] if out else []
     missed = [band for band in verdict.missed if band.missed]
     if missed:
         bands = ", ".join(f"{b.missed:,} of {b.persons:,} at {b.low:g}–{b.high:g} m" for b in missed)

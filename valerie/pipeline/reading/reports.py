@@ -15,6 +15,7 @@ from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.claims.claims import Claims
 from valerie.analysis.claims.ledger import LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
+from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
@@ -180,7 +181,7 @@ def _compared(
         document.model_dump(mode="json", exclude={*_WITHOUT_EFFECT, *_SCENES})
         for document in (spec, there.resolved.spec)
     )
-    differs = [f"{place} ({one} here, {two} there)" for place, one, two in _differing(before, after)]
+    differs = [difference_of_specs(*difference) for difference in _differing(before, after)]
     own, compared = functions or (None, None)
     return put_beside(
         _side(here.run, here.stored, here.table, own),

@@ -102,7 +102,7 @@ def test_with_too_few_places_to_split_everything_is_a_candidate(run):
     text = summary_text(summarize(table), findings)
     assert "too few to confirm anything: 10 places are needed" in text
     assert "Candidates, not confirmed" in text
-    assert "fresh places would be needed" in text
+    assert "fresh places are needed" in text
 
 
 def test_a_difference_between_places_names_what_else_differs(run):

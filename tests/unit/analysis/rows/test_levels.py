@@ -42,20 +42,20 @@ def test_many_numbers_become_a_few_round_ranges_and_each_row_lies_in_one(of):
     x = np.linspace(-2.0, 7.0, 50)
     factor = factor_of(of(x=x.tolist()), "scene.a.pos.x")
 
-    assert factor.levels == ("-2–0", "0–2", "2–4", "4–6", "6–8")
+    assert factor.levels == ("-2 to 0 m", "0 to 2 m", "2 to 4 m", "4 to 6 m", "6 to 8 m")
     np.testing.assert_array_equal(factor.codes, (x + 2) // 2)
 
 
 def test_ranges_without_rows_are_no_levels(of):
     x = np.concatenate([np.linspace(0.0, 1.0, 10), np.linspace(9.0, 10.0, 10)])
 
-    assert factor_of(of(x=x.tolist()), "scene.a.pos.x").levels == ("0–2", "8–10", "10–12")
+    assert factor_of(of(x=x.tolist()), "scene.a.pos.x").levels == ("0 to 2 m", "8 to 10 m", "10 to 12 m")
 
 
 def test_a_row_without_a_value_has_the_default(of):
     factor = factor_of(of(x=[None, 2.5]), "scene.a.pos.x")
 
-    assert factor.levels == ("2.5", "default")
+    assert factor.levels == ("2.5 m", "default")
     assert factor.codes.tolist() == [1, 0]
 
 
