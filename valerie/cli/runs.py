@@ -193,6 +193,14 @@ def report(
             help="Show a comparison with another run of the same scenes, such as one in Cycles, or one that `compare` wrote.",
         ),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            "--figures",
+            metavar="FOLDER",
+            help="Also write the numbers of its figures: a .csv and a .parquet each.",
+        ),
+    ] = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -208,12 +216,12 @@ def report(
 
     with source_of(data_dir, url) as source:
         path = output or report_path(settings_of(data_dir), source.run(run_id).name, run_id)
+        if url is not None and (claims, beside, figures) != (None, None, None):
+            raise InvalidInput(
+                "--claims, --beside and --figures read the data folder", field="--url", value=url, limit="--data-dir"
+            )
         if claims is None and beside is None:
             content = source.report(run_id)
-        elif url is not None:
-            raise InvalidInput(
-                "--claims and --beside read the data folder", field="--url", value=url, limit="--data-dir"
-            )
         else:
             statements = None if claims is None else read_claims(claims)
             content = _report_with(run_id, statements, beside, data_dir).html.encode()
@@ -222,6 +230,21 @@ def report(
 
         content = pdf_of(content)
     typer.echo(save(content, path))
+    if figures is not None:
+        _write_figures(run_id, figures, data_dir)
+
+
+def _write_figures(run_id: str, folder: Path, data_dir: Path | None) -> None:
+    from valerie.analysis.rows.table import encoded
+    from valerie.cli.shell import write_output
+    from valerie.local.deployment import context_of
+    from valerie.pipeline.reading.reports import figures_of
+
+    with context_of(data_dir) as context:
+        tables = figures_of(context, run_id)
+    for name, table in tables.items():
+        for suffix in ("csv", "parquet"):
+            write_output(folder / f"{name}.{suffix}", encoded(table, suffix))
 
 
 def _report_with(run_id: str, claims: Claims | None, beside: str | None, data_dir: Path | None) -> ReportWith:

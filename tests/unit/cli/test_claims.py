@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -79,3 +80,16 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
     assert "comparison uses another run" in html
     with pytest.raises(InvalidInput, match="not a comparison of two runs"):
         report(other)
+
+
+def test_the_numbers_of_a_reports_figures_are_written_as_tables(run: tuple[Path, str], tmp_path: Path) -> None:
+    folder, run_id = run
+    command = ["report", run_id, "--data-dir", str(folder), "-o", str(tmp_path / "report.html")]
+    result = CliRunner().invoke(app, [*command, "--figures", str(tmp_path / "figures")], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    names = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert names >= {"bins", "curves", "distributions", "levels"}
+    for name in names:
+        text = pyarrow.csv.read_csv(tmp_path / "figures" / f"{name}.csv")
+        assert text.column_names == pq.read_schema(tmp_path / "figures" / f"{name}.parquet").names
+        assert text.num_rows == pq.read_table(tmp_path / "figures" / f"{name}.parquet").num_rows

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from valerie.analysis.findings.effects import Means, means_of_cells
 from valerie.analysis.rows.binning import bin_edges
-from valerie.analysis.rows.frame_counts import ALL, UNNAMED, Group, characters, present, rows_of
+from valerie.analysis.rows.frame_counts import ALL, UNNAMED, Group, characters, present, rows_of, settings
 from valerie.analysis.rows.table import EvaluationTable, combine
-from valerie.measures import Measure
+from valerie.measures import Measure, measure_of
 
 #: Orders of the quantiles in a distribution.
 QUANTILES = (0.1, 0.5, 0.9)
@@ -80,6 +80,20 @@ def binned_means(table: EvaluationTable, down: Measure, across: Measure, group: 
     ]
     titles = [f"{axis.title}, {axis.unit}" for axis in (down, across)]
     return means_of_cells(pacc, rows, (titles[0], levels[0], axes[0][1]), (titles[1], levels[1], axes[1][1]))
+
+
+def means_by_occlusion(table: EvaluationTable) -> dict[tuple[str, str], list[tuple[str, Means]]]:
+    """Return mean pACC over occlusion and pixel area by function and sensor: (character, means), all pedestrians first."""
+    down, across = measure_of("occlusion_rate"), measure_of("pixel_area_percent")
+    names = characters(table)
+    return {
+        (function, sensor): [
+            (name, means)
+            for name in ((ALL, *names) if len(names) > 1 else names)
+            if (means := binned_means(table, down, across, Group(function, sensor, name))) is not None
+        ]
+        for function, sensor in settings(table)
+    }
 
 
 def _once(table: EvaluationTable) -> NDArray[np.bool_]:

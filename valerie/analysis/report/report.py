@@ -29,7 +29,7 @@ from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.findings import Finding
 from valerie.analysis.findings.importance import explanations
 from valerie.analysis.findings.wording import candidate_text, searched_sentence
-from valerie.analysis.report.distributions import binned_means, distributions
+from valerie.analysis.report.distributions import distributions, means_by_occlusion
 from valerie.analysis.report.examples import Example, choose_examples
 from valerie.analysis.report.in_short import in_short
 from valerie.analysis.report.model import ReportInput
@@ -38,7 +38,7 @@ from valerie.analysis.report.panels import make_panel, styles
 from valerie.analysis.report.plots import plotly_figure, static_figure
 from valerie.analysis.report.register import register
 from valerie.analysis.report.seeing import seeing
-from valerie.analysis.rows.frame_counts import ALL, Group, characters, settings
+from valerie.analysis.rows.frame_counts import ALL, characters, settings
 from valerie.analysis.summary.all_classes import AllClasses
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.summary.wording import certainty_sentences, limits, occlusion_sentence
@@ -204,17 +204,10 @@ def _plots(source: ReportInput, axis: Measure, figures: list[JsonObject]) -> Ite
 
 def _by_occlusion(source: ReportInput) -> Iterator[tuple[str, list[tuple[str, Means]]]]:
     """Yield the heat maps of pACC over pixel area and occlusion: title and maps, that of all pedestrians first."""
-    names = characters(source.table)
-    labels = wording.setting_labels(settings(source.table))
-    down, across = measure_of("occlusion_rate"), measure_of("pixel_area_percent")
-    for (function, sensor), title in labels.items():
-        maps = [
-            (name, means)
-            for name in ((ALL, *names) if len(names) > 1 else names)
-            if (means := binned_means(source.table, down, across, Group(function, sensor, name))) is not None
-        ]
-        if maps:
-            yield title, maps
+    maps = means_by_occlusion(source.table)
+    for setting, title in wording.setting_labels(maps).items():
+        if maps[setting]:
+            yield title, maps[setting]
 
 
 def _crosses(source: ReportInput) -> Iterator[tuple[CrossExample, list[tuple[str, list[tuple[str, str | None]]]]]]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pyarrow as pa
 import structlog
 from numpy.typing import NDArray
 from sqlalchemy import Connection
@@ -16,6 +17,7 @@ from valerie.analysis.claims.claims import Claims
 from valerie.analysis.claims.ledger import LedgerEntry, write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.comparison.wording import difference_of_specs
+from valerie.analysis.report.figures import figure_tables
 from valerie.analysis.report.model import Failure, Provenance, ReportInput
 from valerie.analysis.report.odd import OddCoverage, odd_coverage
 from valerie.analysis.report.report import build_report
@@ -131,6 +133,16 @@ def report_with(
     ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
     source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
     return ReportWith(build_report(source), ledger)
+
+
+def figures_of(context: Context, run_id: str) -> dict[str, pa.Table]:
+    """Return the numbers of the figures in the report of an ended run, by figure.
+
+    Raises:
+        NotFound, Conflict: as for `report_with`.
+    """
+    here = _ended(context, run_id)
+    return figure_tables(here.table, here.analysis.trends)
 
 
 def compare_runs(
