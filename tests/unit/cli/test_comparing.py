@@ -54,7 +54,7 @@ def test_the_report_of_a_comparison_shows_the_worst_regressions(run: tuple[Path,
     page = tmp_path / "page.html"
     called(run, "compare", "--function", HERE, "--function", THERE, "-o", str(page))
     html = page.read_text("utf-8").replace("\xa0", " ")
-    assert f"{THERE} against {HERE}: in" in html[html.index("In short") : html.index("<h2>Findings")]
+    assert f"{HERE} here, {THERE} there: in" in html[html.index("In short") : html.index("<h2>Findings")]
     views = html[html.index("The views that differ most") :]
     assert views.count('src="data:image/jpeg') >= 2
     assert "fell from" in views

@@ -10,7 +10,7 @@ import numpy as np
 
 from valerie.analysis.rows.design import position_paths
 from valerie.analysis.rows.levels import Factor
-from valerie.analysis.rows.table import EvaluationTable
+from valerie.analysis.rows.table import EvaluationTable, combine
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.runs.document.run_spec import BlockDocument, RunSpec
@@ -33,7 +33,7 @@ def child_spec(
     """Return the YAML of a run that compares the same levels on fresh places.
 
     A design that draws its variants draws new ones. A grid keeps the two levels of each change and all other listed
-    values, at positions between those of the run.
+    values, at positions between those of the run. It is taken to reject as many variants as the run.
 
     Args:
         table: evaluations of the run.
@@ -41,9 +41,10 @@ def child_spec(
         factors, changes: of the finding, in the same order.
         places: number of places that the finding needs; None: unknown.
     """
+    needed = (places or 0) / _accepted(table)
     child = spec.model_copy(update={"parent_run": table.codes("run_id").names[0], "iteration": spec.iteration + 1})
     if not any(block.design in LISTED for block in spec.blocks):
-        share = max((places or 0) / sum(block.count or 1 for block in spec.blocks), 1.0)
+        share = max(needed / sum(block.count or 1 for block in spec.blocks), 1.0)
         blocks = tuple(
             block.model_copy(update={"count": int(np.ceil((block.count or 1) * share))}) for block in spec.blocks
         )
@@ -56,13 +57,21 @@ def child_spec(
     positions = position_paths(table.parameters)
     moved = [path for path in positions if path not in {factor.column for factor in factors}]
     kept = prod(len(values[path]) for path in positions if path not in moved)
-    for path, between in _between({path: values[path] for path in moved}, (places or 0) / kept).items():
+    for path, between in _between({path: values[path] for path in moved}, needed / kept).items():
         values[path] = [*between]
     vary = tuple(
         VariedChoice(parameter=path, distribution="CHOICE", values=tuple(listed)) for path, listed in values.items()
     )
     block = BlockDocument(vary=vary, constants=_common_constants(spec.blocks))
     return child.model_copy(update={"blocks": (block,)}).to_yaml()
+
+
+def _accepted(table: EvaluationTable) -> float:
+    """Return the share of the planned variants that have rows; 1 if the plan is unknown."""
+    known = set(table.codes("run_id").names) <= table.designs.keys()
+    planned = sum(count for design in table.designs.values() for _, count in design.blocks)
+    seen = combine([table.codes("run_id").index, table.numbers("variant_index")])
+    return (int(seen.max()) + 1) / planned if known and planned else 1.0
 
 
 def _common_constants(blocks: Sequence[BlockDocument]) -> dict[str, Scalar]:

@@ -44,10 +44,8 @@ def in_short(source: ReportInput, seen: Sequence[Seeing]) -> list[str]:
     if source.beside is not None:
         for function in source.beside.functions:
             whole, rank = function.slices[0], function.rank_correlation
-            other = function.function_there not in ("", function.function)
-            who = f"{function.function_there} against {function.function}" if other else function.function
             sentences.append(
-                f"{who}: in {source.beside.there}, pACC differs by {points(whole.difference.mean)} points from "
+                f"{function.title}: in {source.beside.there}, pACC differs by {points(whole.difference.mean)} points from "
                 f"{source.beside.here}{span_text(whole.difference)}, on {whole.pairs:,} equal views"
                 f"{'' if rank is None else f', rank correlation {rank:.2f}'}."
             )

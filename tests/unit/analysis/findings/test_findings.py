@@ -7,6 +7,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from tests.planted_tables import planted_table
+from valerie.analysis.findings.child_specs import child_spec
 from valerie.analysis.findings.findings import Findings, PictureFault
 from valerie.analysis.findings.search import find_findings
 from valerie.analysis.rows.design import Design
@@ -235,6 +237,18 @@ def test_a_finding_of_a_drawn_design_proposes_other_draws(synthetic, parameters)
     assert child.blocks[0].design == "random"
     assert child.blocks[0].count >= 96
     assert child.blocks[0].vary == spec.blocks[0].vary
+
+
+@pytest.mark.parametrize("design", ["random", "grid"])
+def test_a_proposed_run_allows_for_rejected_variants(design):
+    block = {"design": design, "vary": [["person-1.pos.x", "HOMOGENEOUS", 0, 59, 1]]}
+    document = {"name": "half", "asset": "urban-street", "functions": ["net"], "blocks": [block]}
+    spec = parse({**document, "blocks": [block | ({} if design == "grid" else {"count": 60})]})
+    own, planned = np.arange(0, 60, 2), Design(((design, 60),))
+    table = planted_table(np.full(30, 0.5), own, design=planned)
+    child = parse(child_spec(table, spec, (), (), 90)).blocks[0]
+
+    assert (child.count if design == "random" else len(child.vary[0].values)) >= 180
 
 
 def test_equal_input_gives_equal_findings_and_they_survive_json(run):
