@@ -29,29 +29,14 @@ class Studio:
         self._pipe = pipe
         self._film = Film(bpy, folder)
         self._meter = SkyMeter(bpy, self._film)
-        self._device = ("CPU", "")
+        self._choice = "CPU"
         self._threads = 0
         self._clear()
 
     def hello(self, header: Message, _: ByName) -> tuple[Message, ByName]:
         """Choose the device and report it."""
         self._threads = int(header["threads"])
-        choice = str(header["device"]).upper()
-        preferences = self._bpy.context.preferences.addons["cycles"].preferences
-        names: list[str] = []
-        if choice != "CPU":
-            offered = {entry[0] for entry in preferences.get_device_types(self._bpy.context)}
-            for kind in _DEVICES if choice == "AUTO" else (choice,):
-                if kind not in offered:
-                    continue
-                devices = [d for d in preferences.get_devices_for_type(kind) or () if d.type == kind]
-                if devices:
-                    preferences.compute_device_type = kind
-                    for device in preferences.devices:
-                        device.use = device.type == kind
-                    names = sorted({device.name for device in devices})
-                    self._device = (kind, ", ".join(names))
-                    break
+        self._choice = str(header["device"]).upper()
         self._clear()
         return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
 
@@ -121,9 +106,27 @@ class Studio:
         """Denoise an image; see `Film.denoised`."""
         return {}, self._film.denoised(self._threads, arrays)
 
+    def _chosen_device(self) -> tuple[str, str]:
+        """Let Cycles use the chosen device, and return its kind and name; those of the processors if there is no such device."""
+        if self._choice == "CPU":
+            return "CPU", ""
+        preferences = self._bpy.context.preferences.addons["cycles"].preferences
+        offered = {entry[0] for entry in preferences.get_device_types(self._bpy.context)}
+        for kind in _DEVICES if self._choice == "AUTO" else (self._choice,):
+            if kind not in offered:
+                continue
+            names = {device.name for device in preferences.get_devices_for_type(kind) or () if device.type == kind}
+            if names:
+                preferences.compute_device_type = kind
+                for device in preferences.devices:
+                    device.use = device.type == kind
+                return kind, ", ".join(sorted(names))
+        return "CPU", ""
+
     def _clear(self) -> None:
         bpy = self._bpy
         bpy.ops.wm.read_factory_settings(use_empty=True)
+        self._device = self._chosen_device()  # The factory settings render on the processors.
         bpy.app.handlers.render_stats.append(self._pipe.alive)
         self._meshes: ByName = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
