@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide
 from valerie.local.deployment import context_of, settings_of
 
 if TYPE_CHECKING:
@@ -83,13 +83,19 @@ def verify(
 
             pictures = replay_frames(folder, replay, settings_of(data_dir))
     except Refused as error:
+        code = decide(Exit.COMPLETED_WITH_FAILURES)
         if as_json:
             typer.echo(json.dumps({"problems": error.problems}))
         else:
             typer.echo(f"{folder}: refused")
             for problem in error.problems:
                 typer.echo(f"  {problem}")
-        raise typer.Exit(Exit.COMPLETED_WITH_FAILURES) from None
+        raise typer.Exit(code) from None
+    verdicts = {picture.verdict for picture in pictures}
+    code = (
+        Exit.COMPLETED_WITH_FAILURES if "differs" in verdicts else Exit.ENVIRONMENT if verdicts - {"equal"} else Exit.OK
+    )
+    decide(code)
     if as_json:
         typer.echo(
             json.dumps(asdict(verified) | {"problems": [], "replayed": [asdict(picture) for picture in pictures]})
@@ -102,11 +108,7 @@ def verify(
             typer.echo(f"{picture.file or 'frames'}: {picture.verdict}")
         if replay and not pictures:
             typer.echo("no frame to replay: findings and verdicts name none")
-    verdicts = {picture.verdict for picture in pictures}
-    if "differs" in verdicts:
-        raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)
-    if verdicts - {"equal"}:
-        raise typer.Exit(Exit.ENVIRONMENT)
+    raise typer.Exit(code)
 
 
 @_keys.command()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.option_documents import takes_documents
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, write_output
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, decide, write_output
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.terminal import console
@@ -139,13 +139,13 @@ def gate(
         allow_undecided=allow_undecided,
     )
     files.write(result)
+    code = decide(Exit.OK if result.passed else Exit.GATE_FAILED)
     if as_json:
         typer.echo(json.dumps(result.to_json(), ensure_ascii=False))
     else:
         for part in renderables(result):
             console().print(part)
-    if not result.passed:
-        raise typer.Exit(Exit.GATE_FAILED)
+    raise typer.Exit(code)
 
 
 def _say_places(run: GateRun, versions: BaselineOptions, deviation: float | None, *, as_json: bool) -> None:

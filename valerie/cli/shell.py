@@ -11,7 +11,7 @@ from contextlib import suppress
 from enum import IntEnum
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, NoReturn, TextIO
+from typing import Annotated, ClassVar, NoReturn, TextIO
 
 import typer
 
@@ -105,10 +105,15 @@ def guarded(command: Callable[[], None], *, debug: bool) -> NoReturn:
 
 
 class _Stream(io.TextIOWrapper):
-    """A standard stream that ends the command without an error if its reader ends (``valerie plan … | head``).
+    """A standard stream that ends the command quietly if its reader ends (``valerie plan … | head``).
 
     Click and rich do not see the broken pipe, since both would exit with 1.
+
+    Attributes:
+        exit_code: see `decide`.
     """
+
+    exit_code: ClassVar[Exit] = Exit.OK
 
     @classmethod
     def of(cls, stream: TextIO | None) -> TextIO:
@@ -140,7 +145,16 @@ class _Stream(io.TextIOWrapper):
     def _end(self) -> NoReturn:
         # The rest of the buffer must not be written either, when Python flushes it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
-        raise SystemExit(Exit.OK)
+        raise SystemExit(self.exit_code)
+
+
+def decide(code: Exit) -> Exit:
+    """Set the exit code for the case that the reader of the output leaves (``valerie gate RUN | head``), and return it.
+
+    A command that judges calls it before it prints: a failed gate must not pass because nobody reads it to the end.
+    """
+    _Stream.exit_code = code
+    return code
 
 
 def stop_on_signals() -> None:

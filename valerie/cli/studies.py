@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import AsJson, DataDir, Exit, RunId, Stopped, Url, say, write_output, write_template
+from valerie.cli.shell import AsJson, DataDir, Exit, RunId, Stopped, Url, decide, say, write_output, write_template
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
 from valerie.local.spec_files import read_spec
@@ -169,6 +169,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
         around = Surroundings(wait, folder / "training", watcher=Watcher(say_site, Steps()))
         for flow in until_met(context, document, around):
             write_output(path, flow_report(context, flow).encode())
+    code = decide(Exit.OK if flow.ending is FlowEnd.MET else Exit.GATE_FAILED)
     if as_json:
         rounds = [
             (each.function, None if each.verification is None else each.verification.outcome) for each in flow.rounds
@@ -176,8 +177,7 @@ def _go_round(file: Path, *, once: bool, report: Path | None, as_json: bool, dat
         typer.echo(json.dumps({"outcome": flow.outcome, "ending": flow.ending, "rounds": rounds}))
     else:
         say(f"the requirement is {flow.outcome} after {len(flow.rounds)} round{'s' if len(flow.rounds) > 1 else ''}")
-    if flow.ending is not FlowEnd.MET:
-        raise typer.Exit(Exit.GATE_FAILED)
+    raise typer.Exit(code)
 
 
 @app.command()

@@ -271,17 +271,20 @@ def test_the_version_is_shown_without_a_command(tmp_path: Path) -> None:
     assert done.stdout.startswith("valerie")
 
 
+@pytest.mark.parametrize("code", [0, 6])
 @pytest.mark.parametrize("lines", [1, 20_000])
-def test_a_reader_that_leaves_ends_the_command_quietly(lines: int) -> None:
+def test_a_reader_that_leaves_ends_the_command_quietly_with_its_verdict(lines: int, code: int) -> None:
     # As `valerie plan … | head -0`: few lines break the pipe at the end, many on the way.
     program = f"""
 import typer
-from valerie.cli.shell import guarded
+from valerie.cli.shell import Exit, decide, guarded
 from valerie.local.terminal import console
 
 def command():
+    code = decide(Exit({code}))
     for number in range({lines}):
         (typer.echo if number % 2 else console().print)("x" * 40)
+    raise typer.Exit(code)
 
 app = typer.Typer()
 app.command()(command)
@@ -297,7 +300,7 @@ guarded(lambda: app(args=[]), debug=False)
     message = process.stderr.read()
     process.stderr.close()
     assert message == ""
-    assert process.wait() == 0
+    assert process.wait() == code
 
 
 def test_training_where_without_a_run_says_what_is_missing() -> None:
