@@ -311,7 +311,8 @@ MEASURES: Final = (
            "pixels of the frame that are predicted as person but show none; repeated in each of its rows", 310,
            required=True),
 )  # fmt: skip
-_BY_NAME: Final = {measure.name: measure for measure in MEASURES}
+#: The measures by their names.
+BY_NAME: Final = {measure.name: measure for measure in MEASURES}
 
 
 def measure_of(name: str) -> Measure:
@@ -320,9 +321,9 @@ def measure_of(name: str) -> Measure:
     Raises:
         UnknownName: there is no such column.
     """
-    if name not in _BY_NAME:
-        raise UnknownName("column", name, _BY_NAME)
-    return _BY_NAME[name]
+    if name not in BY_NAME:
+        raise UnknownName("column", name, BY_NAME)
+    return BY_NAME[name]
 
 
 def measures_from(*sources: Source) -> tuple[Measure, ...]:

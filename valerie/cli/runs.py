@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.registering import Remote, open_registry
-from valerie.cli.shell import AsJson, DataDir, EndWithParent, Exit, RunId, Stopped, Url, require_format, say
+from valerie.cli.shell import (
+    AsJson,
+    DataDir,
+    EndWithParent,
+    Exit,
+    RunId,
+    Stopped,
+    Url,
+    require_format,
+    say,
+    write_output,
+)
 from valerie.cli.specs import Functions, resolvable, spec_text
 from valerie.errors import InvalidInput
 from valerie.local.deployment import settings_of
@@ -236,7 +247,6 @@ def report(
 
 def _write_figures(run_id: str, folder: Path, data_dir: Path | None) -> None:
     from valerie.analysis.rows.table import encoded
-    from valerie.cli.shell import write_output
     from valerie.local.deployment import context_of
     from valerie.pipeline.reading.reports import figures_of
 

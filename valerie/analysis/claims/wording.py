@@ -6,7 +6,7 @@ from typing import Final
 
 from valerie.analysis.claims.claims import DepartureTest, DifferenceTest, FlipTest, QuantityTest, TrendTest
 from valerie.analysis.wording import percent, points
-from valerie.measures import MEASURES
+from valerie.measures import BY_NAME
 from valerie.statistics.contrasts import Contrast, Matching
 from valerie.statistics.curves import Changes, Departure
 
@@ -16,19 +16,17 @@ _MATCHINGS: Final = {
     Matching.MODEL: "between places, other factors in a linear model",
 }
 
-
 _STATISTICS: Final = {"minimum": "smallest", "maximum": "largest"}
-_MEASURES: Final = {measure.name: measure for measure in MEASURES}
 
 
 def title_of(column: str) -> str:
     """Return the title of a measure, or the name of another column."""
-    return _MEASURES[column].title if column in _MEASURES else column
+    return BY_NAME[column].title if column in BY_NAME else column
 
 
 def _value(column: str, value: float) -> str:
     """Return a value of a column with its unit, as far as that is known."""
-    return _MEASURES[column].text(value) if column in _MEASURES else f"{value:.3g}"
+    return BY_NAME[column].text(value) if column in BY_NAME else f"{value:.3g}"
 
 
 def quantity_sentence(test: QuantityTest, estimate: float) -> str:

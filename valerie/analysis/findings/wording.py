@@ -36,8 +36,7 @@ def finding_sentence(finding: Finding) -> str:
     if finding.low is not None and finding.high is not None:
         # The better function is named first, so the interval takes its sign.
         sign = -1 if finding.effect < 0 and not finding.function else 1
-        ends = sorted(100 * sign * end for end in (finding.low, finding.high))
-        low, high = (f"{round(end, 1) + 0.0:.1f}".replace("-", "−") for end in ends)
+        low, high = map(percent, sorted(sign * end for end in (finding.low, finding.high)))
         counted.insert(0, f"joint 95 % interval {low} to {high} points{for_whom(finding.estimand)}")
     fault = "" if finding.picture_fault is None else f"{picture_fault_sentence(finding.picture_fault)} "
     return f"{fault}{text} ({', '.join(counted)}).{_size_sentence(finding)}{unequal_sentence(finding.unequal)}"

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from valerie.analysis.findings.effects import Means, level_means, strongest_pair
 from valerie.analysis.findings.importance import explanations
-from valerie.analysis.report.distributions import QUANTILES, distributions, means_by_occlusion
+from valerie.analysis.report.distributions import QUANTILES, Distribution, distributions, means_by_occlusion
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.analysis.trends.trends import AXES, Trend, Trends
 from valerie.measures import Measure
@@ -29,11 +29,12 @@ def figure_tables(table: EvaluationTable, trends: Trends) -> dict[str, pa.Table]
         trends: its trends.
     """
     explained = explanations(table, seed=trends.seed)
+    spreads = [(axis, distributions(table, axis)) for axis in AXES]
     figures: dict[str, _Rows] = {
         "bins": (_of(trend) | asdict(part) for trend in trends.items for part in trend.bins),
         "curves": (row for trend in trends.items for row in _curves(trend)),
-        "distributions": (row for axis in AXES for row in _distributions(table, axis)),
-        "quantiles": (row for axis in AXES for row in _quantiles(table, axis)),
+        "distributions": (row for axis, spread in spreads for one in spread for row in _bins(axis, one)),
+        "quantiles": (row for axis, spread in spreads for one in spread for row in _quantiles(axis, one)),
         "levels": (row for means in level_means(table) for row in _cells(means)),
         "strongest-pair": (
             {"function": function} | row for function, means in strongest_pair(table).items() for row in _cells(means)
@@ -69,16 +70,14 @@ def _curves(trend: Trend) -> Iterator[dict[str, Any]]:
             yield _of(trend) | {"line": "polynomial", "x": x, "pacc": y, "low": None, "high": None}
 
 
-def _distributions(table: EvaluationTable, axis: Measure) -> Iterator[dict[str, Any]]:
-    for one in distributions(table, axis):
-        for low, high, persons in one.bins:
-            yield {"column": axis.name, "character": one.character, "low": low, "high": high, "persons": persons}
+def _bins(axis: Measure, one: Distribution) -> Iterator[dict[str, Any]]:
+    for low, high, persons in one.bins:
+        yield {"column": axis.name, "character": one.character, "low": low, "high": high, "persons": persons}
 
 
-def _quantiles(table: EvaluationTable, axis: Measure) -> Iterator[dict[str, Any]]:
-    for one in distributions(table, axis):
-        for order, value in zip((0.0, *QUANTILES, 1.0), (one.low, *one.quantiles, one.high), strict=True):
-            yield {"column": axis.name, "character": one.character, "order": order, "value": value}
+def _quantiles(axis: Measure, one: Distribution) -> Iterator[dict[str, Any]]:
+    for order, value in zip((0.0, *QUANTILES, 1.0), (one.low, *one.quantiles, one.high), strict=True):
+        yield {"column": axis.name, "character": one.character, "order": order, "value": value}
 
 
 def _cells(means: Means) -> Iterator[dict[str, Any]]:
