@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
+from urllib.parse import unquote
 from zipfile import is_zipfile
 
 import httpx
@@ -357,6 +358,21 @@ def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(
     page.wait_for_selector(".world.near", state="detached")
     page.click("[aria-label='Variant'] a[aria-label*='pos.y']")
     page.wait_for_function("() => document.querySelector('[aria-label=Variant]').innerText.includes('← 5')")
+
+
+def test_the_chip_and_the_address_name_the_whole_brush_after_a_quick_drag(page: Page) -> None:
+    open_run(page, "day and dusk")
+    page.click("main a:text-is('Explore')")
+    bars = page.locator(".histogram-canvas[aria-label*='person-1.pos.y']")
+    bars.scroll_into_view_if_needed()
+    box = bars.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 4, box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 40, steps=12)  # more moves than the page has time to show
+    page.mouse.up()
+    page.wait_for_selector(".chips .brush:has-text('5 m to 25 m')")
+    assert "person-1.pos.y~range~5|25|1" in unquote(page.url)
 
 
 def test_two_fingers_zoom_every_pane_around_their_middle(page: Page) -> None:

@@ -167,11 +167,11 @@ export async function exploreView({ main, parameters, signal }) {
   async function refresh() {
     if (busy) { again = true; return; }
     busy = true;
-    remember();
-    showChips();
     try {
       do {
         again = false;
+        remember();
+        showChips();
         await update();
         wrong.hidden = true;
         field.removeAttribute("aria-invalid");
