@@ -17,3 +17,9 @@ def test_of_many_names_some_are_listed_and_the_rest_is_counted() -> None:
 def test_a_name_without_its_object_is_completed_once() -> None:
     known = ["environment-1.rain", "scene.environment-1.rain", "brain", "sun-1.azimuth"]
     assert str(UnknownName("parameter", "rain", known)) == "unknown parameter 'rain'; did you mean environment-1.rain?"
+
+
+def test_a_long_name_is_cut() -> None:
+    text = str(UnknownName("parameter", "y" * 100_000, ("x",), field="vary"))
+    assert len(text) < 250
+    assert "unknown parameter 'yyyy" in text

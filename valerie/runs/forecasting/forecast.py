@@ -9,7 +9,7 @@ www.jstor.org/stable/4615964): with f₁ products seen once and f₂ seen twice 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -30,10 +30,12 @@ from valerie.runs.products.states import ProductKind, Stage
 from valerie.runs.resolving.resolution import ResolvedRun
 from valerie.scene.variation.conditions import sun_by_time
 
-#: Largest number of variants at which all are examined.
-EXACT_VARIANTS: Final = 100_000
-#: Variants in a sample.
+#: Largest number of frames at which all are examined, and of frames of sequences, which take much longer.
+EXACT_FRAMES: Final = 40_000
+EXACT_MOVING_FRAMES: Final = 2_000
+#: Most variants in a sample, and most moments of each.
 SAMPLE: Final = 2_000
+MOMENTS: Final = 20
 #: Number of variants that a plan shows from the beginning, and from the end.
 SHOWN: Final = 3
 #: Largest number of digests in one query.
@@ -173,25 +175,24 @@ def plan(
     if pins is None:
         pins, present = _any_pins(resolved), None
         warnings.append("no running workers offer the renderer and the functions, so stored products are unknown")
-    size = resolved.space.size
-    indexes = None if size <= EXACT_VARIANTS else _sample(size, resolved.spec.seed)
-    survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), indexes)
-    scale = 1.0 if indexes is None else size / len(indexes)
-    rejected = {reason: round(count * scale) for reason, count in sorted(survey.rejected.items())}
+    size, moments = resolved.space.size, len(resolved.times.elapsed)
+    extent = _extent(resolved)
+    survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), extent)
+    sampled = len(extent.variants)
+    rejected = {reason: round(count * size / sampled) for reason, count in sorted(survey.rejected.items())}
     accepted = size - sum(rejected.values())
-    moments = len(resolved.times.elapsed)
     frames = accepted * len(resolved.cameras) * moments
-    forecast = _Forecast(
-        resolved, survey, costs or CostTable(), present, workers_known, None if indexes is None else scale
-    )
+    forecast = _Forecast(resolved, survey, costs or CostTable(), present, workers_known, extent.scale)
     products = forecast.products()
     start = 0.0 if workers_known or not frames else forecast.costs.start_seconds
-    first = planned_variants(resolved, range(min(SHOWN, size)))
-    last = planned_variants(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
+    first = planned_variants(resolved, range(min(SHOWN, size)), extent.moments)
+    last = planned_variants(resolved, range(max(size - SHOWN, min(SHOWN, size)), size), extent.moments)
     units = {d.name: d.unit for d in resolved.definitions}
-    if indexes is not None:
+    if extent.scale is not None:
+        of = f"{moments:,} moments of {size:,}" if moments > 1 else f"{size:,}"
+        at = f" at {len(extent.moments):,} moments" if moments > 1 else ""
         warnings.append(
-            f"{size:,} variants: rejections, frames and products are estimated from a sample of {len(indexes):,}"
+            f"{of} variants: rejections, frames and products are estimated from a sample of {sampled:,}{at}"
         )
     if size and not accepted:
         warnings.append("every variant is rejected: the run would make no frame")
@@ -216,8 +217,8 @@ def plan(
         first=first,
         last=last,
         units={name: units[name] for variant in (*first, *last) for name in variant.values},
-        estimated=indexes is not None,
-        sample=None if indexes is None else len(indexes),
+        estimated=extent.scale is not None,
+        sample=None if extent.scale is None else sampled,
         warnings=tuple(warnings),
         notes=resolved.notes,
     )
@@ -255,7 +256,34 @@ class _Survey:
                 self.empty.setdefault(function, bytearray()).extend(bytes.fromhex(evaluation.empty))
 
 
-def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Survey:
+@dataclass(frozen=True, slots=True)
+class _Extent:
+    """What a plan examines.
+
+    Attributes:
+        variants: indexes in the space, ascending.
+        moments: indexes of the moments of each.
+        scale: frames of the run per examined frame; None if all are.
+    """
+
+    variants: Sequence[int]
+    moments: Sequence[int]
+    scale: float | None
+
+
+def _extent(resolved: ResolvedRun) -> _Extent:
+    size, moments, cameras = resolved.space.size, len(resolved.times.elapsed), len(resolved.cameras)
+    most = EXACT_FRAMES if resolved.times.motion is None else EXACT_MOVING_FRAMES
+    if size * moments * cameras <= most:
+        return _Extent(range(size), range(moments), None)
+    # Both ends of the sequence are among the moments.
+    looked_at = sorted({round(place) for place in np.linspace(0, moments - 1, min(moments, MOMENTS)).tolist()})
+    count = min(size, SAMPLE, max(1, most // (cameras * len(looked_at))))
+    variants = _sample(size, count, resolved.spec.seed)
+    return _Extent(variants, looked_at, size * moments / (count * len(looked_at)))
+
+
+def _survey(resolved: ResolvedRun, inputs: ProductInputs, extent: _Extent) -> _Survey:
     spec = resolved.spec
     survey = _Survey(
         {
@@ -273,12 +301,12 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
     camera_paths = [
         [d.path for d in resolved.definitions if d.path.startswith(f"scene.{camera}.")] for camera in resolved.cameras
     ]
-    for values in _variants(resolved, indexes):
-        reason = resolved.rejection(values)
+    for values in _variants(resolved, extent.variants):
+        reason = resolved.rejection(values, extent.moments)
         if reason is not None:
             survey.rejected[reason] += 1
             continue
-        for time in range(len(resolved.times.elapsed)):
+        for time in extent.moments:
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
                 survey.camera_poses[camera, *(moment.get(path) for path in camera_paths[camera])] += 1
@@ -286,8 +314,8 @@ def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | N
     return survey
 
 
-def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapping[str, Value]]:
-    if indexes is None:
+def _variants(resolved: ResolvedRun, indexes: Sequence[int]) -> Iterator[Mapping[str, Value]]:
+    if len(indexes) == resolved.space.size:
         for _, values in resolved.space.values(0, resolved.space.size):
             yield values
     else:
@@ -295,12 +323,12 @@ def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapp
             yield resolved.space[index].values
 
 
-def _sample(size: int, seed: int) -> list[int]:
-    """Draw `SAMPLE` distinct indices below ``size``, ascending, one from each of `SAMPLE` equal parts of the space."""
+def _sample(size: int, count: int, seed: int) -> list[int]:
+    """Draw ``count`` distinct indices below ``size``, ascending, one from each of ``count`` equal parts of the space."""
     generator = np.random.default_rng(seed)
-    places = generator.random(SAMPLE)
+    places = generator.random(count)
     # Integer arithmetic, since a space may have more variants than a float can represent exactly.
-    return [i * size // SAMPLE + int(place * (size // SAMPLE)) for i, place in enumerate(places.tolist())]
+    return [i * size // count + int(place * (size // count)) for i, place in enumerate(places.tolist())]
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +341,7 @@ class _Forecast:
         costs: costs of products.
         present: see `plan`.
         workers_known: True if the digests are those of the run's products.
-        scale: variants of the run per variant in the survey; None if all were surveyed.
+        scale: frames of the run per frame in the survey; None if all were surveyed.
     """
 
     resolved: ResolvedRun
@@ -393,14 +421,16 @@ def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
     return min(round(distinct + once * (once - 1) / (2 * (twice + 1))), round(total * scale))
 
 
-def planned_variants(resolved: ResolvedRun, indexes: Iterable[int]) -> tuple[PlannedVariant, ...]:
-    """Return variants as people read them, by their indexes in the space."""
+def planned_variants(
+    resolved: ResolvedRun, indexes: Iterable[int], moments: Sequence[int] | None = None
+) -> tuple[PlannedVariant, ...]:
+    """Return variants as people read them, by their indexes in the space; ``moments`` as in `ResolvedRun.rejection`."""
     return tuple(
         PlannedVariant(
             index=index,
             values={resolved.space.definitions[path].name: value for path, value in values.items()},
             sun=sun_by_time(values, resolved.manifest),
-            rejection=resolved.rejection(values),
+            rejection=resolved.rejection(values, moments),
         )
         for index in indexes
         for values in (resolved.space[index].values,)

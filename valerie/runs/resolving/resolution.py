@@ -100,14 +100,20 @@ class ResolvedRun:
         chosen = self.spec.infer_backgrounds
         return few_backgrounds(self.space, self.manifest, self.cameras, self.times) if chosen is None else chosen
 
-    def rejection(self, assignment: Mapping[str, Value]) -> str | None:
-        """Return the reason why a variant is rejected; None if it is legal at every moment of its sequence."""
+    def rejection(self, assignment: Mapping[str, Value], moments: Sequence[int] | None = None) -> str | None:
+        """Return the reason why a variant is rejected; None if it is legal.
+
+        Args:
+            assignment: assignment of the variant.
+            moments: indexes of the moments of its sequence to look at; None: all.
+        """
         reason = self.space.violated(assignment)
         if reason is not None or self.times.motion is None:
             return reason or rejection_reason(assignment, self.manifest)
-        if reason := self.times.motion.rejection(assignment, self.times.elapsed):
+        moments = range(len(self.times.elapsed)) if moments is None else moments
+        if reason := self.times.motion.rejection(assignment, [self.times.elapsed[index] for index in moments]):
             return reason
-        for index in range(len(self.times.elapsed)):
+        for index in moments:
             if reason := rejection_reason(self.at(assignment, index), self.manifest):
                 return f"{reason} at {self.seconds(assignment, index):g} s"
         return None

@@ -282,6 +282,38 @@ def test_the_estimate_of_distinct_products_is_near_the_truth(street: Manifest, p
     assert products(plan(run, pins=pins))["truth"][0] == pytest.approx(3 * 1001, rel=0.15)
 
 
+@pytest.mark.parametrize("frames", [2_000, 100_000])
+def test_of_a_long_sequence_few_moments_are_examined(
+    street: Manifest, pins: Pins, monkeypatch: pytest.MonkeyPatch, frames: int
+) -> None:
+    looked_at: list[object] = []
+
+    def looked(assignment: Any, manifest: Manifest) -> str | None:
+        looked_at.append(assignment)
+        return rejection_reason(assignment, manifest)
+
+    def crossing(count: int) -> ResolvedRun:
+        # One of the two starts leads through a building.
+        way = [[0, 12, 40], [100, 18, 40]]
+        return resolved(
+            street, sequence={"frames": count, "step": f"{100_000 / count:g} ms"}, trajectories={"person-1": way},
+            vary=[["person-1.trajectory.start", "HOMOGENEOUS", 0, 0.004, 0.001]],
+        )  # fmt: skip
+
+    exact = plan(crossing(100), pins=pins)
+    monkeypatch.setattr("valerie.runs.resolving.resolution.rejection_reason", looked)
+    found = plan(crossing(frames), pins=pins)
+    assert found.estimated
+    assert not exact.estimated
+    assert len(looked_at) < 2_000
+    assert found.accepted == exact.accepted
+    assert found.frames == found.accepted * frames * len(found.cameras)
+    assert any(f"{frames:,} moments of 5 variants" in warning for warning in found.warnings)
+    needed, before = products(found), products(exact)
+    assert needed["background raster"] == before["background raster"]
+    assert needed["layer raster"][0] == pytest.approx(before["layer raster"][0] * frames / 100, rel=0.05)
+
+
 def test_a_billion_variants_are_planned_without_being_listed(street: Manifest, pins: Pins) -> None:
     run = resolved(
         street,
