@@ -6,14 +6,19 @@ truth pass (`valerie.rendering.ground_truth`) for all engines alike, keyed by ge
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Final, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import RenderingError
 from valerie.scene.graph.model import Scene, freeze
+
+#: Rows and columns of an image, with positive steps.
+Window = tuple[slice, slice]
+WHOLE: Final = (slice(None), slice(None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +49,7 @@ class Rectangle:
         return self.width <= 0 or self.height <= 0
 
     @property
-    def slices(self) -> tuple[slice, slice]:
+    def slices(self) -> Window:
         """Slices (rows, columns) that index an (H, W, …) array."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
@@ -92,13 +97,28 @@ class Layer:
     def __post_init__(self) -> None:
         freeze(self.pixels)
 
-    def over(self, background: LinearImage) -> LinearImage:
-        """Return the whole frame: this layer over its background."""
-        if self.rectangle.empty:
-            return background
-        pixels = background.pixels.copy()
-        pixels[self.rectangle.slices] = self.pixels
+    def over(self, background: LinearImage, window: Window = WHOLE) -> LinearImage:
+        """Return the frame, or the part in a window of it: this layer over its background."""
+        pixels = background.pixels[window]
+        if not self.rectangle.empty:
+            pixels = pixels.copy()
+            shape, inside = background.pixels.shape, self.rectangle.slices
+            (rows, own_rows), (columns, own_columns) = (_met(window[k], shape[k], inside[k]) for k in (0, 1))
+            pixels[rows, columns] = self.pixels[own_rows, own_columns]
         return LinearImage(pixels)
+
+
+def _met(window: slice, size: int, layer: slice) -> tuple[slice, slice]:
+    """Return where rows of a window and of a layer meet, counted in the window and in the layer; likewise for columns.
+
+    Args:
+        window: of ``size`` rows.
+        layer: rows ``start`` to ``stop - 1``.
+    """
+    taken = range(size)[window]
+    first, end = bisect_left(taken, layer.start), bisect_left(taken, layer.stop)
+    start = taken.start + first * taken.step - layer.start
+    return slice(first, end), slice(start, start + (end - first) * taken.step, taken.step)
 
 
 class Renderer(Protocol):

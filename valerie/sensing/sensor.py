@@ -109,6 +109,13 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
     return through_jpeg(picture, setting.jpeg_quality) if setting.jpeg_quality else picture
 
 
+def pixelwise(setting: SensorSetting) -> bool:
+    """Return True if a pixel of the picture depends on that pixel of the linear image, the exposure and noise alone."""
+    pixels = setting.pixels
+    broken = pixels.dead_rate or pixels.hot_rate
+    return not (_bends_light(setting) or setting.rolls or broken or setting.jpeg_quality)
+
+
 def _metered(setting: SensorSetting, metered: float | None, linear: NDArray[np.float16]) -> SensorSetting:
     """Return the setting with the metered exposure: by time as far as it reaches, then by gain."""
     stops = metered_ev(linear) if metered is None else metered

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, floor
+from queue import LifoQueue
 from threading import Lock
 from typing import Final, NamedTuple, Self
 
@@ -21,6 +23,7 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.frame_pictures import FrameSources, frame_sources
 from valerie.pipeline.reading.painting import FramePainter
 from valerie.pipeline.reading.product_reader import ProductReader
+from valerie.rendering.base import Window
 from valerie.runs.products.frame_keys import FrameKey
 from valerie.runs.products.pictures import FRAME_KINDS, FUNCTION_KINDS, PictureKind
 
@@ -32,10 +35,13 @@ COLUMNS: Final = 8
 #: Sizes of the caches of thumbnails and of whole pictures, bytes. A whole picture has one thumbnail for each person and function.
 _KEPT_BYTES: Final = 96 << 20
 _WHOLE_BYTES: Final = 64 << 20
+_PAINTERS: Final = 2
 _KEPT_TRUTHS: Final = 4096
 #: Smallest size of a crop: multiple of the person's height, and pixels of the picture.
 _MARGIN: Final = 1.6
 _LEAST: Final = 24
+#: Least rows and columns of the picture for each of the thumbnail, where it has so many.
+_DENSITY: Final = 1.5
 _BLANK: Final = 128
 
 
@@ -75,8 +81,10 @@ class Tiles:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._lock, self._painting = Lock(), Lock()
-        self._painter = FramePainter(ProductReader(context.store), kept_bytes=_WHOLE_BYTES)
+        self._lock = Lock()
+        self._painters: LifoQueue[FramePainter] = LifoQueue()
+        for _ in range(_PAINTERS):  # each for one thread at a time
+            self._painters.put(FramePainter(ProductReader(context.store), kept_bytes=_WHOLE_BYTES // _PAINTERS))
         self._boxes: LRUCache[str, dict[int, Sequence[int] | None]] = LRUCache(_KEPT_TRUTHS)
         self._kept: LRUCache[tuple[Tile, _Shape], NDArray[np.uint8]] = LRUCache(
             _KEPT_BYTES, lambda pixels: pixels.nbytes
@@ -119,22 +127,27 @@ class Tiles:
             box = self._box(source.capture.products.truth, tile.instance_id) if shape.crop else None
             area = _area(shape, box, size.width, size.height)
             window = _window(area, shape)
-            with self._painting:
-                picture = self._painter.paint(
+            with self._painter() as painter:
+                picture = painter.paint(
                     shape.kind, capture=source.capture, prediction=source.prediction, window=window
                 )
         except (Conflict, MissingInput, NotFound):
             return None
-        rows, columns = window
-        left, top, right, bottom = area
-        inside = (left - columns.start, top - rows.start, right - columns.start, bottom - rows.start)
         resized = Image.fromarray(np.ascontiguousarray(picture)).resize(
-            (shape.width, shape.height), Image.Resampling.BILINEAR, box=inside
+            (shape.width, shape.height), Image.Resampling.BILINEAR, box=_within(area, window, picture)
         )
         pixels = np.asarray(resized)
         with self._lock:
             self._kept[key] = pixels
         return pixels
+
+    @contextmanager
+    def _painter(self) -> Iterator[FramePainter]:
+        painter = self._painters.get()
+        try:
+            yield painter
+        finally:
+            self._painters.put(painter)
 
     def _box(self, truth: str, instance_id: int) -> Sequence[int] | None:
         with self._lock:
@@ -156,12 +169,28 @@ def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> 
     return 0.0, 0.0, float(width), float(height)
 
 
-def _window(area: tuple[float, float, float, float], shape: _Shape) -> tuple[slice, slice]:
-    """Return the rows and columns from which an area is resized: those inside and the reach of the filter around them."""
+def _window(area: tuple[float, float, float, float], shape: _Shape) -> Window:
+    """Return the rows and columns from which an area is resized: those inside and the reach of the filter around them.
+
+    Of a large area, they are only every second, third, …, at least `_DENSITY` for each pixel of the thumbnail.
+    """
     left, top, right, bottom = area
-    reach = ceil(max(1.0, (right - left) / shape.width, (bottom - top) / shape.height)) + 1
-    rows = slice(max(floor(top) - reach, 0), ceil(bottom) + reach)
-    return rows, slice(max(floor(left) - reach, 0), ceil(right) + reach)
+    shrunk = (right - left) / shape.width
+    step, reach = max(1, floor(shrunk / _DENSITY)), ceil(max(1.0, shrunk)) + 1
+    rows = slice(max(floor(top) - reach, 0), ceil(bottom) + reach, step)
+    return rows, slice(max(floor(left) - reach, 0), ceil(right) + reach, step)
+
+
+def _within(area: tuple[float, float, float, float], window: Window, picture: NDArray[np.uint8]) -> tuple[float, ...]:
+    """Return an area in coordinates of the pixels of a window, whose middles stay where they are."""
+    rows, columns = window
+    height, width = picture.shape[:2]
+
+    def moved(edge: float, taken: slice, most: int) -> float:
+        return min((edge - taken.start - 0.5) / taken.step + 0.5, most)
+
+    left, top, right, bottom = area
+    return moved(left, columns, width), moved(top, rows, height), moved(right, columns, width), moved(bottom, rows, height)
 
 
 def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from valerie.db.links import StoredFrame
 from valerie.parameters.assignment import digest
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.rendering.base import GroundTruth, PersonTruth
+from valerie.rendering.base import WHOLE, GroundTruth, PersonTruth, Window
 from valerie.rendering.label_policy import LabelPolicy, labelled
 from valerie.runs.products.frame_keys import FrameProducts
 from valerie.runs.resolving.sensors import focal_length_mm, setting_of, short_document
@@ -19,7 +19,6 @@ from valerie.runs.resolving.spec import ResolvedRun
 from valerie.sensing.distortion import pixel_map, shown_within
 from valerie.sensing.sensor import REVISION, Shot, develop, focal_length_px, seen_from
 from valerie.sensing.settings import SensorSetting
-
 
 @dataclass(frozen=True, slots=True)
 class Capture:
@@ -68,13 +67,17 @@ class Capture:
             return 1.0
         return pixel_map(self.setting.distortion, width, height, focal_length_px(self.focal_length_mm, width)).zoom
 
-    def picture(self, reader: ProductReader) -> NDArray[np.uint8]:
+    def picture(self, reader: ProductReader, window: Window = WHOLE) -> NDArray[np.uint8]:
         """Develop the picture that a function under test sees: (H, W, 3) uint8 sRGB.
+
+        Args:
+            reader: of the store.
+            window: what to develop, with noise of its own; a part only if the setting is `pixelwise`.
 
         Raises:
             MissingInput: an object is gone.
         """
-        image, velocity = reader.frame(self.products), None
+        image, velocity = reader.frame(self.products, window), None
         depth = self._truth(reader).depth if self.setting.needs_depth else None
         if self.setting.rolls and self.products.scan is not None:
             scan = reader.scan(self.products.scan)

@@ -17,8 +17,9 @@ from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
 from valerie.pipeline.reading.annotation_pictures import paint_boxes, paint_flow, paint_joints, paint_normals
 from valerie.pipeline.reading.capture import Capture
 from valerie.pipeline.reading.product_reader import ProductReader
-from valerie.rendering.base import GroundTruth
+from valerie.rendering.base import WHOLE, GroundTruth, Window
 from valerie.runs.products.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PictureKind
+from valerie.sensing.sensor import pixelwise
 
 #: Pixels of a person's close-up from top to bottom, at least; smaller windows are enlarged by a whole number.
 _CLOSE_UP: Final = 360
@@ -28,11 +29,20 @@ _GAP: Final = 6
 #: Raise it whenever equal products give other pictures.
 PAINTING_REVISION: Final = 1
 
-_HIT, _MISS, _FALSE = (
-    (0, 158, 115),
-    (213, 94, 0),
-    (204, 121, 167),
-)  # after Okabe and Ito: readable with every kind of colour vision
+#: Colours of nothing, a miss, a false alarm and a hit, after Okabe and Ito: readable with every kind of colour vision.
+_OUTCOMES: Final = np.array([(0, 0, 0), (213, 94, 0), (204, 121, 167), (0, 158, 115)])
+
+
+def _error_colors() -> NDArray[np.uint32]:
+    """Return the colour, four bytes, of every outcome over every grey: (1024,)."""
+    colors = np.zeros((len(_OUTCOMES), 256, 4), np.uint8)
+    grey = np.arange(256.0)[:, None]
+    colors[..., :3] = grey
+    colors[1:, :, :3] = np.rint(grey * 0.25 + _OUTCOMES[1:, None] * 0.75)
+    return colors.view(np.uint32).ravel()
+
+
+_ERRORS: Final = _error_colors()
 
 
 class FramePainter:
@@ -45,7 +55,9 @@ class FramePainter:
 
     def __init__(self, reader: ProductReader, *, kept_bytes: int = 0) -> None:
         self._reader = reader
-        self._kept: LRUCache[tuple[str, Capture], NDArray[np.uint8]] = LRUCache(kept_bytes, lambda array: array.nbytes)
+        self._kept: LRUCache[tuple[str, Capture, str], NDArray[np.uint8]] = LRUCache(
+            kept_bytes, lambda array: array.nbytes
+        )
 
     def paint(
         self,
@@ -54,7 +66,7 @@ class FramePainter:
         capture: Capture,
         prediction: str | None,
         annotation: str | None = None,
-        window: tuple[slice, slice] = (slice(None), slice(None)),
+        window: Window = WHOLE,
     ) -> NDArray[np.uint8]:
         """Paint a picture: (H, W, 3) uint8 sRGB.
 
@@ -62,7 +74,7 @@ class FramePainter:
             kind: what to show.
             capture: the frame and its sensor, which also distorts the truth.
             prediction, annotation: digests of finished products.
-            window: rows and columns to paint; by default all.
+            window: what to paint; a part of a picture may have noise of its own.
 
         Raises:
             UnknownName: no such kind, or it needs a prediction and there is none.
@@ -85,15 +97,15 @@ class FramePainter:
             return capture.seen_map(paint_flow(self._reader.velocity(annotation)))[window]
         if kind is PictureKind.PREDICTION and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)[window]))
-        whole = self._picture(capture)
         if kind in (PictureKind.BOXES, PictureKind.JOINTS) and annotation is not None:
+            whole = self._picture(capture)
             height, width = whole.shape[:2]
             if kind is PictureKind.BOXES:
                 lines, strokes = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, strokes = paint_joints(self._reader.joints(annotation), width, height)
             return _blend(whole, capture.seen_map(lines), capture.seen_map(strokes), 0.9)[window]
-        picture = whole[window]
+        picture = self._picture(capture, window)
         if kind is PictureKind.TRUTH_OVERLAY:
             return _blend(picture, colorize(self._class_map(capture)[window]), None, 0.5)
         if kind is PictureKind.PICTURE or prediction is None:
@@ -103,19 +115,24 @@ class FramePainter:
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
         return paint_errors(picture, to_train_ids(self._class_map(capture)[window]), predicted)
 
-    def _picture(self, capture: Capture) -> NDArray[np.uint8]:
-        return self._stored("picture", capture, lambda: capture.picture(self._reader))
+    def _picture(self, capture: Capture, window: Window = WHOLE) -> NDArray[np.uint8]:
+        if pixelwise(capture.setting):
+            return self._stored("picture", capture, window, lambda: capture.picture(self._reader, window))
+        return self._stored("picture", capture, WHOLE, lambda: capture.picture(self._reader))[window]
 
     def _class_map(self, capture: Capture) -> NDArray[np.uint8]:
-        return self._stored("classes", capture, lambda: capture.seen_truth(self._reader).class_map)
+        return self._stored("classes", capture, WHOLE, lambda: capture.seen_truth(self._reader).class_map)
 
-    def _stored(self, what: str, capture: Capture, make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    def _stored(
+        self, what: str, capture: Capture, window: Window, make: Callable[[], NDArray[np.uint8]]
+    ) -> NDArray[np.uint8]:
         """Return the array that is kept, or make it and keep it if it is small enough."""
-        array = self._kept.get((what, capture))
+        key = (what, capture, str(window))  # slices have no hash
+        array = self._kept.get(key)
         if array is None:
             array = make()
             if array.nbytes <= self._kept.maxsize:
-                self._kept[what, capture] = array
+                self._kept[key] = array
         return array
 
     def close_up(self, *, capture: Capture, prediction: str, person: int) -> NDArray[np.uint8]:
@@ -149,11 +166,11 @@ def paint_errors(
         picture: (H, W, 3) uint8 sRGB.
         truth, predicted: (H, W) train ids.
     """
-    grey = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
     person, claimed = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
-    for mask, color in ((person & claimed, _HIT), (person & ~claimed, _MISS), (~person & claimed, _FALSE)):
-        grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
-    return grey
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    grey = (np.add(red, green, dtype=np.uint16) + blue) // np.uint16(3)
+    outcome = person + np.uint16(2) * claimed
+    return np.take(_ERRORS, outcome * np.uint16(256) + grey, mode="clip").view(np.uint8).reshape(*truth.shape, 4)[..., :3]
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
@@ -170,7 +187,7 @@ def png(pixels: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def _window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+def _window_around(mask: NDArray[np.bool_]) -> Window:
     """Return the rows and columns of a mask's pixels with a margin; of all pixels where it has none."""
     if not mask.any():
         return slice(None), slice(None)

@@ -17,7 +17,7 @@ from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.annotations.scan import Scan
-from valerie.rendering.base import GroundTruth, LinearImage
+from valerie.rendering.base import WHOLE, GroundTruth, LinearImage, Window
 from valerie.runs.products.frame_keys import FrameProducts
 from valerie.sensing.metering import metered_ev
 from valerie.storage import codecs
@@ -49,10 +49,10 @@ class ProductReader:
         self._statics: LRUCache[str, GroundTruth] = LRUCache(_KEPT)
         self._metered: LRUCache[str, float] = LRUCache(_KEPT)
 
-    def frame(self, products: FrameProducts) -> LinearImage:
-        """Read the linear image of a frame."""
+    def frame(self, products: FrameProducts, window: Window = WHOLE) -> LinearImage:
+        """Read the linear image of a frame, or a part of it."""
         layer = self._read("layer", products.layer, codecs.decode_layer)
-        return layer.over(self.background(products.background))
+        return layer.over(self.background(products.background), window)
 
     def background(self, digest: str) -> LinearImage:
         """Read the linear image without movables."""
