@@ -24,7 +24,7 @@ from playwright.sync_api import Page, sync_playwright
 from benchmarks import results
 from services.api.app import create_app
 from tests.planted_tables import X, planted_table
-from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
+from tests.world.drawn import CHARACTERS, FUNCTIONS, DrawnWorld, spec
 from tests.world.serving import served
 from tests.world.world import settings_of
 from valerie.analysis.rows.design import Design
@@ -36,6 +36,12 @@ from valerie.pipeline.exploring.thumbnails import MAX_TILES
 from valerie.storage.keys import run_key
 
 BRUSHES = 30
+#: Of the frames that are shown: three sheets of thumbnails.
+PLACES = [
+    ["person-1.pos.x", "HOMOGENEOUS", -1.0, 2.5, 3.5],
+    ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 2.5],
+    ["person-1.character", "CHOICE", list(CHARACTERS)],
+]
 _FLAGS = ["--no-sandbox", "--disable-gpu"]
 #: Notes when the frame after each of the page's marks is painted.
 _WATCH = """
@@ -149,7 +155,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as folder:
         settings = settings_of(Path(folder), log_level="error")
         world = DrawnWorld(settings)
-        large, shown = world.work(spec("million")), world.work(spec("pictures", width=960, height=540))
+        large, shown = world.work(spec("million")), world.work(spec("pictures", width=960, height=540, vary=PLACES))
         with reading(world.context.engine) as connection:
             frames = [str(one.frame.key) for one in page_of_frames(connection, shown, limit=1000)]
         sink = io.BytesIO()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
+from urllib.parse import unquote
 from zipfile import is_zipfile
 
 import httpx
@@ -357,6 +358,53 @@ def test_zoom_is_the_same_in_every_pane_and_the_pixel_under_the_pointer_is_read(
     page.wait_for_selector(".world.near", state="detached")
     page.click("[aria-label='Variant'] a[aria-label*='pos.y']")
     page.wait_for_function("() => document.querySelector('[aria-label=Variant]').innerText.includes('← 5')")
+
+
+def test_the_chip_and_the_address_name_the_whole_brush_after_a_quick_drag(page: Page) -> None:
+    open_run(page, "day and dusk")
+    page.click("main a:text-is('Explore')")
+    bars = page.locator(".histogram-canvas[aria-label*='person-1.pos.y']")
+    bars.scroll_into_view_if_needed()
+    box = bars.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 4, box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 40, steps=12)  # more moves than the page has time to show
+    page.mouse.up()
+    page.wait_for_selector(".chips .brush:has-text('5 m to 25 m')")
+    assert "person-1.pos.y~range~5|25|1" in unquote(page.url)
+
+
+def test_two_fingers_zoom_every_pane_around_their_middle(page: Page) -> None:
+    open_run(page, "finished")
+    page.click("button:has-text('Frames')")
+    page.wait_for_selector(".window")
+    page.locator(".window").first.scroll_into_view_if_needed()
+    box = page.locator(".window").first.bounding_box()
+    assert box is not None
+    middle = (box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
+    screen = page.context.new_cdp_session(page)
+
+    def fingers(kind: str, *apart: float) -> None:
+        touching = [
+            {"x": middle[0] + sign * half, "y": middle[1], "id": k} for half in apart for k, sign in enumerate((-1, 1))
+        ]
+        screen.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touching})
+
+    fingers("touchStart", 20)
+    for half in (30, 45, 60):
+        fingers("touchMove", half)
+    fingers("touchEnd")
+    scale, x, y = page.evaluate(
+        "() => { const w = document.querySelector('.world'); const [a, b] = w.style.transform.match(/-?[\\d.]+%/g);"
+        " return [parseFloat(w.style.getPropertyValue('--scale')), -parseFloat(a) / 100, -parseFloat(b) / 100]; }"
+    )
+    assert scale == pytest.approx(3.0, rel=0.1)
+    assert x + 0.25 / scale == pytest.approx(0.25, abs=0.02), "the middle stays where it was"
+    assert y + 0.5 / scale == pytest.approx(0.5, abs=0.02)
+    assert (
+        len(set(page.evaluate("() => [...document.querySelectorAll('.world')].map(one => one.style.transform)"))) == 1
+    )
 
 
 def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:

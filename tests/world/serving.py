@@ -18,7 +18,10 @@ from services.api.connections import HEAD_SECONDS, Connection
 @contextmanager
 def served(app: ASGIApp, *, token: str | None = None, head_seconds: int = HEAD_SECONDS) -> Iterator[httpx.Client]:
     """A client of the application; start-up errors are raised here."""
-    listener = socket.create_server(("127.0.0.1", 0))
+    # asyncio sends small segments at once only on sockets that name their protocol, as uvicorn's own do.
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listener.bind(("127.0.0.1", 0))
+    listener.listen()
     server = uvicorn.Server(
         uvicorn.Config(
             app,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -76,7 +76,7 @@ def run(
     text = spec_text(spec, functions, partial(open_registry, settings, create=True))
     resolvable(text, settings)
     with system_of(settings) as system:
-        with own_assets(settings, system.client):
+        with own_assets(settings, system.client), _submitting(data_dir):
             run = system.client.submit(text)
         if json_lines:
             print_event("started", run=run.id, url=system.client.url, variants=run.variant_count)
@@ -135,7 +135,7 @@ def submit(
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
-        with own_assets(settings, client):
+        with own_assets(settings, client), _submitting(data_dir, url):
             run = client.submit(text, idempotency_key=key, priority=priority)
         if not watch:
             typer.echo(run.model_dump_json() if json_lines else run.id)
@@ -486,6 +486,17 @@ def _see_to_its_end(
         raise
     show_result(system.client, run.id, progress, report, json_lines=json_lines)
     return exit_code(progress.state)
+
+
+@contextmanager
+def _submitting(data_dir: Path | None, url: str | None = None) -> Iterator[None]:
+    """Tell the user where to look for a run that the server may have taken, if a signal ends the command meanwhile."""
+    try:
+        yield
+    except Stopped:
+        listing = _command_line("status", data_dir=data_dir, url=url)
+        say(f"\nstopped before the server answered; if it took the run, this lists it: {listing}")
+        raise
 
 
 def _stop_following(system: System, run_id: str, stopped: Stopped, command: str, data_dir: Path | None) -> None:

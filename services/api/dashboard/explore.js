@@ -167,11 +167,11 @@ export async function exploreView({ main, parameters, signal }) {
   async function refresh() {
     if (busy) { again = true; return; }
     busy = true;
-    remember();
-    showChips();
     try {
       do {
         again = false;
+        remember();
+        showChips();
         await update();
         wrong.hidden = true;
         field.removeAttribute("aria-invalid");
@@ -190,13 +190,13 @@ export async function exploreView({ main, parameters, signal }) {
   async function update() {
     const axes = [...new Set([...state.h, ...state.p])];
     const whole = !where();
-    const shownRows = loadRows();
-    shownRows.catch(() => {}); // it is awaited below, unless another request fails first
-    const [bins, links, some, [all, every]] = await Promise.all([
+    // The browser paints once, after all of them.
+    const [bins, links, some, [all, every], showRows] = await Promise.all([
       get(`/v1/explore/histograms?${query({ column: axes })}`, { signal }),
       state.p.length > 1 ? get(`/v1/explore/links?${query({ column: state.p })}`, { signal }) : { links: [] },
       getBytes(`/v1/explore/scatter?${query({ x: state.x, y: state.y, color: state.c || null })}`, { signal }).then(readArrow),
       everything(),
+      loadRows(),
     ]);
     if (signal.aborted) return;
     const found = new Map(bins.histograms.map((one) => [one.column, one]));
@@ -210,9 +210,9 @@ export async function exploreView({ main, parameters, signal }) {
     drawHistograms(found, whole);
     parallel.show({ axes: state.p.map((name) => ({ ...found.get(name), column: columns.get(name), brush: state.brushes.of.get(name) })), links: links.links, every: every.links, whole });
     put(parallelColumns, state.p, state.p.map((name) => chip(titleOf(columns.get(name)), `Remove the axis ${titleOf(columns.get(name))}`, () => { state.p = state.p.filter((one) => one !== name); context = null; refresh(); })));
-    const rows = await shownRows;
+    const pictured = showRows?.();
     performance.mark("explore-shown"); // benchmarks/bench_explore.py measures by these marks
-    rows?.pictured.then(() => performance.mark("explore-pictured"));
+    pictured?.then(() => performance.mark("explore-pictured"));
     loadRates();
   }
 
@@ -248,12 +248,12 @@ export async function exploreView({ main, parameters, signal }) {
   // Pictures, table, pairs.
   const parts = { get, signal, query, columns, state, runs, about, remember, refresh };
   const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts), confusion: confusionPanel(parts) };
-  const loadRows = () => panels[state.tab].load();
+  const loadRows = () => panels[state.tab].load(); // a panel draws by itself, or returns how to
   const showPanel = () => {
     for (const button of tabs.children) button.setAttribute("aria-pressed", String(button.dataset.tab === state.tab));
     tools.replaceChildren(...panels[state.tab].tools);
     panel.replaceChildren(panels[state.tab].element);
-    loadRows().catch((error) => { if (error.name !== "AbortError") toast(error.message); });
+    loadRows().then((show) => show?.()).catch((error) => { if (error.name !== "AbortError") toast(error.message); });
   };
   for (const button of tabs.children) button.setAttribute("aria-pressed", String(button.dataset.tab === state.tab));
   tools.replaceChildren(...panels[state.tab].tools);
@@ -364,19 +364,21 @@ function sortTool({ state, columns, remember }, reload, id) {
 function picturesPanel(parts) {
   const { get, signal, query, columns, state, remember } = parts;
   const grid = thumbnails({ signal });
-  const more = h("button", { type: "button", hidden: true, on: { click: () => page(true) } }, "Show more");
+  const more = h("button", { type: "button", hidden: true, on: { click: () => show(true) } }, "Show more");
   let offset = 0;
-  const page = async (further) => {
+  const load = async (further) => {
     offset = further ? offset + PAGE : 0;
     const { items, selected } = await get(`/v1/explore/rows?${query({ sort: state.sort, limit: PAGE, offset })}`, { signal });
     const second = columns.get(state.sort.replace("-", ""));
-    const pictured = grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc), second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m)] });
-    more.hidden = offset + items.length >= selected;
-    return { pictured };
+    return () => {
+      more.hidden = offset + items.length >= selected;
+      return grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc), second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m)] });
+    };
   };
-  const kinds = h("div", { class: "segments", role: "group", "aria-label": "Kind of picture" }, Object.entries(KINDS).map(([kind, label]) => h("button", { type: "button", "data-kind": kind, "aria-pressed": String(kind === state.kind), on: { click: () => { state.kind = kind; for (const one of kinds.children) one.setAttribute("aria-pressed", String(one.dataset.kind === kind)); remember(); page(); } } }, label)));
-  const crop = h("input", { type: "checkbox", checked: state.crop, on: { change: () => { state.crop = crop.checked; remember(); page(); } } });
-  return { element: h("div", { class: "stack" }, grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, page, "sort-pictures")], load: () => page(false) };
+  const show = async (further) => { (await load(further))(); };
+  const kinds = h("div", { class: "segments", role: "group", "aria-label": "Kind of picture" }, Object.entries(KINDS).map(([kind, label]) => h("button", { type: "button", "data-kind": kind, "aria-pressed": String(kind === state.kind), on: { click: () => { state.kind = kind; for (const one of kinds.children) one.setAttribute("aria-pressed", String(one.dataset.kind === kind)); remember(); show(); } } }, label)));
+  const crop = h("input", { type: "checkbox", checked: state.crop, on: { change: () => { state.crop = crop.checked; remember(); show(); } } });
+  return { element: h("div", { class: "stack" }, grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, show, "sort-pictures")], load };
 }
 
 function tablePanel(parts) {
@@ -385,9 +387,9 @@ function tablePanel(parts) {
   const load = async () => {
     const { items } = await get(`/v1/explore/rows?${query({ sort: state.sort, limit: PAGE })}`, { signal });
     const names = [...new Set(["function", "pacc", state.y, state.x, ...(state.c ? [state.c] : []), ...state.h, ...state.p])].filter((name) => columns.has(name)).map((name) => columns.get(name));
-    element.replaceChildren(table(["Frame", ...names.map((one) => ({ text: labelOf(one), class: one.numeric ? "right" : null }))], items.map((row) => h("tr", {},
+    return () => element.replaceChildren(table(["Frame", ...names.map((one) => ({ text: labelOf(one), class: one.numeric ? "right" : null }))], items.map((row) => h("tr", {},
       h("td", {}, h("a", { class: "mono", href: `#/frames/${row.frame_id}?view=errors` }, row.frame_id.split(".").slice(1).join("."))),
       names.map((one) => h("td", { class: one.numeric ? "right" : null }, one.numeric && row[one.name] === null ? h("span", { class: "soft" }, "–") : textOf({ ...one, unit: "" }, row[one.name]))))), { caption: "Selected rows" }));
   };
-  return { element, tools: [sortTool(parts, load, "sort-table")], load };
+  return { element, tools: [sortTool(parts, async () => (await load())(), "sort-table")], load };
 }

@@ -365,12 +365,23 @@ export function parallelPlot({ brushed }) {
       for (const [a, b, n] of link.pairs) {
         const share = Math.sqrt(n / most);
         context.globalAlpha = strength * (0.06 + 0.6 * share);
-        context.lineWidth = 0.8 + 2.6 * share;
+        context.lineWidth = share > 0.4 ? 0.8 + 2.6 * share : 1; // a curve of one pixel is drawn four times as fast
         const y0 = placeOf(data.axes[k], a, height), y1 = placeOf(data.axes[k + 1], b, height);
         context.beginPath(); context.moveTo(x0, y0); context.bezierCurveTo(x0 + bend, y0, x1 - bend, y1, x1, y1); context.stroke();
       }
     });
     context.globalAlpha = 1;
+  }
+  let behind = null; // the flow of all rows, drawn once: thousands of curves
+  function flowBehind(width, height) {
+    const key = [width, height, canvas.width, color(canvas, "--line-strong")].join();
+    if (behind?.key !== key || behind.of !== data.every) {
+      behind = { key, of: data.every, picture: new OffscreenCanvas(canvas.width, canvas.height) };
+      const context = behind.picture.getContext("2d");
+      context.scale(canvas.width / width, canvas.height / height);
+      flow(context, width, height, data.every, color(canvas, "--line-strong"), 0.5);
+    }
+    return behind.picture;
   }
   function draw(context, width, height) {
     if (!data || data.axes.length < 2) return;
@@ -381,7 +392,7 @@ export function parallelPlot({ brushed }) {
     context.textAlign = "left";
     context.font = "11px system-ui, sans-serif";
     context.fillText("undefined", 4, height - foot - band + 8);
-    if (data.every) flow(context, width, height, data.every, color(canvas, "--line-strong"), data.whole ? 0 : 0.5);
+    if (data.every && !data.whole) context.drawImage(flowBehind(width, height), 0, 0, width, height);
     if (data.links) flow(context, width, height, data.links, color(canvas, "--accent"), 1);
     data.axes.forEach((axis, k) => {
       const x = axisAt(k, width), bins = axis.every.length - 1;

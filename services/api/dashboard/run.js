@@ -41,15 +41,14 @@ export async function runView({ main, key, parameters, signal }) {
   const rejections = h("div", {});
   const summary = h("div", { class: "slot" });
   const scatter = scatterSection({ path, parameters, signal });
+  const work = h("section", { class: "card", "aria-label": "Progress" }, h("h2", {}, "Progress"), stages, rejections, failures);
   main.replaceChildren(
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("span", { class: "mono" }, key)),
       h("div", { class: "spread" },
         h("div", { class: "stack" }, h("div", { class: "row" }, h("h1", {}, run.name), chip), facts, marks.place("run", "", "this run")),
         actions)),
-    reason,
-    h("section", { class: "card", "aria-label": "Progress" }, h("h2", {}, "Progress"), stages, rejections, failures),
-    summary, scatter.element, lineage, specSection(run));
+    reason, work, summary, scatter.element, lineage, specSection(run));
 
   const act = async ({ verb, ask, done }) => {
     if (ask && !(await confirm(ask))) return;
@@ -97,6 +96,7 @@ export async function runView({ main, key, parameters, signal }) {
         progress.variants.rejected ? get(`${path}/rejections`, { signal }).then((found) => put(rejections, found, rejectionList(found))) : null,
         state.startsWith("completed") ? get(`${path}/summary`, { signal }).then((found) => put(summary, found, summarySection(found, (sentence) => marks.place("finding", sentence, "this finding")))) : put(summary, null),
       ]);
+      (state.startsWith("completed") ? summary : reason).after(work); // verdicts come first
     }
     const evaluated = progress.stages.eval?.done ?? 0;
     if (evaluated !== points) {

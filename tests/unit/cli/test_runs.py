@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from valerie.cli import runs
 from valerie.cli.connecting import System
 from valerie.cli.main import app
 from valerie.cli.runs import next_step
+from valerie.cli.shell import Stopped
 from valerie.client import Client, Run, ServerProblemError
 from valerie.errors import InvalidInput, NotFound
 
@@ -77,6 +79,17 @@ def test_the_command_to_follow_a_run_names_the_server_that_has_it(monkeypatch: p
     result = CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1", "--data-dir", "d d"], input=SPEC)
     assert result.exit_code == 0, result.output
     assert "status r1ng32vh7ygq5 --watch --url http://h:1 --data-dir 'd d'" in result.stderr
+
+
+def test_a_submission_that_a_signal_stops_says_where_its_run_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object, **__: object) -> Run:
+        raise Stopped(signal.SIGINT)
+
+    monkeypatch.setattr("valerie.client.Client.submit", stop)
+    result = CliRunner().invoke(app, ["submit", "-", "--url", "http://h:1"], input=SPEC)
+    assert result.exit_code == 130
+    assert "if it took the run, this lists it: " in result.stderr
+    assert "status --url http://h:1" in result.stderr
 
 
 def test_status_and_report_read_the_data_folder_when_no_server_runs(

@@ -16,6 +16,8 @@ from valerie.analysis.rows.table import EvaluationTable
 #: Numbers with more distinct values than this are put into about `_RANGES` ranges.
 MAX_LEVELS: Final = 12
 _RANGES: Final = 5
+#: Angles with ends, which are no cycles.
+_INCLINATIONS: Final = ("elevation", "pitch")
 #: Columns, besides the varied parameters, over which a run repeats every variant.
 REPEATED: Final = ("camera", "sensor", "instance_id")
 
@@ -74,8 +76,10 @@ def factor_of(table: EvaluationTable, column: str) -> Factor:
 
 
 def unit_after(column: str, kind: str) -> str:
-    """Return what follows a number of a parameter; the world is in metres."""
-    return "°" if kind == "ANGLE" else " m" if ".pos." in column else ""
+    """Return what follows a number of a parameter; the world is in metres and degrees."""
+    if kind == "ANGLE" or column.rpartition(".")[2] in _INCLINATIONS:
+        return "°"
+    return " m" if ".pos." in column else ""
 
 
 def _with_default(column: str, levels: list[str], codes: NDArray[np.int64]) -> Factor:

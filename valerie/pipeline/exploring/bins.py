@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, floor, log10
 from typing import Final
 
@@ -24,7 +25,7 @@ _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
 _LOOKED_AT: Final = 20_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Bins:
     """The bins of a column.
 
@@ -43,10 +44,15 @@ class Bins:
         """Number of bins, without that of the undefined rows."""
         return len(self.levels) or len(self.edges) - 1
 
-    def counts(self, numbers: NDArray[np.intp] | None = None) -> NDArray[np.int64]:
-        """Return (count + 1,) numbers of rows in each bin, undefined ones last; ``numbers`` selects rows."""
-        codes = self.codes if numbers is None else self.codes.take(numbers)
-        return np.bincount(codes, minlength=self.count + 1)
+    @cached_property
+    def every(self) -> list[int]:
+        """Number of rows in each bin, undefined ones last."""
+        return self.counts(slice(None))
+
+    def counts(self, rows: NDArray[np.intp] | slice) -> list[int]:
+        """Return how many of some rows are in each bin, undefined ones last."""
+        counted: list[int] = np.bincount(self.codes[rows], minlength=self.count + 1).tolist()
+        return counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -205,7 +205,9 @@ class Exploration:
             self.require(name, field="sort")
             order = self._order(name, descending=sort.startswith("-"))
             numbers = order[selection.rows[order]]
-        return self._numbered.take(pa.array(numbers[offset : offset + limit]))
+        # `take` joins the chunks of whole columns first.
+        rows = [self._numbered.slice(number, 1) for number in numbers[offset : offset + limit].tolist()]
+        return pa.concat_tables(rows) if rows else self._numbered.slice(0, 0)
 
     def _order(self, column: str, *, descending: bool) -> NDArray[np.intp]:
         """Return the numbers of all rows in the order of a column, undefined values last."""

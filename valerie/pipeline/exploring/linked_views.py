@@ -55,9 +55,8 @@ def histogram(exploration: Exploration, column: str, selection: Selection) -> Hi
     """
     exploration.require(column, field="column")
     bins = exploration.bins(column, BINS)
-    every = bins.counts()
-    selected = every if selection.count == len(exploration) else bins.counts(selection.numbers)
-    return Histogram(column, list(bins.levels), list(bins.edges), every.tolist(), selected.tolist())
+    selected = bins.every if selection.count == len(exploration) else bins.counts(selection.numbers)
+    return Histogram(column, list(bins.levels), list(bins.edges), bins.every, selected)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from valerie.sensing.distortion import pixel_map, shown_within
 from valerie.sensing.sensor import REVISION, Shot, develop, focal_length_px, seen_from
 from valerie.sensing.settings import SensorSetting
 
+
 @dataclass(frozen=True, slots=True)
 class Capture:
     """A frame and the sensor that captures it.
