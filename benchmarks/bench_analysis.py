@@ -19,7 +19,7 @@ from benchmarks import results
 from benchmarks.planted import REPORTED
 from benchmarks.planted_grids import planted_grid
 from valerie.analysis.analyze import Analysis, analyze
-from valerie.analysis.report.model import Provenance, ReportInput
+from valerie.analysis.report.model import PictureSource, Provenance, ReportInput
 from valerie.analysis.report.report import build_report
 from valerie.analysis.rows.table import EvaluationTable
 
@@ -40,8 +40,10 @@ def paper_table(frames: int) -> EvaluationTable:
     return planted_grid({"one": scores[0], "two": scores[1]}, factors)
 
 
-def planted_report(table: EvaluationTable, analysis: Analysis | None = None) -> str:
-    """Return the report of a planted run, without pictures of frames."""
+def planted_report(
+    table: EvaluationTable, analysis: Analysis | None = None, *, picture: PictureSource | None = None
+) -> str:
+    """Return the report of a planted run; without a source of pictures it shows no frames."""
     now, analysis = datetime.now(UTC), analysis or analyze(table)
     return build_report(
         ReportInput(
@@ -53,6 +55,7 @@ def planted_report(table: EvaluationTable, analysis: Analysis | None = None) -> 
             findings=analysis.findings,
             variants=len(table) // 6,
             frames=len(table) // 2,
+            picture=picture,
         )
     )
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from io import BytesIO
+from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.planted_tables import planted_table
 from valerie.analysis.analyze import analyze
@@ -28,6 +31,14 @@ LAST = ("the-last-fact", "line-199-of-the-spec")
 
 
 def report() -> str:
+    """Return a report with pictures of frames, each of another colour."""
+    colours = count(0x808080, 16)
+
+    def picture(*_: object, **__: object) -> bytes:
+        sink = BytesIO()
+        Image.new("RGB", (64, 36), f"#{next(colours):06x}").save(sink, "PNG")
+        return sink.getvalue()
+
     along = np.linspace(10, 40, 60)
     table = planted_table(1 - along / 50, range(60), distance_m=along, pixel_area_percent=10 / along)
     analysis = analyze(table)
@@ -51,7 +62,9 @@ def report() -> str:
     )
     document = {"name": "printed", "notes": [f"line-{k}-of-the-spec {DIGEST if k == 199 else ''}" for k in range(200)]}
     return build_report(
-        ReportInput(document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 60, 60)
+        ReportInput(
+            document, provenance, table, analysis.summary, analysis.trends, analysis.findings, 60, 60, picture=picture
+        )
     )
 
 
@@ -81,12 +94,22 @@ def test_open_provenance_takes_pages_of_the_pdf() -> None:
     assert pdf_of(html.encode()).count(b"/Type /Page\n") > pdf_of(short.encode()).count(b"/Type /Page\n") + 2
 
 
+def test_all_pictures_are_printed_though_only_those_near_the_screen_are_loaded(browser: Browser) -> None:
+    html = report()
+    page = browser.new_page(viewport={"width": 1000, "height": 400})
+    page.set_content(html)
+    loaded = page.eval_on_selector_all("img", "all => all.filter((one) => one.complete).length")
+    page.close()
+    assert loaded < html.count("<img ") == pdf_of(html.encode()).count(b"/Subtype /Image\n")
+
+
 def test_figures_are_drawn_when_they_come_near_the_screen(browser: Browser) -> None:
     page = browser.new_page(viewport={"width": 1000, "height": 400})
     page.set_content(report())
     plots = page.locator(".plot")
     assert plots.count() > 0
     assert page.locator(".plot.drawn").count() < plots.count()
+    assert not page.evaluate("'Plotly' in window")
     plots.last.scroll_into_view_if_needed()
     page.wait_for_selector(".plot.drawn .live .main-svg")
     page.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,8 @@ from valerie.local.terminal import command_name, console
 from valerie.runs.products.states import Priority
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from valerie.analysis.claims.claims import Claims
     from valerie.analysis.comparison.beside import Beside
     from valerie.cli.connecting import System
@@ -84,7 +86,7 @@ def run(
         if statements is not None and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             # Its report is saved already, so that a claim which does not fit the run costs no result.
             answered = _report_with(run.id, statements, None, data_dir)
-            show_ledger(statements, answered.ledger, as_json=json_lines)
+            show_ledger(statements, answered.source.ledger, as_json=json_lines)
             save(answered.html.encode(), path)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
             show_next(system, spec, text, functions=functions, data_dir=data_dir)
@@ -218,7 +220,7 @@ def report(
 ) -> None:
     """Write the self-contained report of an ended run to a file, and print its path. Needs no server.
 
-    With --claims or --beside, the report is rebuilt from the data folder.
+    With --claims, --beside or --figures, the report is rebuilt from the data folder.
     Chromium prints it if the file is FILE.pdf.
     """
     from valerie.cli.claims import read_claims
@@ -232,27 +234,24 @@ def report(
             raise InvalidInput(
                 "--claims, --beside and --figures read the data folder", field="--url", value=url, limit="--data-dir"
             )
-        if claims is None and beside is None:
+        if (claims, beside, figures) == (None, None, None):
             content = source.report(run_id)
         else:
             statements = None if claims is None else read_claims(claims)
-            content = _report_with(run_id, statements, beside, data_dir).html.encode()
+            rebuilt = _report_with(run_id, statements, beside, data_dir)
+            content = rebuilt.html.encode()
+            if figures is not None:
+                _write_figures(rebuilt.figures, figures)
     if path.suffix == ".pdf":
         from valerie.cli.printing import pdf_of
 
         content = pdf_of(content)
     typer.echo(save(content, path))
-    if figures is not None:
-        _write_figures(run_id, figures, data_dir)
 
 
-def _write_figures(run_id: str, folder: Path, data_dir: Path | None) -> None:
+def _write_figures(tables: Mapping[str, pa.Table], folder: Path) -> None:
     from valerie.analysis.rows.table import encoded
-    from valerie.local.deployment import context_of
-    from valerie.pipeline.reading.reports import figures_of
 
-    with context_of(data_dir) as context:
-        tables = figures_of(context, run_id)
     for name, table in tables.items():
         for suffix in ("csv", "parquet"):
             write_output(folder / f"{name}.{suffix}", encoded(table, suffix))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from unittest.mock import Mock
 
 import pyarrow.csv
 import pyarrow.parquet as pq
@@ -14,6 +15,7 @@ from tests.world.drawn import FUNCTIONS
 from tools.paper import KEPT
 from valerie.cli.main import app
 from valerie.errors import InvalidInput, UnknownName
+from valerie.pipeline.reading import reports
 
 CLAIMS = """
 title: planted
@@ -82,11 +84,18 @@ def test_a_report_shows_a_comparison_that_was_made_elsewhere(run: tuple[Path, st
         report(other)
 
 
-def test_the_numbers_of_a_reports_figures_are_written_as_tables(run: tuple[Path, str], tmp_path: Path) -> None:
+def test_a_report_with_claims_and_the_numbers_of_its_figures_come_from_one_analysis(
+    run: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, run_id = run
+    spied = Mock(wraps=reports.analyze)
+    monkeypatch.setattr(reports, "analyze", spied)
     command = ["report", run_id, "--data-dir", str(folder), "-o", str(tmp_path / "report.html")]
-    result = CliRunner().invoke(app, [*command, "--figures", str(tmp_path / "figures")], catch_exceptions=False)
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+    command += ["--claims", str(tmp_path / "claims.yaml"), "--figures", str(tmp_path / "figures")]
+    result = CliRunner().invoke(app, command, catch_exceptions=False)
     assert result.exit_code == 0, result.output
+    assert spied.call_count == 1
     names = {path.stem for path in (tmp_path / "figures").iterdir()}
     assert names >= {"bins", "curves", "distributions", "levels"}
     for name in names:

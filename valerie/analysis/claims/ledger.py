@@ -62,6 +62,11 @@ class ClaimOutcome(StrEnum):
     NOT_TESTABLE = "not testable here"
     SLIP = "slip of the source"
 
+    @property
+    def decided(self) -> bool:
+        """True if the run answers the claim."""
+        return self in (ClaimOutcome.REPRODUCED, ClaimOutcome.NOT_REPRODUCED)
+
 
 @dataclass(frozen=True, slots=True)
 class LedgerEntry:

@@ -137,14 +137,17 @@ class Conclusion:
     there: LedgerEntry
 
     @property
+    def decided(self) -> bool:
+        """True if both runs answer."""
+        return self.here.outcome.decided and self.there.outcome.decided
+
+    @property
     def agreement(self) -> str:
         """Agreement of both runs in words."""
-        outcomes = self.here.outcome, self.there.outcome
-        held = [outcome is ClaimOutcome.REPRODUCED for outcome in outcomes]
-        decided = [outcome in (ClaimOutcome.REPRODUCED, ClaimOutcome.NOT_REPRODUCED) for outcome in outcomes]
-        if all(decided):
-            return f"holds {_WHERE[held[0], held[1]]}"
-        return f"undecided {_WHERE[not decided[0], not decided[1]]}"
+        here, there = self.here.outcome, self.there.outcome
+        if self.decided:
+            return f"holds {_WHERE[here is ClaimOutcome.REPRODUCED, there is ClaimOutcome.REPRODUCED]}"
+        return f"undecided {_WHERE[not here.decided, not there.decided]}"
 
 
 @dataclass(frozen=True, slots=True)

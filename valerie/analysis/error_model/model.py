@@ -3,7 +3,8 @@ distance, occlusion, size and light.
 
 The model is a distribution regression (Chernozhukov, Fernández-Val and Melly 2013, doi:10.3982/ECTA10582): for each of
 several bounds of pACC, a logistic regression gives the probability that pACC is lower. Its terms are piecewise linear in
-each column, and products of these for pairs of columns if cross-validation favours them. The probabilities are sorted, so
+each column, and products of these for pairs of columns if cross-validation favours them. If chance does not explain their
+calibration error on held-out places, the odds are bent at quantiles of these places' odds. The probabilities are sorted, so
 that they form a distribution (Chernozhukov, Fernández-Val and Galichon 2010, doi:10.3982/ECTA7880); its quantiles and the
 probability of a miss follow from it and never contradict each other.
 
@@ -57,6 +58,10 @@ _INNER: Final = 4
 _KNOTS: Final = (0.2, 0.4, 0.6, 0.8)
 _IN_PRODUCTS: Final = (0.2, 0.6)
 _PENALTIES: Final = (1e-3, 1e-2, 1e-1, 1.0)
+#: Penalty of the bends, which lie at the quantiles `_KNOTS` of the odds.
+_BENT_PENALTY: Final = 1e-4
+#: The odds are bent if their calibration error exceeds chance by this factor.
+_BENT_ABOVE: Final = 1.5
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -141,6 +146,9 @@ class Fit:
         terms: terms of the regressions.
         weights: (T, B) weight of each term for each bound.
         offsets: (B,) intercepts.
+        knots: (B, K) odds at which the odds are bent; K is 0 if they are not.
+        bends: (B, 1 + K) weight of the odds and of their excess above each knot.
+        shifts: (B,) what is added to them.
         bounds: (B,) bounds of pACC, ascending.
         miss: position of the threshold of misses among the bounds.
     """
@@ -149,12 +157,16 @@ class Fit:
     terms: Terms
     weights: Floats
     offsets: Floats
+    knots: Floats
+    bends: Floats
+    shifts: Floats
     bounds: Floats
     miss: int
 
     def predict(self, x: Floats) -> Prediction:
         """Answer queries, (N, F)."""
-        below = np.sort(expit(self.terms(x) @ self.weights + self.offsets), axis=1)
+        odds = _bent(self.terms(x) @ self.weights + self.offsets, self.knots)
+        below = np.sort(expit((odds * self.bends).sum(-1) + self.shifts), axis=1)
         ends = np.column_stack((np.zeros(len(x)), below, np.ones(len(x))))
         steps = np.diff(np.concatenate(([0.0], self.bounds, [1.0])))
         reached = (np.array(LEVELS)[:, None] - ends[:, None, :-1]) / np.maximum(np.diff(ends), ROUNDING)[:, None]
@@ -380,28 +392,51 @@ def _fit(data: _Data, seed: int) -> Fit:
         fitted = LogisticRegression(C=1 / (penalty * len(x)), solver="newton-cholesky").fit(x, lower)
         return fitted.coef_[0], float(fitted.intercept_[0])
 
-    def loss(terms: Floats, penalty: float) -> float:
-        odds = np.empty(len(terms))
+    def held_out(x: Floats, lower: Rows, penalty: float) -> Floats:
+        """Return the (N,) odds of each row by a regression without its place."""
+        odds = np.empty(len(x))
         for fold in range(_INNER):
             tested = folds == fold
-            weights, offset = regression(terms[~tested], data.misses[~tested], penalty)
-            odds[tested] = terms[tested] @ weights + offset
+            weights, offset = regression(x[~tested], lower[~tested], penalty)
+            odds[tested] = x[tested] @ weights + offset
+        return odds
+
+    def loss(terms: Terms, penalty: float) -> float:
+        odds = held_out(terms(data.x), data.misses, penalty)
         return float(np.logaddexp(0, np.where(data.misses, -odds, odds)).mean())
 
     folds = _folds(data.places, _INNER, seed + 1)
     choices = [(_terms(data.x, products=products), penalty) for products in (False, True) for penalty in _PENALTIES]
-    terms, penalty = min(choices, key=lambda choice: loss(choice[0](data.x), choice[1]))
+    terms, penalty = min(choices, key=lambda choice: loss(*choice))
     values = terms(data.x)
     bounds = _bounds(data.threshold)
     fitted = [regression(values, data.pacc < bound, penalty) for bound in bounds]
+    knots, bent = np.empty((len(bounds), 0)), [(np.ones(1), 0.0)] * len(bounds)
+    found = calibration(expit(held_out(values, data.misses, penalty)), data.misses, data.places, seed=seed)
+    if found.error > _BENT_ABOVE * found.chance:
+        odds = [held_out(values, data.pacc < bound, penalty) for bound in bounds]
+        knots = np.quantile(odds, _KNOTS, axis=1).T
+        bent = [
+            regression(_bent(own, at), data.pacc < bound, _BENT_PENALTY)
+            for own, at, bound in zip(odds, knots, bounds, strict=True)
+        ]
     return Fit(
         support=_support(data.x, folds),
         terms=terms,
         weights=np.column_stack([weights for weights, _ in fitted]),
         offsets=np.array([offset for _, offset in fitted]),
+        knots=knots,
+        bends=np.stack([weights for weights, _ in bent]),
+        shifts=np.array([shift for _, shift in bent]),
         bounds=bounds,
         miss=int(np.searchsorted(bounds, data.threshold)),
     )
+
+
+def _bent(odds: Floats, knots: Floats) -> Floats:
+    """Return (…, 1 + K): odds, and their excess above each of K knots."""
+    each = odds[..., None]
+    return np.concatenate((each, np.maximum(each - knots, 0.0)), axis=-1)
 
 
 def _terms(x: Floats, *, products: bool) -> Terms:

@@ -32,6 +32,10 @@ def to_onnx(model: ErrorModel) -> bytes:
         factors = [graph.add("Gather", values, chosen, axis=1) for chosen in (terms.first, terms.second)]
         values = graph.add("Concat", values, graph.add("Mul", *factors), axis=1)
     odds = graph.add("Add", graph.add("MatMul", values, fit.weights), fit.offsets)
+    above_knots = [graph.add("Max", graph.add("Sub", odds, knots), np.zeros(1)) for knots in fit.knots.T]
+    odds, *bent = (graph.add("Mul", each, bends) for each, bends in zip((odds, *above_knots), fit.bends.T, strict=True))
+    for each in (*bent, fit.shifts):
+        odds = graph.add("Add", odds, each)
     count = np.array([len(fit.bounds)])
     below = graph.add("TopK", graph.add("Sigmoid", odds), count, outputs=2, axis=1, largest=0)
     graph.add("Gather", below, np.array(fit.miss), axis=1, name="miss")

@@ -76,15 +76,15 @@ def _requirements(verdicts: Sequence[RequirementVerdict]) -> str:
 
 def _conclusions(beside: Beside) -> Iterator[str]:
     """Yield which conclusions hold in both runs, in neither or in one, and how many are undecided."""
-    agreements: dict[str, dict[str, list[str]]] = {}
+    agreements: dict[tuple[str, bool], dict[str, list[str]]] = {}
     for conclusion in beside.conclusions:
-        functions = agreements.setdefault(conclusion.agreement, {}).setdefault(conclusion.text.rstrip("."), [])
-        functions.append(conclusion.here.function)
-    for agreement, texts in sorted(agreements.items()):
-        if agreement.startswith("undecided"):
-            said = f"{sum(map(len, texts.values())):,} of {len(beside.conclusions):,} conclusions"
-        else:
+        texts = agreements.setdefault((conclusion.agreement, conclusion.decided), {})
+        texts.setdefault(conclusion.text.rstrip("."), []).append(conclusion.here.function)
+    for (agreement, decided), texts in sorted(agreements.items()):
+        if decided:
             said = "; ".join(f"{text} ({', '.join(functions)})" for text, functions in texts.items())
+        else:
+            said = f"{sum(map(len, texts.values())):,} of {len(beside.conclusions):,} conclusions"
         yield f"{agreement.capitalize()}: {said}."
 
 

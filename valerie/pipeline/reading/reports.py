@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 
 from valerie.analysis.analyze import Analysis, analyze
 from valerie.analysis.claims.claims import Claims
-from valerie.analysis.claims.ledger import LedgerEntry, write_ledger
+from valerie.analysis.claims.ledger import write_ledger
 from valerie.analysis.comparison.beside import Beside, ComparedRun, put_beside
 from valerie.analysis.comparison.wording import difference_of_specs
 from valerie.analysis.report.figures import figure_tables
@@ -100,11 +100,16 @@ class ReportWith:
 
     Attributes:
         html: the report.
-        ledger: the answers to the claims in it.
+        source: its content, with the answers to the claims.
     """
 
     html: str
-    ledger: tuple[LedgerEntry, ...]
+    source: ReportInput
+
+    @property
+    def figures(self) -> dict[str, pa.Table]:
+        """Numbers of the figures, by figure."""
+        return figure_tables(self.source.table, self.source.trends)
 
 
 def write_report(context: Context, results: RunResults) -> str:
@@ -132,17 +137,7 @@ def report_with(
     beside = _compared(context, here, other, claims) if isinstance(other, str) else other
     ledger = () if claims is None else write_ledger(claims, here.table, seed=here.run.spec.seed)
     source = replace(_report_input(context, here), claims=claims, ledger=ledger, beside=beside)
-    return ReportWith(build_report(source), ledger)
-
-
-def figures_of(context: Context, run_id: str) -> dict[str, pa.Table]:
-    """Return the numbers of the figures in the report of an ended run, by figure.
-
-    Raises:
-        NotFound, Conflict: as for `report_with`.
-    """
-    here = _ended(context, run_id)
-    return figure_tables(here.table, here.analysis.trends)
+    return ReportWith(build_report(source), source)
 
 
 def compare_runs(

@@ -60,15 +60,16 @@ def test_a_claim_that_only_one_run_shows_is_named() -> None:
              "difference": {"factor": "sun-1.azimuth", "first": "210°", "second": "120°", "sign": ">"}}  # fmt: skip
     claims = parse_claims({"title": "A paper", "claims": [claim]})
 
-    def agreement(effect_there: float) -> str:
+    def answer(effect_there: float) -> tuple[str, bool]:
         comparison = put_beside(
             side("a", scores(0.1, 0, 1), SCENES), side("b", scores(effect_there, 0, 2), SCENES), claims=claims
         )
-        return comparison.conclusions[0].agreement
+        (conclusion,) = comparison.conclusions
+        return conclusion.agreement, conclusion.decided
 
-    assert agreement(0.1) == "holds in both"
-    assert agreement(-0.1) == "holds only here"
-    assert agreement(0.0).startswith("undecided")
+    assert answer(0.1) == ("holds in both", True)
+    assert answer(-0.1) == ("holds only here", True)
+    assert answer(0.0) == ("undecided only there", False)
 
 
 def test_runs_without_a_common_scene_are_refused() -> None:

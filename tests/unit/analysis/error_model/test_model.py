@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from io import BytesIO
 from typing import Any
 
@@ -15,26 +16,30 @@ from scipy.stats import norm
 
 from tests.planted_tables import planted_table
 from valerie.analysis.error_model.files import CARD, error_model_files
-from valerie.analysis.error_model.model import LEVELS, ErrorModel, ErrorModels, fit_error_models
+from valerie.analysis.error_model.model import LEVELS, LIMIT, ErrorModel, ErrorModels, fit_error_models
+from valerie.analysis.error_model.onnx_export import to_onnx
 from valerie.analysis.rows.design import Design
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput
+from valerie.statistics.calibration import calibration
 
 NAMES = ("distance_m", "occlusion_rate")
 
 
-def table(places: int, *, persons: int = 6, **more: Any) -> EvaluationTable:
-    """Persons whose pACC falls with distance and occlusion, with normal noise."""
+def centre(distance: Any, occlusion: Any) -> Any:
+    return 1.1 - 0.02 * distance - 0.4 * occlusion
+
+
+def table(
+    places: int, *, persons: int = 6, mean: Callable[..., Any] = centre, noise: float = 0.2, **more: Any
+) -> EvaluationTable:
+    """Persons whose pACC depends on distance and occlusion, with normal noise."""
     rng = np.random.default_rng(places)
     place = np.repeat(np.arange(places), persons)
     distance, occlusion = rng.uniform(5, 40, len(place)), rng.uniform(0, 0.8, len(place))
-    pacc = np.clip(centre(distance, occlusion) + rng.normal(0, 0.2, len(place)), 0, 1)
+    pacc = np.clip(mean(distance, occlusion) + rng.normal(0, noise, len(place)), 0, 1)
     design = Design((("grid", places),))
     return planted_table(pacc, place, design=design, distance_m=distance, occlusion_rate=occlusion, **more)
-
-
-def centre(distance: Any, occlusion: Any) -> Any:
-    return 1.1 - 0.02 * distance - 0.4 * occlusion
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +50,16 @@ def models() -> ErrorModels:
 @pytest.fixture(scope="module")
 def model(models: ErrorModels) -> ErrorModel:
     return models.models[0]
+
+
+def beyond(distance: Any, occlusion: Any) -> Any:
+    """Return a mean pACC that falls at an edge in two columns."""
+    return 0.9 - 0.8 * ((occlusion > 0.4) & (distance > 18))
+
+
+@pytest.fixture(scope="module")
+def bent() -> ErrorModels:
+    return fit_error_models(table(400, mean=beyond, noise=0.3), given=NAMES)
 
 
 def files_of(models: ErrorModels) -> dict[str, bytes]:
@@ -67,6 +82,16 @@ def test_answers_are_those_of_the_planted_truth(models: ErrorModels, model: Erro
     assert 0.9 < model.inside <= 1
 
 
+def test_the_odds_are_bent_where_the_terms_cannot_follow(bent: ErrorModels, models: ErrorModels) -> None:
+    (model,) = bent.models
+    assert model.fit.knots.shape[1] > 0
+    assert models.models[0].fit.knots.shape[1] == 0
+    queries = np.random.default_rng(3).uniform((5, 0), (40, 0.8), (4000, 2))
+    truth = ndtr((0.5 - beyond(*queries.T)) / 0.3)
+    compared = calibration(model.predict(queries).miss, truth, np.zeros(len(truth), np.int64))
+    assert compared.error < LIMIT + model.misses.chance  # 6 % where the odds are straight
+
+
 def test_where_nobody_stood_is_outside(model: ErrorModel) -> None:
     queries = [[20.0, 0.4], [80.0, 0.4], [20.0, 0.98], [1.0, 0.0], [np.nan, 0.4]]
     assert model.predict(queries).inside.tolist() == [True, False, False, False, False]
@@ -74,9 +99,11 @@ def test_where_nobody_stood_is_outside(model: ErrorModel) -> None:
         model.predict([[20.0, 0.4, 1.0]])
 
 
-def test_the_onnx_file_answers_like_the_model(models: ErrorModels, model: ErrorModel) -> None:
-    files = files_of(models)
-    session = onnxruntime.InferenceSession(files["error-model-0.onnx"], providers=["CPUExecutionProvider"])
+@pytest.mark.parametrize("name", ["models", "bent"])
+def test_the_onnx_file_answers_like_the_model(name: str, request: pytest.FixtureRequest) -> None:
+    models: ErrorModels = request.getfixturevalue(name)
+    (model,) = models.models
+    session = onnxruntime.InferenceSession(to_onnx(model), providers=["CPUExecutionProvider"])
     queries = np.random.default_rng(2).uniform((-10, -0.5), (80, 1.5), (300, 2))
     miss, quantiles, inside = session.run(["miss", "quantiles", "inside"], {"queries": queries})
     expected = model.predict(queries)
@@ -85,7 +112,7 @@ def test_the_onnx_file_answers_like_the_model(models: ErrorModels, model: ErrorM
     assert inside.tolist() == expected.inside.tolist()
     assert set(inside.tolist()) == {True, False}
     assert session.get_modelmeta().custom_metadata_map["columns"] == "distance_m,occlusion_rate"
-    assert files == files_of(models)
+    assert files_of(models) == files_of(models)
 
 
 def test_card_and_table_say_what_the_model_says(models: ErrorModels, model: ErrorModel) -> None:

@@ -37,7 +37,7 @@ def test_runs_are_compared_scene_by_scene_and_the_report_shows_it(pipeline: Pipe
     assert function.slices[0].pairs == 24  # the second person of each frame stands outside
     assert [conclusion.text for conclusion in comparison.conclusions] == ["Everybody is seen."]
     report = report_with(pipeline.context, here, claims=CLAIMS, other=there)
-    assert [entry.says for entry in report.ledger] == ["Everybody is seen."]
+    assert [entry.says for entry in report.source.ledger] == ["Everybody is seen."]
     for words in (
         "Beside dark (blank)",
         "A paper: claims beside this run",

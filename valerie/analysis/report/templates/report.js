@@ -1,5 +1,5 @@
-// Draw each figure over its static picture when it comes near the screen, so that a long report opens at once; a figure that
-// fails keeps the picture.
+// Draw each figure over its static picture when it comes near the screen, and start plotly with the first, so that a long
+// report opens at once; a figure that fails keeps the picture.
 "use strict";
 (() => {
   const figures = JSON.parse(document.getElementById("figures").textContent);
@@ -7,7 +7,13 @@
     displayModeBar: false, // drag to zoom, double click to go back
     responsive: true,
   };
+  const start = () => {
+    const script = document.createElement("script"); // its text has a hash in the page's policy
+    script.textContent = document.getElementById("plotly").textContent;
+    document.head.append(script);
+  };
   const draw = (place) => {
+    if (!window.Plotly) start();
     const figure = figures[Number(place.dataset.figure)];
     place.classList.add("drawn");
     Plotly.newPlot(place.querySelector(".live"), figure.data, figure.layout, config).catch(() => place.classList.remove("drawn"));
