@@ -105,6 +105,14 @@ test-simulation: setup-dev ## Try 10,000 seeded schedules of faults on the contr
 	$(PYTHON_BIN) -m tests.simulation --schedules $$(($(SCHEDULES) / 2)) --first $$(($(SCHEDULES) / 2 + 1)); \
 	  result=$$?; wait $$! && exit $$result
 
+# Seeds are spread over two processes.
+SPECS ?= 20000
+.PHONY: test-hostile
+test-hostile: setup-dev ## Plan 20,000 damaged specs over REST (SPECS=100)
+	$(PYTHON_BIN) -m tests.hostile --specs $$(($(SPECS) / 2)) & \
+	$(PYTHON_BIN) -m tests.hostile --specs $$(($(SPECS) / 2)) --first $$(($(SPECS) / 2 + 1)); \
+	  result=$$?; wait $$! && exit $$result
+
 .PHONY: test-all
 test-all: setup-dev ## Run every test but the containers
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(TEST_WORKERS) $(PYTEST_OPTIONS)

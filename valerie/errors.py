@@ -64,7 +64,9 @@ class UnknownName(InvalidInput):
         close = close or get_close_matches(name, self.known, n=3, cutoff=0.5)
         more = f" and {len(self.known) - _LISTED} more" if len(self.known) > _LISTED else ""
         hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:_LISTED]) or 'none'}"
-        super().__init__(f"unknown {kind} {_short(repr(name))}; {hint}{'' if close else more}", field=field, limit=limit)
+        super().__init__(
+            f"unknown {kind} {_short(repr(name))}; {hint}{'' if close else more}", field=field, limit=limit
+        )
 
 
 class NotFound(ValerieError):

@@ -1,6 +1,7 @@
 """Plan damaged specs over REST: ``python -m tests.hostile [--specs 20000] [--first 1]``.
 
-The exit code is 1 if an answer is neither a plan nor a problem in words or takes too long, or if the server grows too much.
+The exit code is 1 if an answer is neither a plan nor a problem in words, or if the server grows too much. The longest times
+are printed.
 """
 
 from __future__ import annotations
@@ -44,7 +45,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="tests.hostile", description=__doc__)
     parser.add_argument("--specs", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=1, help="seed of the first spec")
-    parser.add_argument("--seconds", type=float, default=2.0, help="longest answer, CPU seconds")
     arguments = parser.parse_args()
     whole, process = specs(EXAMPLES), psutil.Process()
     with tempfile.TemporaryDirectory(prefix="valerie-hostile-") as folder:
@@ -78,7 +78,7 @@ def main() -> None:
     grown = (most - before) / 2**20
     slow.sort(reverse=True)
     print(f"{len(slow):,} specs: {dict(statuses)}; slowest (CPU s, seed) {slow[:3]}; {grown:.0f} MB more")
-    if wrong or slow[0][0] > arguments.seconds or grown > MOST_MB:
+    if wrong or grown > MOST_MB:
         sys.exit(1)
 
 

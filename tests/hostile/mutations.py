@@ -22,7 +22,8 @@ ODD: Final[tuple[Any, ...]] = (
 BOMBS: Final = (
     "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in pairwise("abcdefghi")),
     "[" * 5000, "{a: " * 3000, "- " * 20_000, "a: 1\na: 2\n", "\t", "\ufeff", "%YAML 9.9\n---\n", "? [a, b]\n: c\n", "<<: *x\n",
-    "!!python/object/apply:os.system ['true']\n", "name: !!binary aGk=\n", "9" * 50_000, "- &a *a\n", "&a {b: *a}\n", "\x00", "---\n---\n",
+    "!!python/object/apply:os.system ['true']\n", "name: !!binary aGk=\n", "9" * 50_000,
+    "- &a *a\n", "&a {b: *a}\n", "\x00", "---\n---\n",
 )  # fmt: skip
 
 

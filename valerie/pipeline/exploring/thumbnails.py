@@ -67,6 +67,10 @@ class Tile:
         return cls(FrameKey.parse(parts[0]), int(parts[1]), parts[2], parts[3])
 
 
+#: Part of a picture, pixels: left, top, right, bottom.
+Area = tuple[float, float, float, float]
+
+
 class _Shape(NamedTuple):
     """The content of thumbnails, and their size in pixels."""
 
@@ -128,9 +132,7 @@ class Tiles:
             area = _area(shape, box, size.width, size.height)
             window = _window(area, shape)
             with self._painter() as painter:
-                picture = painter.paint(
-                    shape.kind, capture=source.capture, prediction=source.prediction, window=window
-                )
+                picture = painter.paint(shape.kind, capture=source.capture, prediction=source.prediction, window=window)
         except (Conflict, MissingInput, NotFound):
             return None
         resized = Image.fromarray(np.ascontiguousarray(picture)).resize(
@@ -160,7 +162,7 @@ class Tiles:
         return boxes.get(instance_id)
 
 
-def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
+def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> Area:
     """Return the part of a picture that a thumbnail shows: left, top, right, bottom."""
     if shape.crop:
         return _around(box, width, height)
@@ -169,7 +171,7 @@ def _area(shape: _Shape, box: Sequence[int] | None, width: int, height: int) -> 
     return 0.0, 0.0, float(width), float(height)
 
 
-def _window(area: tuple[float, float, float, float], shape: _Shape) -> Window:
+def _window(area: Area, shape: _Shape) -> Window:
     """Return the rows and columns from which an area is resized: those inside and the reach of the filter around them.
 
     Of a large area, they are only every second, third, …, at least `_DENSITY` for each pixel of the thumbnail.
@@ -181,19 +183,25 @@ def _window(area: tuple[float, float, float, float], shape: _Shape) -> Window:
     return rows, slice(max(floor(left) - reach, 0), ceil(right) + reach, step)
 
 
-def _within(area: tuple[float, float, float, float], window: Window, picture: NDArray[np.uint8]) -> tuple[float, ...]:
+def _within(area: Area, window: Window, picture: NDArray[np.uint8]) -> Area:
     """Return an area in coordinates of the pixels of a window, whose middles stay where they are."""
     rows, columns = window
     height, width = picture.shape[:2]
 
     def moved(edge: float, taken: slice, most: int) -> float:
-        return min((edge - taken.start - 0.5) / taken.step + 0.5, most)
+        place: float = (edge - taken.start - 0.5) / taken.step + 0.5
+        return min(place, most)
 
     left, top, right, bottom = area
-    return moved(left, columns, width), moved(top, rows, height), moved(right, columns, width), moved(bottom, rows, height)
+    return (
+        moved(left, columns, width),
+        moved(top, rows, height),
+        moved(right, columns, width),
+        moved(bottom, rows, height),
+    )
 
 
-def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, float, float, float]:
+def _around(box: Sequence[int] | None, width: int, height: int) -> Area:
     """Return a square within a picture around a person's box; without a box, the largest in the middle."""
     side = float(min(width, height))
     middle = (width / 2, height / 2)
@@ -206,7 +214,7 @@ def _around(box: Sequence[int] | None, width: int, height: int) -> tuple[float, 
     return left, top, left + side, top + side
 
 
-def _filled(width: int, height: int, ratio: float) -> tuple[float, float, float, float]:
+def _filled(width: int, height: int, ratio: float) -> Area:
     """Return the largest centred part of a picture with a ratio of width to height."""
     wide, high = min(float(width), height * ratio), min(float(height), width / ratio)
     left, top = (width - wide) / 2, (height - high) / 2

@@ -170,7 +170,9 @@ def paint_errors(
     red, green, blue = np.moveaxis(picture, -1, 0)
     grey = (np.add(red, green, dtype=np.uint16) + blue) // np.uint16(3)
     outcome = person + np.uint16(2) * claimed
-    return np.take(_ERRORS, outcome * np.uint16(256) + grey, mode="clip").view(np.uint8).reshape(*truth.shape, 4)[..., :3]
+    colors = np.take(_ERRORS, outcome * np.uint16(256) + grey, mode="clip")
+    painted: NDArray[np.uint8] = colors.view(np.uint8).reshape(*truth.shape, 4)[..., :3]
+    return painted
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:

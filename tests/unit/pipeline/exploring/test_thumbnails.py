@@ -18,7 +18,10 @@ from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.runs.products.frame_keys import FrameKey
 
 WIDTH = 64
-SENSORS = [{"distortion": {"k1": -0.2}}, {"name": "noisy", "auto_exposure": True, "gain_db": 20, "noise": {"shot": True}}]
+SENSORS = [
+    {"distortion": {"k1": -0.2}},
+    {"name": "noisy", "auto_exposure": True, "gain_db": 20, "noise": {"shot": True}},
+]
 
 
 @pytest.fixture(scope="module")
