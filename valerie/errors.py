@@ -11,6 +11,8 @@ from difflib import get_close_matches
 
 #: Largest number of known names that an error lists if none is similar.
 _LISTED = 12
+#: Largest number of problems in one message.
+_PROBLEMS = 50
 
 
 class ValerieError(Exception):
@@ -42,7 +44,9 @@ class InvalidInputs(InvalidInput):
 
     def __init__(self, problems: Sequence[InvalidInput]) -> None:
         self.problems = tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        lines = [str(problem) for problem in self.problems[:_PROBLEMS]]
+        further = len(self.problems) - len(lines)
+        super().__init__("\n".join([*lines, f"and {further:,} more problems"] if further else lines))
         self.field = self.problems[0].field if self.problems else ""
 
 
@@ -61,7 +65,8 @@ class UnknownName(InvalidInput):
         self.kind, self.name, self.known = kind, name, tuple(sorted(known))
         whole = [path for path in self.known if path.endswith(f".{name}")]  # a parameter without its object
         close = [path for path in whole if path.partition(".")[2] not in whole][:3]
-        close = close or get_close_matches(name, self.known, n=3, cutoff=0.5)
+        near = get_close_matches(name, self.known, n=6, cutoff=0.5)
+        close = close or [path for path in near if not any(path.endswith(f".{other}") for other in near)][:3]
         more = f" and {len(self.known) - _LISTED} more" if len(self.known) > _LISTED else ""
         hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:_LISTED]) or 'none'}"
         super().__init__(

@@ -40,9 +40,12 @@ def hostile_text(whole: list[dict[str, Any]], seed: int) -> bytes:
         text = rng.choice(BOMBS)
         return (yaml.safe_dump(rng.choice(whole)) + text if rng.random() < 0.5 else text).encode()
     document = copy.deepcopy(rng.choice(whole))
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
-        rng.choice(MUTATIONS)(document, rng, whole)
-    text = yaml.safe_dump(document, allow_unicode=True)
+    try:
+        for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
+            rng.choice(MUTATIONS)(document, rng, whole)
+        text = yaml.safe_dump(document, allow_unicode=True)
+    except RecursionError:  # too deep to be written here
+        return rng.choice(BOMBS).encode()
     if rng.random() < 0.1:
         at = rng.randrange(len(text))
         text = (

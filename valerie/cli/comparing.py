@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from valerie.analysis.comparison.beside import Beside
+
+_NOTE: Final = (
+    "pACC is the mean over persons, the difference the mean over places. Lower and higher come from three paired tests together, "
+    "with at most 5 % false ones among all lines; the interval is that of the mean alone, and may contain 0."
+)
 
 
 def renderables(beside: Beside) -> list[RenderableType]:
@@ -51,6 +56,8 @@ def renderables(beside: Beside) -> list[RenderableType]:
             )
             for pair in comparison.fell
         ]
+    if beside.functions:
+        parts.append(Text(_NOTE, "dim"))
     if beside.conclusions:
         parts.append(Text("Conclusions, on the shared frames", "bold"))
     for conclusion in beside.conclusions:

@@ -507,7 +507,8 @@ def _stop_following(system: System, run_id: str, stopped: Stopped, command: str,
 
     if not system.owned:
         follow = _command_line("status", run_id, "--watch", data_dir=data_dir)
-        say(f"\nrun {run_id} continues in the server; follow it with: {follow}")
+        cancel = _command_line("cancel", run_id, data_dir=data_dir)
+        say(f"\nrun {run_id} continues in the server; follow it with: {follow}\nend it with: {cancel}")
         return
     if stopped.signum != signal.SIGINT:
         say(f"\nrun {run_id} is interrupted; continue it with: {_command_line('up', data_dir=data_dir)}")

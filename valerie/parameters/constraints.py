@@ -4,8 +4,8 @@
 
 `_GRAMMAR` is the whole language; ``0 <= p1 < 3`` means ``0 <= p1 and p1 < 3``. A name is a parameter's name or path.
 Names contain dots and hyphens, so the longest known name matches, and a minus next to a name needs a space. Numbers are in the
-parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse tree becomes
-closures.
+parameter's unit; ``50 %`` is 0.5. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse
+tree becomes closures.
 
 The same grammar selects rows of results (`valerie.runs.resolving.where`), where values may be missing. Logic then has three
 values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds. A quotient by
@@ -60,7 +60,7 @@ COMPARE: "<=" | ">=" | "==" | "!=" | "<" | ">"
 PLUS: "+"
 MINUS: "-" | "−"
 PRODUCT: "*" | "/" | "×" | "÷"
-NUMBER: /([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?/
+NUMBER: /([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?(\s*%)?/
 TEXT: /'[^']*'|"[^"]*"/
 _OR.2: /or(?![A-Za-z0-9_])/
 _AND.2: /and(?![A-Za-z0-9_])/
@@ -109,6 +109,7 @@ class Operand(Protocol):
         path: key of its value in the mapping to evaluate.
         default: value if the mapping has no such key; None is a missing value.
         choices: texts that it can be compared with; empty for any text.
+        share: True if its values lie in 0…1 and people read them in per cent.
     """
 
     @property
@@ -121,6 +122,8 @@ class Operand(Protocol):
     def default(self) -> Value | None: ...
     @property
     def choices(self) -> tuple[str, ...]: ...
+    @property
+    def share(self) -> bool: ...
 
 
 class _Kind(StrEnum):
@@ -142,13 +145,14 @@ class Sql(NamedTuple):
 
 
 class _Term(NamedTuple):
-    """A part of a constraint: its closure, SQL, kind and depth, and its origin if it is a bare name or text."""
+    """A part of a constraint: its closure, SQL, kind and depth, and its origin if it is a bare name, text or number."""
 
     evaluate: _Evaluate
     sql: Sql
     kind: _Kind
     definition: Operand | None = None
     text: str | None = None
+    number: float | None = None
     depth: int = 0
 
 
@@ -292,10 +296,11 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
         return self._term(meta, term.evaluate, term.sql, term.kind, [term])
 
     def number(self, meta: Meta, token: Token) -> _Term:
-        number = float(token)
+        digits, per_cent, _ = str(token).partition("%")
+        number = float(digits) / 100 if per_cent else float(digits)
         if not math.isfinite(number):
             raise self._error("the number is too large", meta)
-        return _Term(lambda _: number, Sql("?::DOUBLE", (number,)), _Kind.NUMBER)
+        return _Term(lambda _: number, Sql("?::DOUBLE", (number,)), _Kind.NUMBER, number=number)
 
     def text(self, _meta: Meta, token: Token) -> _Term:
         text = str(token)[1:-1]
@@ -333,6 +338,12 @@ class _Compiler(Transformer_NonRecursive[Token, _Term]):
             if choices and literal.text is not None and literal.text not in choices:
                 assert name.definition is not None, "choices come from a definition"
                 raise UnknownName(f"choice of {name.definition.name}", literal.text, choices, field=self._field)
+            number = literal.number or 0.0
+            if name.definition is not None and name.definition.share and number > 1.0:
+                raise InvalidInput(
+                    f"{name.definition.name} is a share in 0…1", field=self._field, value=f"{number:g}",
+                    limit=f"1; {number:g} % is another way to write {number / 100:g}",
+                )  # fmt: skip
 
     def _truth(self, meta: Meta, term: _Term) -> _Term:
         if term.kind is not _Kind.TRUTH:

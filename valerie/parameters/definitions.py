@@ -137,6 +137,11 @@ class ParameterDefinition(Document):
             )
 
     @property
+    def share(self) -> bool:
+        """False: parameters have ranges and units of their own (`valerie.parameters.constraints.Operand`)."""
+        return False
+
+    @property
     def is_number(self) -> bool:
         """True for FLOAT, INT and ANGLE."""
         return self.type in (ParameterType.FLOAT, ParameterType.INT, ParameterType.ANGLE)

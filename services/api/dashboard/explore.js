@@ -9,6 +9,7 @@ import { colorKey, histogramPlot, labelOf, parallelPlot, scatterPlot, textOf, ti
 import { CHILDREN } from "./new.js";
 import { may } from "./role.js";
 import { Brushes } from "./selection.js";
+import { warningNotes } from "./summary.js";
 import { thumbnails } from "./thumbnails.js";
 
 const GROUPS = { score: "Scores", person: "Of the person", conditions: "Moment, light and picture", varied: "Varied", row: "Rows" };
@@ -109,6 +110,8 @@ export async function exploreView({ main, parameters, signal }) {
   };
   const parallelColumns = h("div", { class: "row chips" });
   const below = h("section", { class: "card below", "aria-label": "Rows" }, h("div", { class: "head" }, tabs, tools), panel);
+  const faults = h("div", { class: "stack" }); // of pictures and functions, which rates and images below contain
+  documents.filter((run) => run.state.startsWith("completed")).forEach((run) => get(`/v1/runs/${run.id}/summary`, { signal }).then(({ summary }) => faults.append(...warningNotes(summary))).catch(() => {}));
   const title = documents.length === 1 ? documents[0].name : plural(documents.length, "run");
   main.replaceChildren(
     h("div", { class: "stack" },
@@ -125,6 +128,7 @@ export async function exploreView({ main, parameters, signal }) {
       h("div", { class: "row" }, h("label", { for: "where" }, "Where"), field, selected),
       h("datalist", { id: "columns" }, about.columns.map((one) => h("option", { value: one.name }))),
       chips, wrong),
+    faults,
     h("div", { class: "explore-top" },
       h("section", { class: "card", "aria-label": "Scatter plot" }, h("div", { class: "head" }, pick("y", "", numeric, "y"), pick("x", "over", numeric, "x"), pick("c", "coloured by", about.columns.filter((one) => one.numeric || one.names.length <= 12), "c", "nothing")), scatter.element, h("div", { class: "legend under" }, key), lacking),
       h("section", { class: "card", "aria-label": "Rates" }, h("div", { class: "head" }, h("h2", {}, "Selection"), h("label", { class: "inline", for: "beside" }, "beside", beside)), rates)),
@@ -246,7 +250,7 @@ export async function exploreView({ main, parameters, signal }) {
   };
 
   // Pictures, table, pairs.
-  const parts = { get, signal, query, columns, state, runs, about, remember, refresh };
+  const parts = { get, signal, query, columns, several, state, runs, about, remember, refresh };
   const panels = { pictures: picturesPanel(parts), table: tablePanel(parts), compare: comparisonPanel(parts), swings: swingsPanel(parts), confusion: confusionPanel(parts) };
   const loadRows = () => panels[state.tab].load(); // a panel draws by itself, or returns how to
   const showPanel = () => {
@@ -281,7 +285,7 @@ export async function exploreView({ main, parameters, signal }) {
   };
   const trainDialog = () => {
     const lines = documents[0].spec.functions.map((name) => command(`valerie train --from ${runs[0]} --function ${name} --where ${quoted(where() || "distance_m >= 0")}`));
-    dialog("Train on this", h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
+    dialog("Train on this", where() ? null : h("p", { class: "note wait" }, "Nothing is selected, so this trains on all persons. Select the rows where the function fails first."), h("p", { class: "soft small" }, "A new version of a function learns on fresh sites where the selected persons are: same distance, occlusion, size, heading and light, as far as the selection narrows them. It is registered and compared on the frames of this run."), lines).classList.add("large");
   };
   const exportDialog = () => {
     const stem = title.replaceAll(/[^\w.-]+/g, "-");
@@ -362,7 +366,7 @@ function sortTool({ state, columns, remember }, reload, id) {
 }
 
 function picturesPanel(parts) {
-  const { get, signal, query, columns, state, remember } = parts;
+  const { get, signal, query, columns, several, state, remember } = parts;
   const grid = thumbnails({ signal });
   const more = h("button", { type: "button", hidden: true, on: { click: () => show(true) } }, "Show more");
   let offset = 0;
@@ -372,13 +376,14 @@ function picturesPanel(parts) {
     const second = columns.get(state.sort.replace("-", ""));
     return () => {
       more.hidden = offset + items.length >= selected;
-      return grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc), second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m)] });
+      return grid.show(items, { kind: state.kind, crop: state.crop, further, caption: (row) => [`pACC ${textOf(columns.get("pacc") ?? { scale: 100, unit: "%", digits: 1 }, row.pacc)}`, [second && second.name !== "pacc" ? textOf(second, row[second.name]) : row.distance_m === null ? "" : textOf(columns.get("distance_m"), row.distance_m), several.includes("function") ? row.function : ""].filter(Boolean).join(", ")] });
     };
   };
   const show = async (further) => { (await load(further))(); };
   const kinds = h("div", { class: "segments", role: "group", "aria-label": "Kind of picture" }, Object.entries(KINDS).map(([kind, label]) => h("button", { type: "button", "data-kind": kind, "aria-pressed": String(kind === state.kind), on: { click: () => { state.kind = kind; for (const one of kinds.children) one.setAttribute("aria-pressed", String(one.dataset.kind === kind)); remember(); show(); } } }, label)));
   const crop = h("input", { type: "checkbox", checked: state.crop, on: { change: () => { state.crop = crop.checked; remember(); show(); } } });
-  return { element: h("div", { class: "stack" }, grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, show, "sort-pictures")], load };
+  const outcomes = h("p", { class: "small soft" }, "Errors: a person’s pixels are green where the function calls them person and orange where it misses them; purple is called person and is none.");
+  return { element: h("div", { class: "stack" }, outcomes, grid.element, h("div", { class: "row centre" }, more)), tools: [kinds, h("label", { class: "inline" }, crop, "Crop to person"), sortTool(parts, show, "sort-pictures")], load };
 }
 
 function tablePanel(parts) {

@@ -87,10 +87,11 @@ function entriesOf(draft, asset) {
   return [...varied, ...constants];
 }
 
-// A first distribution of a parameter.
-function begun(parameter, way) {
+// A first distribution of a parameter, with the ends of the one before.
+function begun(parameter, way, { minimum, maximum } = {}) {
   if (way === "constant") return { constant: parameter.default };
-  const { first, last, step } = reach(parameter);
+  const usual = reach(parameter);
+  const { step } = usual, first = minimum ?? usual.first, last = maximum ?? usual.last;
   if (way === "HOMOGENEOUS") return { vary: { distribution: way, minimum: first, maximum: last, step } };
   if (way === "UNIFORM") return { vary: { distribution: way, minimum: first, maximum: last, count: 5 } };
   if (way === "GAUSSIAN") return { vary: { distribution: way, mean: parameter.default, standard_deviation: step, count: 5 } };
@@ -119,7 +120,7 @@ function parameterRow({ name, place, way, document: entry, parameter }, change, 
   return h("div", { class: `parameter${wrong.length ? " wrong" : ""}`, role: "group", "aria-label": name },
     h("div", { class: "parameter-name" }, h("strong", {}, short(name)), parameter ? h("span", { class: "soft small", title: parameter.description || null }, choices.length ? parameter.type.toLowerCase() : limits(parameter)) : null),
     h("label", { for: id("way") }, h("span", { class: "hidden" }, `How ${name} is treated`),
-      h("select", { id: id("way"), on: { change: (event) => set(begun(parameter ?? { default: 0, choices: [] }, event.target.value)) } }, ways.map((one) => h("option", { value: one, selected: one === way }, WAYS[one])))),
+      h("select", { id: id("way"), on: { change: (event) => set(begun(parameter ?? { default: 0, choices: [] }, event.target.value, entry)) } }, ways.map((one) => h("option", { value: one, selected: one === way }, WAYS[one])))),
     h("div", { class: "values" }, inputs),
     h("button", { type: "button", class: "quiet", "aria-label": `Leave ${name} at its default`, on: { click: () => set({}) } }, "✕"),
     wrong.length ? h("p", { class: "problem small", id: id("problem") }, wrong.join("; ")) : null);

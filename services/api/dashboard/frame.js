@@ -348,8 +348,8 @@ function variantSection(frame) {
   const entries = [...Object.entries(frame.assignment), ...(neighbours.has("camera") ? [["camera", frame.camera]] : [])];
   const link = (path, near, arrow) => near && h("a", { href: `#/frames/${near.frame}`, "aria-label": `${short(path)} ${value(near.value)}, else equal` }, arrow(value(near.value)));
   const item = ([path, one]) => {
-    const { before, after } = neighbours.get(path) ?? {};
-    return h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number row" }, link(path, before, (text) => `← ${text}`), h("strong", {}, value(one)), link(path, after, (text) => `${text} →`)));
+    const { before, after } = neighbours.get(path) ?? {}, unit = frame.units[path] ?? "";
+    return h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number row" }, link(path, before, (text) => `← ${text}`), h("strong", {}, `${value(one)}${unit === "°" ? "" : " "}${unit}`.trim()), link(path, after, (text) => `${text} →`)));
   };
   return h("section", { class: "card", "aria-label": "Variant" }, h("h2", {}, "Variant"),
     entries.length ? h("dl", { class: "facts" }, entries.map(item)) : h("p", { class: "soft" }, "Nothing is varied."),

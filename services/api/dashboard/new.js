@@ -112,13 +112,16 @@ export async function newView({ main, parameters, signal }) {
   };
 
   text.text = child ? (await get(`/v1/explore/spec?${parameters}`, { signal })).yaml : origin ? (await get(`/v1/runs/${encodeURIComponent(origin)}/draft`, { signal })).text : sessionStorage.getItem(KEPT) || first(catalog);
+  const left = !child && !origin && sessionStorage.getItem(KEPT) !== null;
   const title = child ? child[0] : parent ? "Edit and rerun" : origin ? "Clone a run" : submits ? "New run" : "Plan a run";
   main.replaceChildren(
     h("div", { class: "stack" }, h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", origin ? h("a", { href: `#/runs/${origin}`, class: "mono" }, origin) : "new"),
       h("div", { class: "spread" }, h("h1", {}, title), h("div", { class: "row" }, h("button", { type: "button", on: { click: restart } }, "Start over"), submits ? [h("label", { class: "inline", for: "priority" }, "Priority ", priority), submit] : null)),
       submits ? null : h("p", { class: "note" }, `The token's role is ${role()}: it plans runs, and a runner submits them.`),
       child ? h("p", { class: "soft small" }, `${child[1]} Selected: `, h("code", {}, parameters.get("where") ?? "all rows")) : null,
-      parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null),
+      left ? h("p", { class: "soft small" }, "What was written in this tab before. Start over begins a new document.") : null,
+      parent ? h("p", { class: "soft small" }, "The new run names this one as its parent. What did not change is not computed again.") : null,
+      origin && !parent ? h("p", { class: "soft small" }, "A run of its own that begins with this document. What did not change is not computed again.") : null),
     h("div", { class: "draft" },
       form.element,
       h("div", { class: "drafted" },
@@ -149,7 +152,7 @@ function planSection(plan) {
   const about = plan.estimated ? "about " : "";
   const rejected = Object.entries(plan.rejected).sort((a, b) => b[1] - a[1]);
   const facts = [
-    ["Variants", `${about}${count(plan.accepted)}`], ["Frames", `${about}${count(plan.frames)}`], ["Evaluations", `${about}${count(plan.evaluations)}`],
+    ["Variants", `${about}${count(plan.accepted)}${plan.accepted < plan.variants ? ` of ${count(plan.variants)}` : ""}`], ["Frames", `${about}${count(plan.frames)}`], ["Evaluations", `${about}${count(plan.evaluations)}`],
     ["Time on one core", `about ${duration(Math.max(1, Math.round(plan.cpu_seconds)))}`], ["Disk", `about ${bytes(plan.bytes)}`],
   ];
   return [

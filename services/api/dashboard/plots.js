@@ -234,7 +234,7 @@ export function colorKey(c) {
   return c.names.slice(0, 12).map((name, k) => h("span", { class: "key" }, h("span", { class: "patch", style: { background: `var(--series-${(k % SERIES) + 1})` } }), name));
 }
 
-// Histogram of one column: all rows pale, the selected ones strong, each scaled to its own highest bar.
+// Histogram of one column: all rows pale, the selected ones of them strong.
 export function histogramPlot(column, { brushed, removed }) {
   let data = null, brush = null, at = -1;
   const caption = h("span", { class: "soft small number" });
@@ -253,23 +253,23 @@ export function histogramPlot(column, { brushed, removed }) {
     if (!data) return;
     const { bins, unit, left } = places(width), foot = height - 18;
     // The undefined rows are often many; their bar ends at the top instead of flattening the others.
-    const highest = (values) => Math.max(...values.slice(0, bins)) || Math.max(1, values[bins]);
-    const most = highest(data.every), some = highest(data.selected);
+    const most = Math.max(...data.every.slice(0, bins)) || Math.max(1, data.every[bins]);
     const picked = binsOfBrush(data, brush);
     if (picked) {
       context.fillStyle = color(canvas, "--accent-soft");
       context.fillRect(left(picked[0]), 0, left(picked[1]) + unit - left(picked[0]), foot);
     }
-    const bar = (values, scale, fill, inset) => {
+    const inset = Math.min(1, unit / 8);
+    const bars = (values, fill) => {
       context.fillStyle = fill;
       values.forEach((value, k) => {
         if (!value) return;
-        const tall = Math.max(1.5, Math.min(1, value / scale) * (foot - 6));
+        const tall = Math.max(1.5, Math.min(1, value / most) * (foot - 6));
         context.fillRect(left(k) + inset, foot - tall, Math.max(1, unit - 2 * inset), tall);
       });
     };
-    bar(data.every, most, color(canvas, "--line-strong"), Math.min(1, unit / 8));
-    if (!data.whole) bar(data.selected, some, color(canvas, "--accent"), Math.min(unit / 4, 6));
+    bars(data.every, color(canvas, "--line-strong"));
+    if (!data.whole) bars(data.selected, color(canvas, "--accent"));
     context.strokeStyle = color(canvas, "--line");
     context.beginPath(); context.moveTo(0, foot + 0.5); context.lineTo(width, foot + 0.5); context.stroke();
     context.fillStyle = color(canvas, "--soft");

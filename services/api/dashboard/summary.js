@@ -1,15 +1,17 @@
 // The verdicts on the requirements, the table of the paper's section 6.2, and the findings.
 import { h, table } from "./dom.js";
-import { count, percent } from "./format.js";
+import { count, percent, plural } from "./format.js";
+
+const CANDIDATES = 5;
 
 const ends = (one) => (one ? `[${(100 * one.low).toFixed(1)} – ${(100 * one.high).toFixed(1)}]` : "");
 // A refusal has a reason and no ends; then the spread over places is shown.
 const interval = (one, spread) => ends(one?.low === undefined ? spread : one);
 const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
 
-export function summarySection({ verdicts, summary, findings, certainty }, marked) {
+export function summarySection({ verdicts, summary, findings, certainty, searched }, marked) {
   const judged = verdictList(verdicts);
-  const warnings = summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
+  const warnings = warningNotes(summary);
   if (!summary.rows.length) return h("section", { class: "card" }, judged, h("h2", {}, "Summary"), warnings, h("p", { class: "soft" }, "No person was evaluated in this run."));
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
   const head = [
@@ -39,10 +41,13 @@ export function summarySection({ verdicts, summary, findings, certainty }, marke
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. ", certainty.join(" "),
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
-    list("Findings", findings.items, marked), list("Candidates, not confirmed", findings.candidates, marked),
-    findings.items.length ? null : h("p", { class: "small soft under" }, `${count(findings.comparisons)} comparisons; none is confirmed.`),
+    list("Findings", findings.items, marked), list("Candidates, not confirmed", findings.candidates.slice(0, CANDIDATES), marked),
+    findings.candidates.length > CANDIDATES ? h("p", { class: "small soft under" }, `The report has ${plural(findings.candidates.length - CANDIDATES, "more candidate")}.`) : null,
+    h("p", { class: "small soft under" }, searched),
     findings.notes.map((sentence) => h("p", { class: "small soft under" }, sentence)));
 }
+
+export const warningNotes = (summary) => summary.warnings.map((sentence) => h("p", { class: "note bad" }, sentence));
 
 // The look of an outcome.
 const OUTCOMES = { met: "good", "not met": "bad", undecided: "wait" };

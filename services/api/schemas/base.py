@@ -17,6 +17,7 @@ DIGEST: Final = "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"
 NUMERIC_CLASS: Final = "raster-llvmpipe-mesa-22.3.6"
 CAMERAS: Final = ["camera-1", "camera-2", "camera-3"]
 ASSIGNMENT: Final = {"scene.person-1.pos.x": 3.5, "scene.person-1.pos.y": 5.0}
+UNITS: Final = {"scene.person-1.pos.x": "m", "scene.person-1.pos.y": "m"}
 
 Digest = Annotated[str, Field(examples=[DIGEST])]
 NextCursor = Annotated[str | None, Field(description="cursor of the next page; null on the last", examples=["WzVd"])]

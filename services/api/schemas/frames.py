@@ -9,6 +9,7 @@ from services.api.schemas.base import (
     FRAME_ID,
     FUNCTION,
     RUN_ID,
+    UNITS,
     Digest,
     NextCursor,
     Read,
@@ -113,6 +114,7 @@ class FrameDetail(FrameRead):
     assignment: dict[str, Value] = Field(
         description="of the variant, and the places of moving things at the frame's time", examples=[ASSIGNMENT]
     )
+    units: dict[str, str] = Field(description="path to unit of a parameter that has one", examples=[UNITS])
     annotations: dict[str, str] = Field(
         description="kind to digest of the annotations that the run makes", examples=[{}]
     )

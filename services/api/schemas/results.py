@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field, JsonValue, computed_field
 
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
 from valerie.analysis.findings.findings import Findings
+from valerie.analysis.findings.wording import searched_sentence
 from valerie.analysis.summary.summary import Summary
 from valerie.analysis.summary.wording import certainty_sentences
 from valerie.analysis.verdicts.verdicts import RequirementVerdict
@@ -179,3 +180,11 @@ class SummaryRead(Read):
     @property
     def certainty(self) -> list[str]:
         return certainty_sentences(self.summary.rows)
+
+    @computed_field(  # type: ignore[prop-decorator]
+        description="how the findings were searched, and whether any is confirmed",
+        examples=["6 comparisons searched in 6 places, judged in 6 others with 95 % confidence for all together."],
+    )
+    @property
+    def searched(self) -> str:
+        return searched_sentence(self.findings)

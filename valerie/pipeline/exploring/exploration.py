@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from valerie.analysis.rows.table import EvaluationTable
 from valerie.errors import InvalidInput, UnknownName
-from valerie.measures import MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
+from valerie.measures import BY_NAME, MEASURES, OF_FUNCTION, Cell, ColumnType, Source, names_from
 from valerie.parameters.constraints import Sql, compile_constraint
 from valerie.parameters.definitions import ParameterType
 from valerie.pipeline.exploring.bins import Bins, Grid, column_bins, column_grid
@@ -274,7 +274,8 @@ class Exploration:
             else:
                 of = ParameterType.CATEGORICAL
                 choices = () if pa.types.is_string(kind) else self.table.codes(name).names
-            operands[name] = operands[name.removeprefix("scene.")] = Column(name, of, choices)
+            share = name in BY_NAME and BY_NAME[name].unit == "%"
+            operands[name] = operands[name.removeprefix("scene.")] = Column(name, of, choices, share=share)
         return operands
 
     def _described(

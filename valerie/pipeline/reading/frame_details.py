@@ -145,6 +145,7 @@ class FrameDetails(FrameSummary):
         width, height: pixels.
         sequence: None if each variant and camera has one frame.
         assignment: path to value, of the variant and at the frame's time.
+        units: parameter path to unit, where there is one.
         annotations: kind to product.
         persons: the visible persons; in a scene without persons, one with instance 0.
         evaluations: one per sensor setting and function.
@@ -158,6 +159,7 @@ class FrameDetails(FrameSummary):
     height: int
     sequence: FrameSequence | None
     assignment: Assignment
+    units: dict[str, str]
     annotations: Mapping[str, str]
     persons: tuple[PersonDetails, ...]
     evaluations: tuple[EvaluationDetails, ...]
@@ -219,6 +221,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
         height=resolved.spec.resolution.height,
         sequence=None if step is None else FrameSequence(len(resolved.times.elapsed), step),
         assignment={**frame.assignment, **resolved.at(frame.assignment, key.time)},
+        units={d.path: "°" if d.unit == "deg" else d.unit for d in resolved.definitions if d.unit},
         annotations={kind: link.product for kind, link in annotations.items()},
         persons=tuple(
             PersonDetails(

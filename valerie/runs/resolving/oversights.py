@@ -126,7 +126,7 @@ def _about_exposure(spec: RunSpec, space: ParameterSpace, manifest: Manifest) ->
     for sensor in fixed:
         exposure = sensor.exposure_ev + sensor.gain_db / 6
         faults = []
-        if lowest < _TWILIGHT_DEG and exposure < _NIGHT_EV:
+        if lowest <= _TWILIGHT_DEG and exposure < _NIGHT_EV:
             faults.append((f"{-lowest:g}° below", "black"))
         if highest >= _DAY_DEG and exposure >= _DAY_EV:
             faults.append((f"{highest:g}° above", "white"))

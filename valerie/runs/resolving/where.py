@@ -27,6 +27,7 @@ class Column:
     type: ParameterType
     choices: tuple[str, ...] = ()
     default: Value | None = None
+    share: bool = False
 
     @property
     def path(self) -> str:
@@ -99,7 +100,8 @@ def compile_where(
         names |= {definition.path: definition, definition.name: definition}
     for measure in MEASURES:
         kind = ParameterType.FLOAT if measure.is_number else ParameterType.CATEGORICAL
-        names[measure.name] = Column(measure.name, kind, tuple((choices or {}).get(measure.name, ())))
+        offered = tuple((choices or {}).get(measure.name, ()))
+        names[measure.name] = Column(measure.name, kind, offered, share=measure.unit == "%")
     constraint = compile_constraint(text, names, field=field, word="column")
     opposite = compile_constraint(f"not ({text})", names, field=field, word="column")
     return Where(text, constraint.paths, constraint, opposite)

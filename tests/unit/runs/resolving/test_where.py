@@ -51,3 +51,14 @@ def test_a_misspelt_column_or_camera_is_refused_with_near_matches() -> None:
 def test_numbers_and_names_are_not_compared() -> None:
     with pytest.raises(InvalidInput, match="cannot be compared"):
         holds("camera < 3")
+
+
+def test_per_cent_is_another_way_to_write_a_share_and_a_share_above_one_is_refused() -> None:
+    for text in ("pacc < 50 %", "pacc < 50%", "pacc < 0.5"):
+        assert compile_where(text).holds({"pacc": 0.4})
+        assert not compile_where(text).holds({"pacc": 0.6})
+    with pytest.raises(
+        InvalidInput, match=r"pacc is a share in 0…1; got 50; limit: 1; 50 % is another way to write 0.5"
+    ):
+        compile_where("sun_elevation_deg < 3 and 50 > pacc")
+    assert compile_where("distance_m > 50").holds({"distance_m": 60.0})
