@@ -27,7 +27,8 @@ IMAGES: Final = ROOT / "docs" / "images"
 _WIDTH: Final = 1280
 _FLAGS: Final = ("--no-sandbox", "--disable-gpu")
 _LOADED: Final = (
-    "() => !document.querySelector('.waiting') && [...document.images].every(one => one.complete && one.naturalWidth)"
+    "() => !document.querySelector('.waiting') && [...document.images]"
+    ".every(one => one.loading === 'lazy' || (one.complete && one.naturalWidth))"
 )
 
 

@@ -110,8 +110,8 @@ export async function exploreView({ main, parameters, signal }) {
   };
   const parallelColumns = h("div", { class: "row chips" });
   const below = h("section", { class: "card below", "aria-label": "Rows" }, h("div", { class: "head" }, tabs, tools), panel);
-  const faults = h("div", { class: "stack" }); // of pictures and functions, which rates and images below contain
-  documents.filter((run) => run.state.startsWith("completed")).forEach((run) => get(`/v1/runs/${run.id}/summary`, { signal }).then(({ summary }) => faults.append(...warningNotes(summary))).catch(() => {}));
+  const faults = h("div", { class: "stack", hidden: true }); // of pictures and functions, which rates and images below contain
+  documents.filter((run) => run.state.startsWith("completed")).forEach((run) => get(`/v1/runs/${run.id}/summary`, { signal }).then(({ summary }) => { faults.append(...warningNotes(summary)); faults.hidden = !faults.childElementCount; }).catch(() => {}));
   const title = documents.length === 1 ? documents[0].name : plural(documents.length, "run");
   main.replaceChildren(
     h("div", { class: "stack" },
